@@ -1,0 +1,78 @@
+"""Sequences in lockstep: what the estimators are trained on, run on and scored against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+INPUTS = ("p_suc_bar", "T_suc_K", "N_rpm", "valve")
+OUTPUTS = ("p_dis_bar", "T_dis_K", "m_flow_kg_s")
+CHANNELS = INPUTS + OUTPUTS
+STATES = ("p_int_bar", "p_exh_bar", "T_gas_K", "T_wall_K", "flow_memory")
+HEALTH = ("capacity", "efficiency", "leakage", "heat_transfer", "T_bias_K")
+ESTIMATED = STATES + HEALTH
+SAMPLE_PERIOD_S = 0.05
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What only a simulation knows. B sequences of N samples each.
+
+    Attributes:
+        states: (B, N, n_plant_states), the five of STATES first, then the plant's hidden ones.
+        health: (B, N, 5), order HEALTH.
+        outputs: (B, N, 3), the sensors' clean readings: probe lag and temperature bias in, noise out.
+        inputs: (B, N, 4), what really acted on the machine.
+    """
+
+    states: Array
+    health: Array
+    outputs: Array
+    inputs: Array
+
+    @property
+    def estimated(self) -> Array:
+        """(B, N, 10): the five states and the five health parameters, order ESTIMATED."""
+        return np.concatenate([self.states[..., : len(STATES)], self.health], axis=-1)
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B recordings of N samples each, 20 Hz, in lockstep.
+
+    Attributes:
+        names: B sequence names.
+        time_s: (N,) seconds, shared by all sequences.
+        measured: (B, N, 7), order CHANNELS; NaN means missing.
+        truth: None wherever an estimator is judged.
+    """
+
+    names: tuple[str, ...]
+    time_s: Array
+    measured: Array
+    truth: Truth | None = None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def without_truth(self) -> Batch:
+        """The same recordings as an estimator may see them."""
+        return replace(self, truth=None)
+
+    def select(self, sequences: slice | list[int], samples: slice = slice(None)) -> Batch:
+        """Some sequences, some samples; views where numpy allows."""
+        index = np.arange(len(self))[sequences]
+        truth = self.truth and Truth(
+            *(field[index][:, samples] for field in (
+                self.truth.states, self.truth.health, self.truth.outputs, self.truth.inputs))
+        )
+        return Batch(
+            tuple(self.names[i] for i in index),
+            self.time_s[samples],
+            self.measured[index][:, samples],
+            truth,
+        )

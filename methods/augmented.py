@@ -1,0 +1,195 @@
+"""The augmented extended Kalman filter, Eqs. (6)-(11), with the operator as its model.
+
+z = [five states, probe temperature, five health coordinates zeta, three coloured-noise states].
+Health is a random walk in zeta; the probe is an exact first-order lag; the coloured part of the
+sensor noise is AR(1) of unit variance, scaled by its present standard deviation. The operator gives the forecast and, in the same pass, its Jacobian.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from data.batch import SAMPLE_PERIOD_S, Array
+from methods.kalman import predict_covariance, update
+from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, heads, heads_with_jacobian, push
+from physics.compressor import M_REF_KG_S, PLANT
+
+PROBE, ZETA, NOISE, SIZE = 5, 6, 11, 14
+BIAS = ZETA + 4
+TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
+TAU_PROBE_X = float(PLANT.theta()[PLANT.index("tau_T_x")])
+
+
+class Model(NamedTuple):
+    """What the filter needs besides the operator's weights."""
+
+    state_mean: Array  # (5,)
+    state_scale: Array  # (5,)
+    increment: Array  # (5,)
+    Q: Array  # (14, 14) process noise of one tick
+    noise_keep: Array  # (3,) AR(1) factors of the coloured sensor noise
+    zeta_low: Array  # (5,) bounds of the coordinates, far outside a machine's life
+    zeta_high: Array  # (5,)
+
+
+@njit(cache=True, error_model="numpy")
+def _probe_lag(mu):  # type: ignore[no-untyped-def]
+    """Share of the gap to the gas that the probe closes in a tick, and its slope to the flow."""
+    mu = max(mu, 0.05)
+    tau = TAU_PROBE_S * mu**-TAU_PROBE_X
+    keep = np.exp(-SAMPLE_PERIOD_S / tau)
+    return 1.0 - keep, keep * SAMPLE_PERIOD_S / tau * TAU_PROBE_X / mu
+
+
+@njit(cache=True, error_model="numpy")
+def _condition(model, z):  # type: ignore[no-untyped-def]
+    condition = np.empty(N_STATES + N_ZETA, np.float32)
+    for i in range(N_STATES):
+        condition[i] = (z[i] - model.state_mean[i]) / model.state_scale[i]
+    for i in range(N_ZETA):
+        condition[N_STATES + i] = z[ZETA + i] / ZETA_SCALE
+    return condition
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
+    """Eq. (6): the states by the operator, the probe by its lag, the noise by its memory."""
+    after = z.copy()
+    share, _ = _probe_lag(z[4])
+    after[PROBE] = z[PROBE] + share * (z[2] - z[PROBE])
+    for i in range(N_STATES):
+        after[i] = z[i] + scaled[i] * model.increment[i]
+    for i in range(3):
+        after[NOISE + i] = model.noise_keep[i] * z[NOISE + i]
+    return after
+
+
+@njit(cache=True, error_model="numpy")
+def predict(w, model, base, z, P):  # type: ignore[no-untyped-def]
+    """One tick ahead, Eqs. (6) and (7): z (14,), P (14, 14)."""
+    scaled, jacobian = heads_with_jacobian(w, base, _condition(model, z))
+    F = np.eye(SIZE)
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            F[i, j] += jacobian[i, j] * model.increment[i] / model.state_scale[j]
+        for j in range(N_ZETA):
+            F[i, ZETA + j] = jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
+    share, slope = _probe_lag(z[4])
+    F[PROBE, PROBE] = 1.0 - share
+    F[PROBE, 2] = share
+    F[PROBE, 4] = slope * (z[2] - z[PROBE])
+    for i in range(3):
+        F[NOISE + i, NOISE + i] = model.noise_keep[i]
+    return _moved(model, z, scaled), predict_covariance(P, F, model.Q)
+
+
+@njit(cache=True, error_model="numpy")
+def predict_mean(w, model, base, z):  # type: ignore[no-untyped-def]
+    """The forecast of ``predict`` alone, for open loop."""
+    return _moved(model, z, heads(w, base, _condition(model, z)))
+
+
+@njit(cache=True, error_model="numpy")
+def readings(z, bias_K):  # type: ignore[no-untyped-def]
+    """Noise-free readings (3,), order OUTPUTS."""
+    return np.array([z[1], z[PROBE] + bias_K, M_REF_KG_S * z[4]])
+
+
+@njit(cache=True, error_model="numpy")
+def correct(model, z, P, measured, bias_K, bias_slope, white_sd, coloured_sd, clip):  # type: ignore[no-untyped-def]
+    """Eqs. (8)-(11) with the outputs ``measured`` (3,), NaN where missing.
+
+    Returns z, P, innovation (3,), S (3, 3), NIS.
+    """
+    H = np.zeros((3, SIZE))
+    H[0, 1] = 1.0
+    H[1, PROBE] = 1.0
+    H[1, BIAS] = bias_slope
+    H[2, 4] = M_REF_KG_S
+    R = np.zeros((3, 3))
+    for i in range(3):
+        H[i, NOISE + i] = coloured_sd[i]
+        R[i, i] = white_sd[i] ** 2
+    predicted = readings(z, bias_K)
+    innovation = measured - predicted
+    for i in range(3):
+        innovation[i] -= coloured_sd[i] * z[NOISE + i]
+    z, P, S, nis = update(z, P, innovation, H, R, clip)
+    z[4] = max(z[4], 0.05)
+    for i in range(model.zeta_low.size):
+        z[ZETA + i] = min(max(z[ZETA + i], model.zeta_low[i]), model.zeta_high[i])
+    return z, P, innovation, S, nis
+
+
+@njit(cache=True, error_model="numpy")
+def tick(w, model, stream, z, P, sample, mask, query, measured, bias, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
+    """One tick of B machines, in place on ``stream``, ``z``, ``P`` and ``info``.
+
+    Args:
+        sample, mask, query: (B, 7), (B, 7), (B, 5) float32, what the operator's window takes in.
+        measured: (B, 3) outputs, NaN where missing or rejected.
+        bias: (B, 2) temperature bias in K and its slope to zeta.
+        white_sd, coloured_sd: (B, 3) present sd of the output noise.
+        info: innovation (B, 3), S (B, 3, 3), NIS (B,).
+    """
+    innovation, S, nis = info
+    for b in range(z.shape[0]):
+        if stream.ticks[b] > 0:
+            z[b], P[b] = predict(w, model, stream.base[b], z[b], P[b])
+        z[b], P[b], innovation[b], S[b], nis[b] = correct(
+            model, z[b], P[b], measured[b], bias[b, 0], bias[b, 1], white_sd[b], coloured_sd[b], clip
+        )
+        push_one(w, stream, b, sample[b], mask[b], query[b])
+
+
+@njit(cache=True, error_model="numpy")
+def push_one(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
+    """Let machine b's window take in one sample."""
+    push(
+        w,
+        stream.ticks[b : b + 1],
+        stream.values[b],
+        stream.columns[b],
+        stream.first[b],
+        stream.tokens[b],
+        stream.scores[b],
+        stream.slow[b],
+        stream.base[b],
+        sample,
+        mask,
+        query,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def roll_out(w, model, scaling, stream, z, inputs, bias_K, out):  # type: ignore[no-untyped-def]
+    """Open loop over inputs (B, L, 4): the window takes in the model's own readings, none measured.
+
+    Args:
+        scaling: mean (7,), scale (7,), query mean (5,), query scale (5,).
+        bias_K: (B,).
+        out: (B, L, 3) readings, written in place.
+    """
+    mean, scale, query_mean, query_scale = scaling
+    sample = np.empty(7, np.float32)
+    query = np.empty(5, np.float32)
+    mask = np.ones(7, np.float32)
+    for b in range(z.shape[0]):
+        state = z[b].copy()
+        for k in range(inputs.shape[1]):
+            state = predict_mean(w, model, stream.base[b], state)
+            state[4] = max(state[4], 0.05)
+            u = inputs[b, k]
+            y = readings(state, bias_K[b])
+            out[b, k] = y
+            for c in range(4):
+                sample[c] = (u[c] - mean[c]) / scale[c]
+            for c in range(3):
+                sample[4 + c] = (y[c] - mean[4 + c]) / scale[4 + c]
+            raw = (u[2], y[0] / u[0], u[1], u[0], u[3])
+            for c in range(5):
+                query[c] = (raw[c] - query_mean[c]) / query_scale[c]
+            push_one(w, stream, b, sample, mask, query)

@@ -1,0 +1,145 @@
+"""What an estimator is: the protocol, its state, and the registry that one decorator fills."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+
+from data.batch import ESTIMATED, Array, Batch
+
+Z95 = 1.959963984540054
+"""Half-width of a 95 % interval in standard deviations."""
+
+
+class Sample(NamedTuple):
+    """One tick of B machines."""
+
+    time_s: float
+    measured: Array  # (B, 7), order CHANNELS; NaN means missing
+
+
+class State(NamedTuple):
+    """What is carried to the next tick, and what is reported.
+
+    mean, low and high are in physical units, order ESTIMATED; low and high bound the central 95 %.
+    """
+
+    mean: Array  # (B, 10)
+    cov: Array  # (B, 10, 10), symmetric positive semidefinite
+    low: Array  # (B, 10)
+    high: Array  # (B, 10)
+    memory: tuple[np.ndarray, ...] = ()  # the method's own, every array with leading axis B
+
+
+class Info(NamedTuple):
+    """What is diagnostic only: nothing of it feeds the next step."""
+
+    innovation: Array  # (B, 3), measured minus predicted, order OUTPUTS; NaN where missing
+    S: Array  # (B, 3, 3), innovation covariance
+    nis: Array  # (B,), innovation' S^-1 innovation over the accepted channels; NaN if none
+    accepted: np.ndarray  # (B, 3) bool, channels used in the correction
+    flags: np.ndarray  # (B,) int64, bitwise or of the FLAG_ constants
+    age_s: Array  # (B, 7), seconds since each channel was last accepted
+
+
+FLAG_SPIKE = 1
+"""A channel was rejected as an isolated spike."""
+FLAG_MISSING = 2
+"""A channel had no measurement."""
+
+
+class Estimator(ABC):
+    """A state and parameter estimator for B machines in lockstep.
+
+    The subclass lists its ``settings`` with defaults; ``__init__`` only stores. ``fit`` learns
+    everything that is learnt into ``self.arrays`` (names to NumPy arrays), which is all that is
+    saved: whatever else ``step`` needs is rebuilt from settings and arrays by ``restore``.
+    """
+
+    name: ClassVar[str]
+    says: ClassVar[str] = ""
+    settings: ClassVar[Mapping[str, Any]] = {}
+    search_space: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    ablations: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+
+    def __init__(self, **settings: Any) -> None:
+        unknown = sorted(set(settings) - set(self.settings))
+        if unknown:
+            known = ", ".join(self.settings) or "none"
+            raise ValueError(f"{self.name}: unknown setting {unknown[0]!r}; it has: {known}")
+        self.config: dict[str, Any] = {**self.settings, **settings}
+        self.arrays: dict[str, np.ndarray] = {}
+
+    @abstractmethod
+    def fit(self, train: Batch, validation: Batch, seed: int) -> None:
+        """Learn from simulated sequences with truth; the same seed gives the same arrays."""
+
+    def restore(self) -> None:
+        """Rebuild what ``step`` needs from ``config`` and ``arrays``; called after fit and load."""
+
+    @abstractmethod
+    def init(self, batch: int) -> State:
+        """The state before the first sample of ``batch`` machines: a fresh, healthy one."""
+
+    @abstractmethod
+    def step(self, state: State, sample: Sample) -> tuple[State, Info]:
+        """One tick. Pure: ``state`` is not changed, and only ``sample`` is new."""
+
+    def forecast(self, state: State, inputs: Array) -> Array:
+        """Open loop from ``state`` with the parameters frozen.
+
+        Args:
+            inputs: (B, L, 4), the measured inputs of the L ticks after the state's, gaps filled.
+
+        Returns:
+            (B, L, 3), the sensors' noise-free readings, order OUTPUTS. This default holds the
+            present ones.
+        """
+        from methods.observe import observe
+
+        return np.repeat(observe(state.mean)[:, None], inputs.shape[1], axis=1)
+
+    def save(self, path: Path) -> None:
+        """Write settings and learnt arrays to one ``.npz``, without pickle."""
+        config = np.frombuffer(json.dumps(self.config, sort_keys=True).encode(), dtype=np.uint8)
+        with open(path, "wb") as file:
+            np.savez(file, allow_pickle=False, **{"config.json": config}, **self.arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> Self:
+        """Read what ``save`` wrote."""
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        config = json.loads(arrays.pop("config.json").tobytes())
+        estimator = cls(**config)
+        estimator.arrays = arrays
+        estimator.restore()
+        return estimator
+
+
+REGISTRY: dict[str, type[Estimator]] = {}
+"""Every registered estimator by name."""
+
+
+def register(estimator: type[Estimator]) -> type[Estimator]:
+    """Class decorator: make an estimator known under its ``name``."""
+    known = REGISTRY.get(estimator.name)
+    if known is not None and (known.__module__, known.__qualname__) != (
+        estimator.__module__, estimator.__qualname__
+    ):
+        raise ValueError(f"two estimators are named {estimator.name!r}: {known} and {estimator}")
+    REGISTRY[estimator.name] = estimator
+    return estimator
+
+
+def gaussian_state(mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = ()) -> State:
+    """A state whose intervals are those of a Gaussian. Shapes: mean (B, 10), cov (B, 10, 10)."""
+    if mean.shape[-1] != len(ESTIMATED):
+        raise ValueError(f"mean has {mean.shape[-1]} columns, expected {len(ESTIMATED)}")
+    half = Z95 * np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    return State(mean, cov, mean - half, mean + half, memory)

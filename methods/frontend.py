@@ -1,0 +1,160 @@
+"""The front end that every estimator shares: spike gate, gap filling, standardisation.
+
+A Hampel precheck rejects isolated samples beyond six robust standard deviations; a shift that lasts
+two samples is let through, because it may be a real change. Gaps are filled with the last accepted
+value and told apart by a mask and an age. Causal: a tick sees its own and earlier samples only.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Self
+
+import numpy as np
+from numba import njit
+
+from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array, Batch
+
+WINDOW = 11
+"""Samples in the Hampel window, the present one included."""
+THRESHOLD = 6.0
+
+
+class Memory(NamedTuple):
+    """What the front end carries from tick to tick, B machines."""
+
+    recent: Array  # (B, WINDOW, 7) raw samples, newest last; NaN before the first and where missing
+    filled: Array  # (B, 7) last accepted values
+    age_s: Array  # (B, 7) seconds since then; inf before the first
+    outlier: Array  # (B, 7) sign of the previous sample's rejection, 0 if none
+
+
+class Clean(NamedTuple):
+    """One tick after the gate."""
+
+    filled: Array  # (B, 7) accepted or last accepted values; never NaN
+    accepted: np.ndarray  # (B, 7) bool
+    spike: np.ndarray  # (B, 7) bool, rejected by the gate
+    age_s: Array  # (B, 7)
+
+
+@njit(cache=True)
+def _median(a, n):  # type: ignore[no-untyped-def]
+    """Median of the first n entries of a, sorted in place; n is small."""
+    for i in range(1, n):
+        value = a[i]
+        j = i - 1
+        while j >= 0 and a[j] > value:
+            a[j + 1] = a[j]
+            j -= 1
+        a[j + 1] = value
+    return a[n // 2] if n % 2 else 0.5 * (a[n // 2 - 1] + a[n // 2])
+
+
+@njit(cache=True)
+def _gate(recent, filled, age_s, outlier, measured, floor, accepted, spike):  # type: ignore[no-untyped-def]
+    """Advance one tick in place."""
+    batch, window, channels = recent.shape
+    kept = np.empty(window)
+    for b in range(batch):
+        for c in range(channels):
+            for i in range(window - 1):
+                recent[b, i, c] = recent[b, i + 1, c]
+            value = measured[b, c]
+            recent[b, window - 1, c] = value
+            accepted[b, c] = False
+            spike[b, c] = False
+            age_s[b, c] += SAMPLE_PERIOD_S
+            if np.isnan(value):
+                continue
+            n = 0
+            for i in range(window):
+                if not np.isnan(recent[b, i, c]):
+                    kept[n] = recent[b, i, c]
+                    n += 1
+            median = _median(kept, n)
+            for i in range(n):
+                kept[i] = abs(kept[i] - median)
+            spread = 1.4826 * _median(kept, n)
+            deviation = value - median
+            sign = 0.0
+            if n >= 5 and abs(deviation) > THRESHOLD * max(spread, floor[c]):
+                sign = 1.0 if deviation > 0.0 else -1.0
+            if sign != 0.0 and outlier[b, c] != sign:
+                spike[b, c] = True
+            else:
+                accepted[b, c] = True
+                filled[b, c] = value
+                age_s[b, c] = 0.0
+            outlier[b, c] = sign
+
+
+@njit(cache=True)
+def _gate_sequence(recent, filled, age_s, outlier, measured, floor, out, accepted, ages):  # type: ignore[no-untyped-def]
+    ok = np.empty(filled.shape, np.bool_)
+    spike = np.empty(filled.shape, np.bool_)
+    for k in range(measured.shape[1]):
+        _gate(recent, filled, age_s, outlier, measured[:, k], floor, ok, spike)
+        out[:, k] = filled
+        accepted[:, k] = ok
+        ages[:, k] = age_s
+
+
+class FrontEnd:
+    """Fitted on the training split; ``step`` for one tick, ``run`` for whole sequences, same numbers.
+
+    Attributes:
+        mean, scale: (7,) standardisation, order CHANNELS.
+        floor: (7,) least noise sd that the gate assumes.
+    """
+
+    def __init__(self, mean: Array, scale: Array, floor: Array) -> None:
+        self.mean, self.scale, self.floor = mean, scale, floor
+
+    @classmethod
+    def fit(cls, train: Batch) -> Self:
+        """Channel means and spreads, and the noise floor from the median step between samples."""
+        flat = train.measured.reshape(-1, len(CHANNELS))
+        mean, spread = np.nanmean(flat, axis=0), np.nanstd(flat, axis=0)
+        steps = np.abs(np.diff(train.measured[:, ::1], axis=1)).reshape(-1, len(CHANNELS))
+        floor = np.nanmedian(steps, axis=0) / (0.6745 * np.sqrt(2.0))
+        scale = np.maximum(spread, 1e-9)
+        return cls(mean, scale, np.maximum(floor, 0.01 * scale))
+
+    def arrays(self) -> dict[str, Array]:
+        """What is learnt, for ``Estimator.arrays``."""
+        return {"front.mean": self.mean, "front.scale": self.scale, "front.floor": self.floor}
+
+    @classmethod
+    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> Self:
+        """The inverse of ``arrays``."""
+        return cls(arrays["front.mean"], arrays["front.scale"], arrays["front.floor"])
+
+    def init(self, batch: int) -> Memory:
+        """Before the first sample: the training means stand in."""
+        n = len(CHANNELS)
+        return Memory(
+            np.full((batch, WINDOW, n), np.nan),
+            np.tile(self.mean, (batch, 1)),
+            np.full((batch, n), np.inf),
+            np.zeros((batch, n)),
+        )
+
+    def step(self, memory: Memory, measured: Array) -> tuple[Memory, Clean]:
+        """Gate and fill one tick (B, 7); ``memory`` is not changed."""
+        after = Memory(*(part.copy() for part in memory))
+        accepted = np.empty(measured.shape, dtype=np.bool_)
+        spike = np.empty(measured.shape, dtype=np.bool_)
+        _gate(*after, np.asarray(measured, dtype=np.float64), self.floor, accepted, spike)
+        return after, Clean(after.filled, accepted, spike, after.age_s)
+
+    def run(self, measured: Array) -> tuple[Array, np.ndarray, Array]:
+        """Whole sequences (B, N, 7): filled values, accepted mask, ages in seconds, same shape."""
+        filled = np.empty(measured.shape)
+        accepted = np.empty(measured.shape, dtype=np.bool_)
+        ages = np.empty(measured.shape)
+        _gate_sequence(*self.init(len(measured)), measured, self.floor, filled, accepted, ages)
+        return filled, accepted, ages
+
+    def standardise(self, filled: Array) -> Array:
+        """Zero mean, unit spread on the training split, (..., 7)."""
+        return (filled - self.mean) / self.scale

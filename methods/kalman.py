@@ -1,0 +1,91 @@
+"""Kalman building blocks, compiled: covariance propagation and the Joseph update.
+
+One machine at a time; the estimators loop over their batch. No inverse is formed: the innovation
+covariance is factorised by Cholesky and solved.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+@njit(cache=True, error_model="numpy")
+def predict_covariance(P, F, Q):  # type: ignore[no-untyped-def]
+    """Eq. (7): ``F P F' + Q``, symmetrised. Shapes (n, n)."""
+    P = F @ P @ F.T + Q
+    return 0.5 * (P + P.T)
+
+
+@njit(cache=True, error_model="numpy")
+def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
+    """X with ``S X = B`` for symmetric positive definite S (m, m), B (m, n); small m, written out."""
+    m, n = B.shape
+    L = np.zeros((m, m))
+    for i in range(m):
+        for j in range(i + 1):
+            s = S[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            L[i, j] = np.sqrt(s) if i == j else s / L[j, j]
+    X = np.empty((m, n))
+    for c in range(n):
+        for i in range(m):
+            s = B[i, c]
+            for k in range(i):
+                s -= L[i, k] * X[k, c]
+            X[i, c] = s / L[i, i]
+        for i in range(m - 1, -1, -1):
+            s = X[i, c]
+            for k in range(i + 1, m):
+                s -= L[k, i] * X[k, c]
+            X[i, c] = s / L[i, i]
+    return X
+
+
+@njit(cache=True, error_model="numpy")
+def update(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
+    """Correct by the measurements that are there, Eqs. (8)-(12).
+
+    Args:
+        z, P: (n,), (n, n) prior.
+        innovation: (m,) measured minus predicted; NaN means missing.
+        H, R: (m, n), (m, m).
+        clip: innovations are bounded to this many standard deviations before the correction, so
+            that one bad sample moves little and a lasting shift still gets through; inf for never.
+
+    Returns:
+        z (n,), P (n, n) posterior in Joseph form, S (m, m) of all channels, NIS over the channels
+        that are there (NaN if none).
+    """
+    n, m_all = z.size, innovation.size
+    S_all = H @ P @ H.T + R
+    m = 0
+    rows = np.empty(m_all, np.int64)
+    for i in range(m_all):
+        if not np.isnan(innovation[i]):
+            rows[m] = i
+            m += 1
+    if m == 0:
+        return z.copy(), P.copy(), S_all, np.nan
+    r = np.empty((m, 1))
+    bounded = np.empty(m)
+    Hm = np.empty((m, n))
+    Rm = np.empty((m, m))
+    S = np.empty((m, m))
+    for a in range(m):
+        i = rows[a]
+        r[a, 0] = innovation[i]
+        limit = clip * np.sqrt(S_all[i, i])
+        bounded[a] = min(max(innovation[i], -limit), limit)
+        for j in range(n):
+            Hm[a, j] = H[i, j]
+        for b in range(m):
+            Rm[a, b] = R[i, rows[b]]
+            S[a, b] = S_all[i, rows[b]]
+    nis = (r.T @ cholesky_solve(S, r))[0, 0]
+    K = cholesky_solve(S, Hm @ P).T.copy()
+    z = z + K @ bounded
+    A = np.eye(n) - K @ Hm
+    P = A @ P @ A.T + K @ Rm @ K.T
+    return z, 0.5 * (P + P.T), S_all, nis

@@ -1,0 +1,13 @@
+"""From the estimated quantities to what the sensors read, probe lag apart."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data.batch import Array
+from physics.compressor import M_REF_KG_S
+
+
+def observe(mean: Array) -> Array:
+    """Readings (..., 3), order OUTPUTS, of estimates (..., 10) with the probe settled."""
+    return np.stack([mean[..., 1], mean[..., 2] + mean[..., 9], M_REF_KG_S * mean[..., 4]], axis=-1)

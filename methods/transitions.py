@@ -1,0 +1,118 @@
+"""Counterfactual transitions: the same history and state under other states and other health.
+
+The measurement window of a recording reveals the machine's health, so a network trained on the
+recording alone learns to ignore the parameters it is given, and its sensitivities vanish. Here the
+plant answers what would have happened next from a perturbed state with other parameters, while the
+window stays as it was. Part of the offline training data, and so open to every estimator.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from physics.compressor import PLANT
+from physics.health import HIGH, LOW, SPAN
+from physics.integrate import advance
+
+STATE_SPREAD = np.array([0.006, 0.06, 6.0, 8.0, 0.04])
+"""sd of the state perturbations: bar, bar, K, K, 1."""
+HEALTH_LOW = np.array([0.86, 0.88, 0.008, 0.60, -7.0])
+HEALTH_HIGH = np.array([1.03, 1.03, 0.060, 1.06, 7.0])
+"""Range that the counterfactual health parameters cover, a little beyond the machine's life."""
+
+
+class Transitions(NamedTuple):
+    """M transitions over ``dt_s``: where in which sequence, from what, under what, to what."""
+
+    sequence: np.ndarray  # (M,) int
+    sample: np.ndarray  # (M,) int; the window ends here
+    x: Array  # (M, 5) perturbed states, order STATES
+    theta: Array  # (M, 5) counterfactual health, order HEALTH
+    dt_s: Array  # (M,)
+    x_next: Array  # (M, 5) what the plant makes of it
+
+    @property
+    def increment(self) -> Array:
+        """(M, 5) change of state over dt_s."""
+        return self.x_next - self.x
+
+
+def draw_transitions(
+    train: Batch,
+    count: int,
+    rng: np.random.Generator,
+    history: int = 64,
+    dt_s: tuple[float, ...] = (SAMPLE_PERIOD_S,),
+    each: int = 1,
+    perturbed: bool = True,
+) -> Transitions:
+    """Draw transitions from simulated sequences; the plant's hidden states and true inputs are kept.
+
+    Args:
+        train: sequences with truth.
+        history: samples that must precede each drawn one.
+        count: how many; ``each`` of them share a window.
+        dt_s: horizons, drawn with equal chance.
+        perturbed: False gives the recording's own transitions (the negative control).
+    """
+    truth = train.truth
+    if truth is None:
+        raise ValueError("transitions need sequences with truth, these have none")
+    batch, samples = train.measured.shape[:2]
+    windows = -(-count // each)
+    sequence = np.repeat(rng.integers(batch, size=windows), each)[:count]
+    sample = np.repeat(rng.integers(history, samples - 1, size=windows), each)[:count]
+    x = truth.states[sequence, sample].copy()
+    theta = truth.health[sequence, sample].copy()
+    if perturbed:
+        near = rng.random(count)[:, None] < 0.4
+        x[:, : len(STATES)] += np.where(near, 0.15, 1.0) * STATE_SPREAD * rng.normal(size=(count, len(STATES)))
+        x[:, 4] = np.maximum(x[:, 4], 0.1)
+        size = np.where(near, 0.15, 1.0) * 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
+        anywhere = rng.uniform(HEALTH_LOW, HEALTH_HIGH, size=(count, len(HEALTH)))
+        theta = np.where(rng.random(count)[:, None] < 0.5, anywhere, theta + size)
+        theta = np.clip(theta, np.maximum(LOW, HEALTH_LOW), np.minimum(HIGH, HEALTH_HIGH))
+    u = truth.inputs[sequence, sample]
+    horizons = rng.choice(np.array(dt_s), size=count)
+    x_next = np.empty_like(x)
+    for horizon in dt_s:
+        rows = horizons == horizon
+        substeps = max(1, round(2 * horizon / SAMPLE_PERIOD_S))
+        x_next[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, HEALTH, theta[rows])
+    n = len(STATES)
+    return Transitions(sequence, sample, x[:, :n], theta, horizons, x_next[:, :n])
+
+
+def plant_sensitivities(
+    train: Batch, transitions: Transitions, step: float = 1e-3
+) -> tuple[Array, Array]:
+    """Central differences of the plant at transitions, for audits.
+
+    Returns:
+        F (M, 5, 5) = d x_next / d x, and G (M, 5, 5) = d x_next / d theta in physical units.
+    """
+    truth = train.truth
+    if truth is None:
+        raise ValueError("sensitivities need sequences with truth, these have none")
+    hidden = truth.states[transitions.sequence, transitions.sample, len(STATES) :]
+    u = truth.inputs[transitions.sequence, transitions.sample]
+    dt_s = float(transitions.dt_s[0])
+
+    def plant(x: Array, theta: Array) -> Array:
+        full = np.concatenate([x, hidden], axis=1)
+        return advance(PLANT, full, u, dt_s, 2, HEALTH, theta)[:, : len(STATES)]
+
+    F = np.empty((len(u), len(STATES), len(STATES)))
+    G = np.empty((len(u), len(STATES), len(HEALTH)))
+    for jacobian, spread, moved in ((F, STATE_SPREAD, 0), (G, SPAN, 1)):
+        for j, size in enumerate(step * spread):
+            ends = []
+            for sign in (1.0, -1.0):
+                arguments = [transitions.x.copy(), transitions.theta.copy()]
+                arguments[moved][:, j] += sign * size
+                ends.append(plant(*arguments))
+            jacobian[:, :, j] = (ends[0] - ends[1]) / (2.0 * size)
+    return F, G

@@ -1,0 +1,74 @@
+"""Compile a simulator's equations once; run them as plain Python where numba cannot."""
+
+from __future__ import annotations
+
+import functools
+import warnings
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit, types
+from numba.core.errors import NumbaError
+
+from physics.simulator import Simulator
+
+VECTOR = types.Array(types.float64, 1, "C")
+EQUATION = VECTOR(VECTOR, VECTOR, VECTOR)
+FUNCTION = types.FunctionType(EQUATION)
+"""A compiled equation as an argument: loops over equations compile once for all simulators."""
+
+
+class Compiled(NamedTuple):
+    """A simulator's equations, ready for the loops of ``physics.integrate``."""
+
+    rhs: Callable[..., Any]
+    output: Callable[..., Any]
+    native: bool  # False: plain Python, because numba could not compile them
+
+
+@functools.cache
+def jit(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function compiled on first call; the same function twice compiles once."""
+    return function if hasattr(function, "py_func") else njit(error_model="numpy")(function)
+
+
+@functools.cache
+def compiled(simulator: Simulator) -> Compiled:
+    """Compile ``rhs`` and ``output``; a function numba refuses still works, slowly, with a warning."""
+    from physics.compose import plain_rhs  # which compiles closures with jit from here
+
+    rhs, output = plain_rhs(simulator), simulator.output
+    try:
+        return Compiled(_equation(rhs), _equation(output), True)
+    except NumbaError as error:
+        reason = str(error).strip().splitlines()[0]
+        warnings.warn(
+            f"simulator {simulator.name!r} runs as plain Python, some 100 times slower: numba says {reason}",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return Compiled(_python(rhs), _python(output), False)
+
+
+def _equation(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile to the one signature; a tuple as the result is accepted too."""
+    source = getattr(function, "py_func", function)
+    # Closures made by Simulator.with_ hold other compiled functions, which the disk cache cannot key.
+    cache = source.__closure__ is None and not source.__code__.co_filename.startswith("<")
+    try:
+        return njit(EQUATION, error_model="numpy", cache=cache)(source)
+    except NumbaError:
+        inner = jit(function)
+
+        def as_array(x: Any, u: Any, theta: Any) -> Any:
+            return np.array(inner(x, u, theta))
+
+        return njit(EQUATION, error_model="numpy")(as_array)
+
+
+def _python(function: Callable[..., Any]) -> Callable[..., Any]:
+    def call(x: Any, u: Any, theta: Any) -> Any:
+        return np.asarray(function(x, u, theta), dtype=np.float64)
+
+    return call

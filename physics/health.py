@@ -1,0 +1,75 @@
+"""Health parameters in unconstrained coordinates: zeta = T(theta), logistic or exponential.
+
+The filters work on zeta (Eq. (5)), so that what is reported always keeps its bounds: positive
+leakage, finite heat transfer, limited capacity and efficiency. Each map is scaled so that
+d theta / d zeta = ``scale`` at the healthy value: one unit of zeta is one typical change.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from physics.compressor import HEALTH
+
+Array = NDArray[np.float64]
+
+HEALTHY = np.array([v.nominal for v in HEALTH])
+LOW = np.array([v.low for v in HEALTH])
+HIGH = np.array([v.high for v in HEALTH])
+SPAN = np.array([0.12, 0.10, 0.037, 0.35, 6.0])
+"""How far each parameter moves over a machine's life; errors in per cent of range refer to it."""
+
+_EXPONENTIAL = np.array([False, False, True, True, False])  # leakage and heat transfer
+_SCALE = np.array([v.scale for v in HEALTH])
+_SHARE = (HEALTHY - LOW) / (HIGH - LOW)
+_SLOPE = np.where(_EXPONENTIAL, _SCALE / HEALTHY.clip(1e-9), _SCALE / ((HIGH - LOW) * _SHARE * (1 - _SHARE)))
+_OFFSET = np.where(_EXPONENTIAL, 0.0, np.log(_SHARE / (1 - _SHARE)))
+
+
+@njit(cache=True)
+def _theta_and_slope(zeta, theta, slope):  # type: ignore[no-untyped-def]
+    """Both maps at once, rows of (M, 5); compiled because every filter tick asks for them."""
+    for i in range(zeta.shape[0]):
+        for j in range(zeta.shape[1]):
+            s = _SLOPE[j] * zeta[i, j]
+            if _EXPONENTIAL[j]:
+                value = HEALTHY[j] * np.exp(min(max(s, -50.0), 50.0))
+                theta[i, j] = min(max(value, LOW[j]), HIGH[j])
+                slope[i, j] = _SLOPE[j] * theta[i, j]
+            else:
+                t = min(max(s + _OFFSET[j], -500.0), 500.0)
+                share = 1.0 / (1.0 + np.exp(-t))
+                theta[i, j] = LOW[j] + (HIGH[j] - LOW[j]) * share
+                slope[i, j] = _SLOPE[j] * (HIGH[j] - LOW[j]) * share * (1.0 - share)
+
+
+def theta_and_slope(zeta: Array) -> tuple[Array, Array]:
+    """Physical health parameters and d theta / d zeta, both (..., 5), from coordinates (..., 5)."""
+    rows = np.ascontiguousarray(zeta, dtype=np.float64).reshape(-1, len(HEALTH))
+    theta, slope = np.empty_like(rows), np.empty_like(rows)
+    _theta_and_slope(rows, theta, slope)
+    return theta.reshape(zeta.shape), slope.reshape(zeta.shape)
+
+
+def to_theta(zeta: Array) -> Array:
+    """Physical health parameters (..., 5) from unconstrained coordinates (..., 5)."""
+    return theta_and_slope(zeta)[0]
+
+
+def d_theta_d_zeta(zeta: Array) -> Array:
+    """Slope of ``to_theta``, (..., 5); positive everywhere inside the bounds."""
+    return theta_and_slope(zeta)[1]
+
+
+def to_zeta(theta: Array) -> Array:
+    """Unconstrained coordinates (..., 5) of health parameters; healthy is zero.
+
+    Parameters on or beyond a bound are taken a billionth inside it.
+    """
+    share = np.clip((theta - LOW) / (HIGH - LOW), 1e-9, 1 - 1e-9)
+    logistic = np.log(share / (1 - share)) - _OFFSET
+    ratio = np.clip(theta, LOW, HIGH) / np.where(_EXPONENTIAL, HEALTHY, 1.0)
+    exponential = np.log(np.where(_EXPONENTIAL, ratio, 1.0))
+    return np.where(_EXPONENTIAL, exponential, logistic) / _SLOPE

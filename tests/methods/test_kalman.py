@@ -1,0 +1,84 @@
+"""The Kalman building blocks against five lines of textbook."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from methods.kalman import cholesky_solve, predict_covariance, update
+
+
+def random_problem(seed: int, n: int = 6, m: int = 3):
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(n, n)), rng.normal(size=(m, m))
+    return rng.normal(size=n), A @ A.T + np.eye(n), rng.normal(size=m), rng.normal(size=(m, n)), B @ B.T + np.eye(m)
+
+
+def textbook(z, P, r, H, R):
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    return z + K @ r, (np.eye(len(z)) - K @ H) @ P, S, r @ np.linalg.inv(S) @ r
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_update_is_the_textbook(seed):
+    problem = random_problem(seed)
+    for ours, theirs in zip(update(*problem, np.inf), textbook(*problem), strict=True):
+        assert ours == pytest.approx(theirs, abs=1e-10)
+
+
+@pytest.mark.parametrize("missing", [[0], [1, 2], [0, 2]])
+def test_a_missing_channel_is_a_smaller_problem(missing):
+    z, P, r, H, R = random_problem(7)
+    left = [i for i in range(3) if i not in missing]
+    r_nan = r.copy()
+    r_nan[missing] = np.nan
+    z1, P1, _, nis = update(z, P, r_nan, H, R, np.inf)
+    z2, P2, _, nis2 = textbook(z, P, r[left], H[left], R[np.ix_(left, left)])
+    assert z1 == pytest.approx(z2, abs=1e-10)
+    assert P1 == pytest.approx(P2, abs=1e-10)
+    assert nis == pytest.approx(nis2)
+
+
+def test_nothing_measured_changes_nothing():
+    z, P, r, H, R = random_problem(8)
+    z1, P1, _, nis = update(z, P, np.full_like(r, np.nan), H, R, 6.0)
+    assert np.array_equal(z1, z) and np.array_equal(P1, P) and np.isnan(nis)
+
+
+def test_a_wild_sample_moves_no_more_than_the_clip_allows():
+    z, P, r, H, R = random_problem(9)
+    S = H @ P @ H.T + R
+    wild, bounded = r.copy(), r.copy()
+    wild[0] = 1e6
+    bounded[0] = 6.0 * np.sqrt(S[0, 0])
+    assert update(z, P, wild, H, R, 6.0)[0] == pytest.approx(textbook(z, P, bounded, H, R)[0])
+
+
+def test_joseph_form_survives_what_the_short_form_does_not():
+    """An ill-conditioned update: nearly perfect measurement of a nearly unknown state."""
+    P = np.diag([1e12, 1.0, 1e-9])
+    H = np.array([[1.0, 1e-3, 0.0], [1.0, 1e-3, 1e-6], [0.0, 1.0, 0.0]])
+    R = np.diag([1e-10, 1e-10, 1e-10])
+    _, posterior, _, _ = update(np.zeros(3), P, np.ones(3), H, R, np.inf)
+    assert np.array_equal(posterior, posterior.T)
+    assert np.linalg.eigvalsh(posterior).min() >= -1e-12 * np.trace(posterior)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_prediction_composes_and_correction_shrinks(seed):
+    z, P, r, H, R = random_problem(seed)
+    F = np.random.default_rng(seed).normal(size=P.shape)
+    Q = np.eye(len(z))
+    once = predict_covariance(P, F, Q)
+    assert once == pytest.approx(F @ P @ F.T + Q)
+    corrected = update(z, P, r, H, R, np.inf)[1]
+    assert np.linalg.eigvalsh(P - corrected).min() > -1e-8
+
+
+def test_cholesky_solve_is_numpys():
+    _, P, _, H, _ = random_problem(3)
+    assert cholesky_solve(P, H.T.copy()) == pytest.approx(np.linalg.solve(P, H.T))

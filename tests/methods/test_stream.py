@@ -1,0 +1,91 @@
+"""The streaming operator is the windowed network, and its Jacobian is autograd's."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from data.batch import SAMPLE_PERIOD_S
+from methods.operator import N_STATES, N_ZETA, WINDOW, Operator
+from methods.stream import Stream, empty_stream, heads, heads_with_jacobian, pack, push
+from methods.training import parameter_count, weights_of
+
+TIME = torch.tensor([SAMPLE_PERIOD_S])
+
+
+@pytest.fixture(scope="module")
+def operator():
+    torch.manual_seed(3)
+    return Operator()
+
+
+@pytest.fixture(scope="module")
+def samples():
+    rng = np.random.default_rng(0)
+    n = 2000
+    values = rng.normal(size=(n, 7)).astype(np.float32)
+    masks = (rng.random((n, 7)) > 0.1).astype(np.float32)
+    query = rng.normal(size=(n, 5)).astype(np.float32)
+    return values, masks, query
+
+
+def streamed(operator: Operator, samples, ticks: int) -> tuple[Stream, object]:
+    weights = pack(weights_of(operator))
+    stream = empty_stream(weights, 1)
+    for k in range(ticks):
+        push(weights, *(part[0] if part.ndim > 1 else part for part in stream), *(s[k] for s in samples))
+    return stream, weights
+
+
+def windowed_base(operator: Operator, samples, stream: Stream, ticks: int) -> tuple[torch.Tensor, np.ndarray]:
+    """The heads' first layer from the whole window, padded with the first sample where it is short."""
+    values, masks, query = samples
+    k = ticks - 1
+    index = np.maximum(np.arange(k - WINDOW, k + 1), 0)
+    slow = values[k, 5] - stream.slow
+    latent = operator.latent(
+        torch.from_numpy(values[index][None]),
+        torch.from_numpy(masks[index[1:]][None]),
+        torch.from_numpy(slow),
+        torch.from_numpy(query[k][None]),
+        TIME,
+    )
+    return latent, operator.heads.from_latent(latent).detach().numpy()
+
+
+@pytest.mark.parametrize("ticks", [1, 5, 64, 65, 200, 2000])
+def test_stream_equals_window(operator, samples, ticks):
+    stream, _ = streamed(operator, samples, ticks)
+    _, base = windowed_base(operator, samples, stream, ticks)
+    assert stream.base == pytest.approx(base, abs=1e-5)
+
+
+def test_jacobian_equals_autograd_and_central_differences(operator, samples):
+    stream, weights = streamed(operator, samples, 100)
+    latent, _ = windowed_base(operator, samples, stream, 100)
+    for seed in range(5):
+        c = np.random.default_rng(seed).normal(size=N_STATES + N_ZETA).astype(np.float32)
+        out, jacobian = heads_with_jacobian(weights, stream.base[0], c)
+        plain = torch.func.jacrev(lambda at: operator(latent, at[None], TIME)[0])(torch.from_numpy(c))
+        assert jacobian == pytest.approx(plain.detach().numpy(), abs=1e-5)
+        assert out == pytest.approx(heads(weights, stream.base[0], c), abs=1e-6)
+        step = 0.05
+        for j in range(len(c)):
+            ahead, behind = c.copy(), c.copy()
+            ahead[j] += step
+            behind[j] -= step
+            slope = (heads(weights, stream.base[0], ahead) - heads(weights, stream.base[0], behind)) / (2 * step)
+            assert jacobian[:, j] == pytest.approx(slope, abs=5e-4)
+
+
+def test_neither_state_nor_health_reaches_the_branch(operator, samples):
+    """The latent is the same whatever the condition: it is not an argument."""
+    values, masks, query = (torch.from_numpy(s[None, :65]) for s in samples)
+    latent = operator.latent(values, masks[:, 1:], torch.zeros(1, 2), query[:, -1], TIME)
+    moved = [operator(latent, torch.full((1, 9), value), TIME) for value in (0.0, 1.0)]
+    assert not torch.allclose(*moved)
+
+
+def test_weight_budget(operator):
+    assert parameter_count(operator) == pytest.approx(100_000, rel=0.05)
