@@ -1,8 +1,11 @@
 """The augmented extended Kalman filter, Eqs. (6)-(11), with the operator as its model.
 
-z = [five states, probe temperature, five health coordinates zeta, three coloured-noise states].
+z = [five states, probe temperature, five health coordinates zeta, three coloured-noise states,
+five slow errors of the operator].
 Health is a random walk in zeta; the probe is an exact first-order lag; the coloured part of the
-sensor noise is AR(1) of unit variance, scaled by its present standard deviation. The operator gives the forecast and, in the same pass, its Jacobian.
+sensor noise is AR(1) of unit variance, scaled by its present standard deviation. What the operator gets wrong is wrong for
+minutes, since it depends on the operating point: white process noise cannot say that, and a filter
+without these states is far too sure of itself. The operator gives the forecast and, in the same pass, its Jacobian.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from methods.kalman import predict_covariance, update
 from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, heads, heads_with_jacobian, push
 from physics.compressor import M_REF_KG_S, PLANT
 
-PROBE, ZETA, NOISE, SIZE = 5, 6, 11, 14
+PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
 BIAS = ZETA + 4
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
 TAU_PROBE_X = float(PLANT.theta()[PLANT.index("tau_T_x")])
@@ -29,8 +32,9 @@ class Model(NamedTuple):
     state_mean: Array  # (5,)
     state_scale: Array  # (5,)
     increment: Array  # (5,)
-    Q: Array  # (14, 14) process noise of one tick
+    Q: Array  # (19, 19) process noise of one tick
     noise_keep: Array  # (3,) AR(1) factors of the coloured sensor noise
+    error_keep: float  # AR(1) factor of the operator's slow errors
     zeta_low: Array  # (5,) bounds of the coordinates, far outside a machine's life
     zeta_high: Array  # (5,)
 
@@ -56,12 +60,13 @@ def _condition(model, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
-    """Eq. (6): the states by the operator, the probe by its lag, the noise by its memory."""
+    """Eq. (6): states by the operator, probe by its lag, noise and slow error by their memory."""
     after = z.copy()
     share, _ = _probe_lag(z[4])
     after[PROBE] = z[PROBE] + share * (z[2] - z[PROBE])
     for i in range(N_STATES):
-        after[i] = z[i] + scaled[i] * model.increment[i]
+        after[i] = z[i] + scaled[i] * model.increment[i] + z[ERROR + i]
+        after[ERROR + i] = model.error_keep * z[ERROR + i]
     for i in range(3):
         after[NOISE + i] = model.noise_keep[i] * z[NOISE + i]
     return after
@@ -69,7 +74,7 @@ def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def predict(w, model, base, z, P):  # type: ignore[no-untyped-def]
-    """One tick ahead, Eqs. (6) and (7): z (14,), P (14, 14)."""
+    """One tick ahead, Eqs. (6) and (7): z (19,), P (19, 19)."""
     scaled, jacobian = heads_with_jacobian(w, base, _condition(model, z))
     F = np.eye(SIZE)
     for i in range(N_STATES):
@@ -77,6 +82,8 @@ def predict(w, model, base, z, P):  # type: ignore[no-untyped-def]
             F[i, j] += jacobian[i, j] * model.increment[i] / model.state_scale[j]
         for j in range(N_ZETA):
             F[i, ZETA + j] = jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
+        F[i, ERROR + i] = 1.0
+        F[ERROR + i, ERROR + i] = model.error_keep
     share, slope = _probe_lag(z[4])
     F[PROBE, PROBE] = 1.0 - share
     F[PROBE, 2] = share

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.augmented import BIAS, NOISE, SIZE, ZETA, Model, roll_out, tick
+from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model, roll_out, tick
 from methods.estimator import (
     FLAG_MISSING,
     FLAG_SPIKE,
@@ -43,7 +43,9 @@ class DeepONetKalman(Estimator):
         "learning_rate": 2e-3,
         "smoothness": 1e-3,
         "feasibility": 0.1,
-        "model_noise": 5.0,
+        "model_noise": 2.0,
+        "slow_error": 1.0,
+        "error_tau_s": 120.0,
         "capacity_walk": 4e-4,
         "efficiency_walk": 4e-4,
         "leakage_walk": 1.2e-4,
@@ -53,6 +55,7 @@ class DeepONetKalman(Estimator):
     search_space: ClassVar[dict[str, tuple[float, float]]] = {
         "learning_rate": (5e-4, 5e-3),
         "model_noise": (1.0, 30.0),
+        "slow_error": (0.1, 3.0),
         "capacity_walk": (1e-4, 2e-3),
         "efficiency_walk": (1e-4, 2e-3),
         "leakage_walk": (3e-5, 5e-4),
@@ -100,6 +103,7 @@ class DeepONetKalman(Estimator):
             "scales.state_scale": scales.state_scale,
             "scales.increment": scales.increment,
             "audit.residual_cov": checked.residual_cov,
+            "audit.slow_sd": checked.slow_sd,
             "audit.G_cosine": checked.G_cosine,
             "audit.G_size": checked.G_size,
             "audit.F_cosine": checked.F_cosine,
@@ -121,9 +125,19 @@ class DeepONetKalman(Estimator):
         Q[5, 5] = 1e-3**2
         Q[ZETA:NOISE, ZETA:NOISE] = np.diag((walk / d_theta_d_zeta(np.zeros(5))) ** 2 * SAMPLE_PERIOD_S)
         keep = np.exp(-SAMPLE_PERIOD_S / np.array([s.tau_s for s in OUTPUT_NOISE]))
-        Q[NOISE:, NOISE:] = np.diag(1.0 - keep**2)
+        Q[NOISE:ERROR, NOISE:ERROR] = np.diag(1.0 - keep**2)
+        error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))
+        self._error_var = (self.config["slow_error"] * a["audit.slow_sd"]) ** 2
+        Q[ERROR:, ERROR:] = np.diag((1.0 - error_keep**2) * self._error_var)
         self._model = Model(
-            a["scales.state_mean"], a["scales.state_scale"], a["scales.increment"], Q, keep, ZETA_LOW, ZETA_HIGH
+            a["scales.state_mean"],
+            a["scales.state_scale"],
+            a["scales.increment"],
+            Q,
+            keep,
+            error_keep,
+            ZETA_LOW,
+            ZETA_HIGH,
         )
 
     def init(self, batch: int) -> State:
@@ -132,7 +146,8 @@ class DeepONetKalman(Estimator):
         z[:, : ZETA] = self.arrays["prior.mean"]
         P = np.zeros((batch, SIZE, SIZE))
         P[:, :ZETA, :ZETA] = self.arrays["prior.cov"]
-        P[:, ZETA:, ZETA:] = np.eye(SIZE - ZETA)
+        P[:, ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
+        P[:, ERROR:, ERROR:] = np.diag(self._error_var)
         stream = empty_stream(self._weights, batch)
         return self._report(z, P, (*self._front_end.init(batch), *stream))
 

@@ -10,7 +10,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from data.batch import ESTIMATED, Array, Batch
+from data.batch import ESTIMATED, STATES, Array, Batch
+from methods.observe import observe
+from physics.health import HIGH, LOW
 
 Z95 = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -100,8 +102,6 @@ class Estimator(ABC):
             (B, L, 3), the sensors' noise-free readings, order OUTPUTS. This default holds the
             present ones.
         """
-        from methods.observe import observe
-
         return np.repeat(observe(state.mean)[:, None], inputs.shape[1], axis=1)
 
     def save(self, path: Path) -> None:
@@ -138,8 +138,30 @@ def register(estimator: type[Estimator]) -> type[Estimator]:
 
 
 def gaussian_state(mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = ()) -> State:
-    """A state whose intervals are those of a Gaussian. Shapes: mean (B, 10), cov (B, 10, 10)."""
+    """A state with Gaussian intervals; health is kept within its physical bounds.
+
+    Args:
+        mean: (B, 10), order ESTIMATED.
+        cov: (B, 10, 10) or (10, 10).
+    """
     if mean.shape[-1] != len(ESTIMATED):
         raise ValueError(f"mean has {mean.shape[-1]} columns, expected {len(ESTIMATED)}")
+    cov = np.broadcast_to(cov, (len(mean), len(ESTIMATED), len(ESTIMATED)))
     half = Z95 * np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-    return State(mean, cov, mean - half, mean + half, memory)
+    bounds = np.full((2, len(ESTIMATED)), [[-np.inf], [np.inf]])
+    bounds[:, len(STATES) :] = LOW, HIGH
+    mean, low, high = (np.clip(m, *bounds) for m in (mean, mean - half, mean + half))
+    return State(mean, cov, low, high, memory)
+
+
+def no_info(batch: int) -> Info:
+    """The diagnostics of a method that has none."""
+    nothing = np.full((batch, 3), np.nan)
+    return Info(
+        nothing,
+        np.full((batch, 3, 3), np.nan),
+        np.full(batch, np.nan),
+        np.zeros((batch, 3), dtype=bool),
+        np.zeros(batch, dtype=np.int64),
+        np.full((batch, 7), np.nan),
+    )

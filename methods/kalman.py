@@ -27,7 +27,8 @@ def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
             s = S[i, j]
             for k in range(j):
                 s -= L[i, k] * L[j, k]
-            L[i, j] = np.sqrt(s) if i == j else s / L[j, j]
+            # The floor keeps a factor when round-off has eaten the last of a pivot.
+            L[i, j] = np.sqrt(max(s, 1e-14 * S[i, i])) if i == j else s / L[j, j]
     X = np.empty((m, n))
     for c in range(n):
         for i in range(m):

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.operator import N_ZETA, Operator
+from methods.operator import N_ZETA, WINDOW, Operator
 from methods.stream import ZETA_SCALE
 from methods.training import adamw
 from methods.transitions import Transitions, draw_transitions, plant_sensitivities
@@ -125,18 +125,46 @@ def predict(operator: Operator, source: WindowSource, transitions: Transitions, 
     return np.concatenate(out)
 
 
+def _along_the_recordings(
+    operator: Operator, source: WindowSource, validation: Batch, scales: Scales, stride: int = 6
+) -> Array:
+    """One-tick errors (minutes, samples in a minute, 5) at the true states and health."""
+    truth = validation.truth
+    if truth is None:
+        raise ValueError("the audit needs validation sequences with truth, these have none")
+    per_minute = int(60.0 / SAMPLE_PERIOD_S) // stride
+    ticks = np.arange(WINDOW, validation.measured.shape[1] - 1, stride)
+    ticks = ticks[: max(1, len(ticks) // per_minute) * per_minute]
+    sequence = np.repeat(np.arange(len(validation)), len(ticks))
+    sample = np.tile(ticks, len(validation))
+    n = len(STATES)
+    own = Transitions(
+        sequence,
+        sample,
+        truth.states[sequence, sample, :n],
+        truth.health[sequence, sample],
+        np.full(len(sample), SAMPLE_PERIOD_S),
+        truth.states[sequence, sample + 1, :n],
+    )
+    error = predict(operator, source, own, scales) - own.increment
+    return error.reshape(-1, min(per_minute, len(ticks)), n)
+
+
 @dataclass(frozen=True)
 class Audit:
     """Is the operator fit to be a filter's model? Each checkpoint is asked before it is used.
 
     Attributes:
-        residual_cov: (5, 5) covariance of the one-tick error on the validation recordings themselves.
+        residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation
+            recordings themselves.
+        slow_sd: (5,) sd of its one-minute means, the part that does not average out.
         G_cosine, G_size: (4,) agreement of each health column of G with the plant's, over the
             sensitivities of all states in units of the increments; 1 and 1 is perfect.
         F_cosine: (5,) the same for the state columns of F - I.
     """
 
     residual_cov: Array
+    slow_sd: Array
     G_cosine: Array
     G_size: Array
     F_cosine: Array
@@ -156,8 +184,9 @@ def audit(
     count: int = 4000,
 ) -> Audit:
     """Compare residuals and sensitivities with the plant on the validation sequences."""
-    own = draw_transitions(validation, 2 * count, rng, perturbed=False)
-    residual = predict(operator, source, own, scales) - own.increment
+    residual = _along_the_recordings(operator, source, validation, scales)
+    slow = residual.mean(axis=1, keepdims=True)
+    quick = (residual - slow).reshape(-1, len(STATES))
     probe = draw_transitions(validation, count // 4, rng)
     F, G = plant_sensitivities(validation, probe)
     step = 0.02
@@ -181,4 +210,4 @@ def audit(
 
     G_cosine, G_size = agreement(J_theta[..., :N_ZETA], G[..., :N_ZETA])
     F_cosine, _ = agreement(J_x, F - np.eye(len(STATES)))
-    return Audit(np.cov(residual.T), G_cosine, G_size, F_cosine)
+    return Audit(np.cov(quick.T), np.sqrt((slow**2).mean(axis=(0, 1))), G_cosine, G_size, F_cosine)

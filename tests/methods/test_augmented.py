@@ -1,0 +1,120 @@
+"""The augmented filter: its Jacobian, its probe, its open loop, and the textbook around them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from data.batch import SAMPLE_PERIOD_S
+from methods.augmented import ERROR, NOISE, PROBE, SIZE, ZETA, Model, correct, predict, predict_mean, roll_out
+from methods.operator import Operator
+from methods.stream import Stream, empty_stream, pack
+from methods.training import weights_of
+from physics.compressor import M_REF_KG_S
+
+
+@pytest.fixture(scope="module")
+def problem():
+    torch.manual_seed(1)
+    weights = pack(weights_of(Operator()))
+    rng = np.random.default_rng(0)
+    A = rng.normal(size=(SIZE, SIZE)) * 1e-3
+    model = Model(
+        state_mean=np.array([0.92, 3.2, 440.0, 352.0, 0.9]),
+        state_scale=np.array([0.07, 0.7, 32.0, 11.0, 0.19]),
+        increment=np.array([0.003, 0.0065, 0.53, 0.0023, 0.0083]),
+        Q=A @ A.T,
+        noise_keep=np.array([0.88, 0.98, 0.92]),
+        error_keep=0.999,
+        zeta_low=np.full(5, -10.0),
+        zeta_high=np.full(5, 10.0),
+    )
+    z = np.concatenate([model.state_mean, [435.0], rng.normal(size=SIZE - 6) * 0.1])
+    B = rng.normal(size=(SIZE, SIZE))
+    base = rng.normal(size=weights.from_latent_bias.size).astype(np.float32)
+    return weights, model, base, z, B @ B.T * 1e-4
+
+
+def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
+    """P after equals F P F' + Q with F from central differences of the forecast alone."""
+    weights, model, base, z, P = problem
+    size = np.concatenate([model.state_scale, [32.0], np.ones(8), model.increment]) * 0.02
+    F = np.empty((SIZE, SIZE))
+    for j in range(SIZE):
+        ahead, behind = z.copy(), z.copy()
+        ahead[j] += size[j]
+        behind[j] -= size[j]
+        ends = [predict_mean(weights, model, base, at) for at in (ahead, behind)]
+        F[:, j] = (ends[0] - ends[1]) / (2 * size[j])
+    after, P_after = predict(weights, model, base, z, P)
+    assert after == pytest.approx(predict_mean(weights, model, base, z), abs=1e-6)
+    expected = F @ P @ F.T + model.Q
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((P_after - expected) / scale).max() < 2e-3
+
+
+def test_the_probe_is_a_first_order_lag_that_quickens_with_flow(problem):
+    weights, model, base, z, _ = problem
+    z = z.copy()
+    for flow in (0.5, 1.0, 1.5):
+        z[4] = flow
+        share = (predict_mean(weights, model, base, z)[PROBE] - z[PROBE]) / (z[2] - z[PROBE])
+        assert share == pytest.approx(1 - np.exp(-SAMPLE_PERIOD_S / (5.0 * flow**-0.5)))
+
+
+def test_health_stays_and_slow_errors_act(problem):
+    weights, model, base, z, _ = problem
+    after = predict_mean(weights, model, base, z)
+    assert np.array_equal(after[ZETA:NOISE], z[ZETA:NOISE])
+    assert after[ERROR:] == pytest.approx(model.error_keep * z[ERROR:])
+    without = z.copy()
+    without[ERROR:] = 0.0
+    assert after[:5] - predict_mean(weights, model, base, without)[:5] == pytest.approx(z[ERROR:])
+
+
+def test_correction_is_the_textbook(problem):
+    _, model, _, z, P = problem
+    white, coloured = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
+    measured = np.array([z[1] + 0.01, z[PROBE] + 1.0, M_REF_KG_S * z[4]])
+    bias, slope = 0.3, 0.5
+    H = np.zeros((3, SIZE))
+    H[0, 1] = H[1, PROBE] = 1.0
+    H[1, ZETA + 4] = slope
+    H[2, 4] = M_REF_KG_S
+    H[range(3), range(NOISE, NOISE + 3)] = coloured
+    S = H @ P @ H.T + np.diag(white**2)
+    K = P @ H.T @ np.linalg.inv(S)
+    r = measured - np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) - coloured * z[NOISE : NOISE + 3]
+    z1, P1, innovation, S1, nis = correct(model, z, P, measured, bias, slope, white, coloured, np.inf)
+    assert innovation == pytest.approx(r) and S1 == pytest.approx(S)
+    assert z1 == pytest.approx(z + K @ r) and P1 == pytest.approx((np.eye(SIZE) - K @ H) @ P, abs=1e-12)
+    assert nis == pytest.approx(r @ np.linalg.inv(S) @ r)
+
+
+def test_health_is_held_within_its_coordinates(problem):
+    _, model, _, z, P = problem
+    z = z.copy()
+    z[ZETA] = 50.0
+    measured = np.array([z[1], z[PROBE], M_REF_KG_S * z[4]])
+    corrected, *_ = correct(model, z, P, measured, 0.0, 1.0, np.ones(3), np.ones(3), 6.0)
+    assert corrected[ZETA] <= 10.0
+
+
+def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
+    weights, model, _, z, _ = problem
+    rng = np.random.default_rng(3)
+    stream = empty_stream(weights, 2)
+    for part in stream[1:]:
+        part[:] = rng.normal(size=part.shape)
+    inputs = np.array([0.95, 298.0, 1350.0, 0.64]) * (1 + 0.01 * rng.normal(size=(2, 40, 4)))
+    scaling = (np.ones(7), np.ones(7), np.ones(5), np.ones(5))
+    states = np.stack([z, z * 1.001])
+    out = np.empty((2, 40, 3))
+    copy = Stream(*(part.copy() for part in stream))
+    roll_out(weights, model, scaling, copy, states, inputs, np.array([0.0, 2.0]), out)
+    single = np.empty((1, 40, 3))
+    one = Stream(*(part[1:].copy() for part in stream))
+    roll_out(weights, model, scaling, one, states[1:], inputs[1:], np.array([2.0]), single)
+    assert np.array_equal(out[1], single[0])
+    assert np.isfinite(out).all()

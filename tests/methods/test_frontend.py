@@ -1,0 +1,79 @@
+"""The shared front end: spikes out, shifts through, gaps filled, nothing from the future."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data.batch import SAMPLE_PERIOD_S, Batch
+from methods.frontend import FrontEnd
+
+LEVEL = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
+SD = np.array([0.0015, 0.2, 1.5, 0.001, 0.01, 0.7, 0.001])
+
+
+@pytest.fixture
+def measured():
+    rng = np.random.default_rng(0)
+    return LEVEL + SD * rng.normal(size=(2, 600, 7))
+
+
+@pytest.fixture
+def front_end(measured):
+    return FrontEnd.fit(Batch(("a", "b"), np.arange(600) * SAMPLE_PERIOD_S, measured))
+
+
+def test_an_isolated_spike_is_replaced_by_the_last_reading(front_end, measured):
+    measured[0, 300, 4] += 40 * SD[4]
+    filled, accepted, ages = front_end.run(measured)
+    assert not accepted[0, 300, 4] and accepted[0, 299, 4] and accepted[0, 301, 4]
+    assert filled[0, 300, 4] == measured[0, 299, 4]
+    assert ages[0, 300, 4] == pytest.approx(SAMPLE_PERIOD_S)
+
+
+def test_a_lasting_shift_gets_through_after_one_sample(front_end, measured):
+    measured[0, 300:, 5] += 40 * SD[5]
+    _, accepted, _ = front_end.run(measured)
+    assert not accepted[0, 300, 5]
+    assert accepted[0, 301:, 5].mean() > 0.99
+
+
+def test_plain_noise_is_hardly_ever_rejected(front_end, measured):
+    _, accepted, _ = front_end.run(measured)
+    assert accepted.mean() > 0.999
+
+
+def test_missing_holds_the_last_value_and_ages(front_end, measured):
+    measured[1, 100:140, 6] = np.nan
+    filled, accepted, ages = front_end.run(measured)
+    assert not accepted[1, 100:140, 6].any()
+    assert (filled[1, 100:140, 6] == measured[1, 99, 6]).all()
+    assert ages[1, 139, 6] == pytest.approx(40 * SAMPLE_PERIOD_S)
+    assert np.isfinite(filled).all()
+
+
+def test_before_the_first_reading_the_training_mean_stands_in(front_end, measured):
+    measured[0, :10, 4] = np.nan
+    filled, _, ages = front_end.run(measured)
+    assert (filled[0, :10, 4] == front_end.mean[4]).all()
+    assert np.isinf(ages[0, :10, 4]).all()
+
+
+def test_steps_equal_the_whole_run_and_leave_the_memory_alone(front_end, measured):
+    measured[0, 50, 2] = np.nan
+    measured[1, 60, 3] += 1.0
+    filled, accepted, ages = front_end.run(measured)
+    memory = front_end.init(2)
+    for k in range(200):
+        before = [part.copy() for part in memory]
+        after, clean = front_end.step(memory, measured[:, k])
+        assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, memory, strict=True))
+        assert np.array_equal(clean.filled, filled[:, k])
+        assert np.array_equal(clean.accepted, accepted[:, k])
+        assert np.array_equal(clean.age_s, ages[:, k])
+        memory = after
+
+
+def test_arrays_round_trip(front_end, measured):
+    again = FrontEnd.from_arrays(front_end.arrays())
+    assert np.array_equal(again.run(measured)[0], front_end.run(measured)[0])

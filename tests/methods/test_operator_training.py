@@ -1,0 +1,136 @@
+"""Counterfactual training gives the operator true sensitivities; plain training does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from data.batch import HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from methods.frontend import FrontEnd
+from methods.operator import Operator
+from methods.operator_training import LossWeights, Scales, audit, feasibility, fit_operator
+from methods.training import adamw, load_weights, seeded, weights_of
+from methods.transitions import draw_transitions, plant_sensitivities
+from methods.windows import WindowSource
+from physics.compressor import PLANT
+from physics.integrate import advance, simulate
+from physics.steady import steady_state, valve_for
+
+
+def small_batch(seed: int, sequences: int = 3, samples: int = 2600) -> Batch:
+    """Load steps and drifting health, light white noise."""
+    rng = np.random.default_rng(seed)
+    n = samples + 1
+    pieces = n // 200 + 1
+    N = np.repeat(rng.uniform(900, 1800, (sequences, pieces)), 200, axis=1)[:, :n]
+    ratio = np.repeat(rng.uniform(2.1, 5.0, (sequences, pieces)), 200, axis=1)[:, :n]
+    p = np.repeat(rng.uniform(0.82, 1.08, (sequences, pieces)), 200, axis=1)[:, :n]
+    u = np.stack([p, np.full_like(p, 298.0), N, valve_for(N, ratio)], axis=-1)
+    healthy, worn = np.array([1, 1, 0.015, 1, 0.0]), np.array([0.88, 0.9, 0.052, 0.65, 5.0])
+    share = rng.random((sequences, 1, 5)) * np.linspace(0, 1, n)[None, :, None]
+    health = healthy + share * (worn - healthy)
+    x0 = np.stack([steady_state(PLANT, u[b, 0]) for b in range(sequences)])
+    x, y = simulate(PLANT, u, x0, varying=HEALTH, values=health)
+    clean = np.concatenate([u, y], axis=-1)
+    noise = np.array([1e-3, 0.2, 1.5, 0.0, 0.01, 0.6, 1e-3])
+    measured = clean + noise * rng.normal(size=clean.shape)
+    names = tuple(f"small-{seed}-{b}" for b in range(sequences))
+    return Batch(names, np.arange(n) * SAMPLE_PERIOD_S, measured, Truth(x, health, y, u))
+
+
+@pytest.fixture(scope="module")
+def train():
+    return small_batch(1)
+
+
+@pytest.fixture(scope="module")
+def validation():
+    return small_batch(2)
+
+
+def trained(train: Batch, validation: Batch, perturbed: bool):
+    rng, _ = seeded(0)
+    source = WindowSource.fit(train, FrontEnd.fit(train))
+    transitions = draw_transitions(train, 20_000, rng, perturbed=perturbed)
+    scales = Scales.fit(transitions)
+    operator = Operator()
+    fit_operator(operator, source, transitions, scales, rng, 250, 256, 1e-2, LossWeights())
+    held_out = WindowSource(validation, FrontEnd.fit(train), source.query_mean, source.query_scale)
+    return operator, audit(operator, held_out, validation, scales, rng, count=1000)
+
+
+@pytest.fixture(scope="module")
+def counterfactual(train, validation):
+    return trained(train, validation, perturbed=True)
+
+
+def test_counterfactuals_give_true_sensitivities(counterfactual):
+    _, checked = counterfactual
+    assert (checked.G_cosine > 0.9).all()
+    assert checked.passed
+
+
+def test_the_recordings_alone_teach_the_operator_to_ignore_health(train, validation):
+    """The identifiability trap, as a negative control."""
+    _, checked = trained(train, validation, perturbed=False)
+    assert not checked.passed
+
+
+def test_transitions_are_what_the_plant_does(train):
+    rng = np.random.default_rng(0)
+    drawn = draw_transitions(train, 300, rng, dt_s=(0.05, 0.1), each=3)
+    assert (drawn.sample.reshape(-1, 3) == drawn.sample.reshape(-1, 3)[:, :1]).all()
+    assert set(drawn.dt_s) == {0.05, 0.1}
+    hidden = train.truth.states[drawn.sequence, drawn.sample, 5:]
+    row = int(np.flatnonzero(drawn.dt_s == 0.1)[0])
+    x = np.concatenate([drawn.x[row], hidden[row]])[None]
+    u = train.truth.inputs[drawn.sequence[row], drawn.sample[row]][None]
+    after = advance(PLANT, x, u, 0.1, 4, HEALTH, drawn.theta[row][None])
+    assert drawn.x_next[row] == pytest.approx(after[0, :5])
+
+
+def test_unperturbed_transitions_are_the_recording(train):
+    drawn = draw_transitions(train, 50, np.random.default_rng(0), perturbed=False)
+    truth = train.truth.states[drawn.sequence, drawn.sample + 1, :5]
+    assert drawn.x_next == pytest.approx(truth, rel=1e-6, abs=1e-9)
+
+
+def test_plant_sensitivities_have_the_signs_of_the_machine(train):
+    drawn = draw_transitions(train, 200, np.random.default_rng(1))
+    F, G = plant_sensitivities(train, drawn)
+    assert (G[:, 4, 0] > 0).all()  # more capacity, more flow
+    assert (G[:, 4, 2] < 0).all()  # more leakage, less flow
+    assert (G[:, 2, 1] < 0).mean() > 0.99  # more efficient, cooler gas
+    assert (F[:, 0, 0] < 1).all() and np.isfinite(F).all()
+
+
+def test_feasibility_is_zero_inside_and_grows_outside():
+    x = torch.tensor([[0.93, 3.1, 430.0, 355.0, 1.0]])
+    suction = torch.tensor([[0.95, 298.0]])
+    assert feasibility(x, x, suction) == 0
+    for column, value in ((4, -0.1), (2, 280.0), (1, 8.0)):
+        bad = x.clone()
+        bad[0, column] = value
+        assert feasibility(x, bad, suction) > 0
+
+
+def test_same_seed_same_weights(train, validation):
+    results = []
+    for _ in range(2):
+        rng, _ = seeded(5)
+        source = WindowSource.fit(train, FrontEnd.fit(train))
+        transitions = draw_transitions(train, 600, rng)
+        operator = Operator()
+        fit_operator(operator, source, transitions, Scales.fit(transitions), rng, 5, 32, 1e-3, LossWeights())
+        results.append(weights_of(operator))
+    assert all(np.array_equal(results[0][name], results[1][name]) for name in results[0])
+    again = Operator()
+    load_weights(again, results[0])
+    assert all(np.array_equal(a, results[0][n]) for n, a in weights_of(again).items())
+
+
+def test_training_stops_at_a_loss_that_is_not_finite():
+    model = torch.nn.Linear(1, 1)
+    with pytest.raises(FloatingPointError, match="training loss is nan"):
+        adamw(model, lambda i: model(torch.tensor([[float("nan")]])).sum(), 5)
