@@ -32,6 +32,10 @@ from methods.operator import (
 REACH_1 = KERNEL * (KERNEL - 1) + 1  # columns of block 1 that one column of block 2 looks at
 REACH_2 = KERNEL**2 * (TOKENS - 1) + 1  # tokens that the attention looks at
 ZETA_SCALE = 4.0
+FAST = {"reassoc", "contract", "arcp", "nsz"}
+"""Liberties with the order of sums; none with infinities, which a broken sensor can bring."""
+LIMIT = 10.0
+"""Standardised values are held within this many spreads of the training mean."""
 _HEAD_OF_STATE = np.array(HEAD_OF_STATE)
 _SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S)).astype(np.float32)
 
@@ -127,28 +131,28 @@ def empty_stream(weights: Weights, batch: int) -> Stream:
     return Stream(np.zeros(batch, np.int64), *parts)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def _silu(v):  # type: ignore[no-untyped-def]
     return v / (np.float32(1.0) + np.exp(-v))
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def _sigmoid(v):  # type: ignore[no-untyped-def]
     return np.float32(1.0) / (np.float32(1.0) + np.exp(-v))
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def _normalise(v):  # type: ignore[no-untyped-def]
     return v / np.sqrt(np.mean(v * v) + np.float32(1e-6))
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def _shift(buffer, newest):  # type: ignore[no-untyped-def]
     buffer[:-1] = buffer[1:]
     buffer[-1] = newest
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type: ignore[no-untyped-def]
     """Append one standardised sample and compute the newest column of each block."""
     column = np.empty(N_COLUMNS, np.float32)
@@ -173,7 +177,7 @@ def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type:
     scores[-1] = np.dot(w.score, gated)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, mask, query):  # type: ignore[no-untyped-def]
     """One tick of one machine, in place: window, convolutions, latent, first layer of the heads.
 
@@ -181,6 +185,7 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
         sample, mask: (7,) standardised values and 1 where accepted.
         query: (5,) standardised inputs that hold until the next tick.
     """
+    sample = np.minimum(np.maximum(sample, -LIMIT), LIMIT).astype(np.float32)
     temperature = sample[5]
     if ticks[0] == 0:
         values[:] = sample
@@ -221,9 +226,10 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     base[:] = np.dot(w.from_latent, branch * trunk(w, query, SAMPLE_PERIOD_S)) + w.from_latent_bias
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def trunk(w, query, time_s):  # type: ignore[no-untyped-def]
     """Trunk features of one standardised query (5,) at ``time_s``."""
+    query = np.minimum(np.maximum(query, -LIMIT), LIMIT).astype(np.float32)
     embedded = _silu(np.dot(w.embedding, query[:2].copy()) + w.embedding_bias)
     n = embedded.size
     entry = np.empty(N_QUERY + n + 1 + 2 * len(SINUSOIDS), np.float32)
@@ -239,7 +245,7 @@ def trunk(w, query, time_s):  # type: ignore[no-untyped-def]
     return _normalise(np.dot(w.trunk_project, hidden) + w.trunk_project_bias)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def heads(w, base, condition):  # type: ignore[no-untyped-def]
     """Scaled increments (5,) of one machine; no sensitivities."""
     width = w.hidden.shape[1]
@@ -253,7 +259,7 @@ def heads(w, base, condition):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=FAST)
 def heads_with_jacobian(w, base, condition):  # type: ignore[no-untyped-def]
     """Scaled increments (5,) and their Jacobian (5, 9) to state and zeta, Eq. (5)."""
     width = w.hidden.shape[1]

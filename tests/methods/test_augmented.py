@@ -108,7 +108,9 @@ def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
     for part in stream[1:]:
         part[:] = rng.normal(size=part.shape)
     inputs = np.array([0.95, 298.0, 1350.0, 0.64]) * (1 + 0.01 * rng.normal(size=(2, 40, 4)))
-    scaling = (np.ones(7), np.ones(7), np.ones(5), np.ones(5))
+    mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
+    query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
+    scaling = (mean, 0.1 * mean, query, 0.1 * query)
     states = np.stack([z, z * 1.001])
     out = np.empty((2, 40, 3))
     copy = Stream(*(part.copy() for part in stream))
