@@ -6,23 +6,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model, roll_out, tick
-from methods.estimator import (
-    FLAG_MISSING,
-    FLAG_SPIKE,
-    Z95,
-    Estimator,
-    Info,
-    Sample,
-    State,
-    register,
-)
+from methods.estimator import Estimator, Info, Sample, State, register
 from methods.frontend import FrontEnd, Memory
+from methods.noise import coloured_keep, output_sd
+from methods.reporting import clean_flags, report
 from methods.stream import Stream, empty_stream, pack
 from methods.windows import query_of
 from physics.health import d_theta_d_zeta, theta_and_slope, to_theta, to_zeta
-from physics.sensors import OUTPUT_NOISE, speed_factor
 
 ZETA_LOW = to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0]))
 ZETA_HIGH = to_zeta(np.array([1.08, 1.08, 0.12, 1.40, 11.0]))
@@ -36,15 +28,15 @@ class DeepONetKalman(Estimator):
     name = "deeponet_kalman"
     says = "operator network inside an augmented Kalman filter (the proposed method)"
     settings: ClassVar[dict[str, Any]] = {
-        "iterations": 15000,
+        "iterations": 12000,
         "windows": 384,
         "transitions": 300_000,
         "each": 3,
-        "learning_rate": 2e-3,
+        "learning_rate": 1e-2,
         "smoothness": 1e-3,
         "feasibility": 0.1,
         "model_noise": 2.0,
-        "slow_error": 1.0,
+        "slow_error": 0.3,
         "error_tau_s": 120.0,
         "capacity_walk": 4e-4,
         "efficiency_walk": 4e-4,
@@ -53,7 +45,7 @@ class DeepONetKalman(Estimator):
         "T_bias_K_walk": 0.05,
     }
     search_space: ClassVar[dict[str, tuple[float, float]]] = {
-        "learning_rate": (5e-4, 5e-3),
+        "learning_rate": (2e-3, 2e-2),
         "model_noise": (1.0, 30.0),
         "slow_error": (0.1, 3.0),
         "capacity_walk": (1e-4, 2e-3),
@@ -124,7 +116,7 @@ class DeepONetKalman(Estimator):
         Q[:5, :5] = self.config["model_noise"] * a["audit.residual_cov"]
         Q[5, 5] = 1e-3**2
         Q[ZETA:NOISE, ZETA:NOISE] = np.diag((walk / d_theta_d_zeta(np.zeros(5))) ** 2 * SAMPLE_PERIOD_S)
-        keep = np.exp(-SAMPLE_PERIOD_S / np.array([s.tau_s for s in OUTPUT_NOISE]))
+        keep = coloured_keep()
         Q[NOISE:ERROR, NOISE:ERROR] = np.diag(1.0 - keep**2)
         error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))
         self._error_var = (self.config["slow_error"] * a["audit.slow_sd"]) ** 2
@@ -149,7 +141,7 @@ class DeepONetKalman(Estimator):
         P[:, ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
         P[:, ERROR:, ERROR:] = np.diag(self._error_var)
         stream = empty_stream(self._weights, batch)
-        return self._report(z, P, (*self._front_end.init(batch), *stream))
+        return report(z, P, _REPORTED, (z, P, *self._front_end.init(batch), *stream))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Forecast by the operator, correct by the outputs, let the window take the sample in."""
@@ -158,7 +150,7 @@ class DeepONetKalman(Estimator):
         stream = Stream(*(part.copy() for part in stream))
         z, P = z.copy(), P.copy()
         filled = clean.filled
-        white, coloured = _noise_sd(filled)
+        white, coloured = output_sd(filled)
         theta, slope = theta_and_slope(z[:, ZETA:NOISE])
         batch = len(z)
         info = (np.empty((batch, 3)), np.empty((batch, 3, 3)), np.empty(batch))
@@ -178,10 +170,8 @@ class DeepONetKalman(Estimator):
             INNOVATION_CLIP_SD,
             info,
         )
-        flags = np.where(clean.spike.any(axis=1), FLAG_SPIKE, 0)
-        flags |= np.where((~clean.accepted & ~clean.spike).any(axis=1), FLAG_MISSING, 0)
-        reported = self._report(z, P, (*front, *stream))
-        return reported, Info(*info, clean.accepted[:, 4:], flags, clean.age_s)
+        reported = report(z, P, _REPORTED, (z, P, *front, *stream))
+        return reported, Info(*info, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Roll the operator out, feeding its own readings back into the window."""
@@ -198,31 +188,5 @@ class DeepONetKalman(Estimator):
         n = len(Memory._fields)
         return z, P, Memory(*rest[:n]), Stream(*rest[n:])
 
-    def _report(self, z: Array, P: Array, memory: tuple[np.ndarray, ...]) -> State:
-        """Physical units: the delta method for the covariance, mapped bounds for the intervals."""
-        sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2)[:, _REPORTED])
-        zeta = z[:, ZETA:NOISE]
-        half = Z95 * sd[:, 5:]
-        theta, slope = theta_and_slope(np.stack([zeta, zeta - half, zeta + half]))
-        scale = np.concatenate([np.ones_like(zeta), slope[0]], axis=1)
-        cov = P[:, _REPORTED[:, None], _REPORTED] * scale[:, :, None] * scale[:, None, :]
-        x, spread = z[:, :5], Z95 * sd[:, :5]
-        mean, low, high = (np.concatenate(pair, axis=1) for pair in zip((x, x - spread, x + spread), theta))
-        return State(mean, cov, low, high, (z, P, *memory))
 
-
-_REPORTED = np.r_[0:5, ZETA:NOISE]
-_OUTPUT_COLUMNS = [CHANNELS.index(s.channel) for s in OUTPUT_NOISE]
-
-
-def _noise_sd(filled: Array) -> tuple[Array, Array]:
-    """White and coloured sd (B, 3) of the outputs at the present speed and readings."""
-    h = speed_factor(filled[:, 2])
-    size = np.stack(
-        [
-            (np.abs(filled[:, c]) if s.relative else np.ones(len(filled))) * (h if s.with_speed else 1.0)
-            for s, c in zip(OUTPUT_NOISE, _OUTPUT_COLUMNS, strict=True)
-        ],
-        axis=-1,
-    )
-    return size * [s.white for s in OUTPUT_NOISE], size * [s.coloured for s in OUTPUT_NOISE]
+_REPORTED = np.r_[0 : len(STATES), ZETA:NOISE]

@@ -1,0 +1,237 @@
+"""An augmented extended Kalman filter over any Simulator of the compressor.
+
+z = [the simulator's states, five health coordinates zeta, three coloured-noise states]. Jacobians are forward differences of the Runge-Kutta step;
+the noise of the measured inputs enters as process noise through the sensitivity to them. The slow drift that
+the pressure sensors share is not modelled: a state for it trades places with the temperature bias
+while a parameter ramps, and costs more than it gives (measured). With the exact plant this is the oracle, with the reduced-order model the nominal EKF.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from methods.estimator import Estimator, Info, Sample, State
+from methods.frontend import FrontEnd, Memory
+from methods.kalman import predict_covariance, update
+from methods.noise import coloured_keep, input_sd, output_sd
+from methods.reporting import clean_flags, report
+from physics.compile import compiled
+from physics.health import theta_and_slope, to_theta, to_zeta
+from physics.integrate import rk4, simulate
+from physics.simulator import Simulator
+
+N_HEALTH, N_NOISE = len(HEALTH), 3
+INNOVATION_CLIP_SD = 6.0
+STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3, 0.01, 1e-4, 0.05])
+"""Process noise of the plant's states per square root of a second, before ``state_walk``."""
+ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
+
+
+class Filter(NamedTuple):
+    """What one tick needs besides the equations."""
+
+    theta: Array  # (np,) the simulator's parameters
+    health: np.ndarray  # (5,) where the health parameters stand in theta
+    step: Array  # (nx,) finite-difference steps of the states
+    Q: Array  # (n, n) process noise of one tick, input noise apart
+    keep: Array  # (3,) AR(1) factors of the noise states
+    substeps: int
+
+
+@njit(cache=True, error_model="numpy")
+def _with_health(model, theta_health):  # type: ignore[no-untyped-def]
+    theta = model.theta.copy()
+    for i in range(model.health.size):
+        theta[model.health[i]] = theta_health[i]
+    return theta
+
+
+@njit(cache=True, error_model="numpy")
+def predict(rhs, model, z, P, u, u_sd, health, slope):  # type: ignore[no-untyped-def]
+    """One tick ahead: z (n,), P (n, n), inputs u (nu,) and their sd; health and d theta / d zeta (5,)."""
+    nx, n = model.step.size, z.size
+    theta = _with_health(model, health)
+    x = z[:nx].copy()
+    x_next = rk4(rhs, x, u, theta, SAMPLE_PERIOD_S, model.substeps)
+    F = np.zeros((n, n))
+    for j in range(nx):
+        moved = x.copy()
+        moved[j] += model.step[j]
+        F[:nx, j] = (rk4(rhs, moved, u, theta, SAMPLE_PERIOD_S, model.substeps) - x_next) / model.step[j]
+    for j in range(N_HEALTH - 1):  # the sensor's bias does not act on the machine
+        shifted = theta.copy()
+        size = 1e-3 * slope[j]
+        shifted[model.health[j]] += size
+        change = rk4(rhs, x, u, shifted, SAMPLE_PERIOD_S, model.substeps) - x_next
+        F[:nx, nx + j] = change / size * slope[j]
+    for j in range(N_HEALTH):
+        F[nx + j, nx + j] = 1.0
+    for j in range(N_NOISE):
+        F[nx + N_HEALTH + j, nx + N_HEALTH + j] = model.keep[j]
+    Q = model.Q.copy()
+    for j in range(u.size):
+        if u_sd[j] > 0.0:
+            moved_u = u.copy()
+            moved_u[j] += u_sd[j]
+            effect = rk4(rhs, x, moved_u, theta, SAMPLE_PERIOD_S, model.substeps) - x_next
+            for a in range(nx):
+                for b in range(nx):
+                    Q[a, b] += effect[a] * effect[b]
+    after = z.copy()
+    after[:nx] = x_next
+    for j in range(N_NOISE):
+        after[nx + N_HEALTH + j] *= model.keep[j]
+    return after, predict_covariance(P, F, Q)
+
+
+@njit(cache=True, error_model="numpy")
+def correct(output, model, z, P, u, measured, health, slope, white_sd, coloured_sd, clip):  # type: ignore[no-untyped-def]
+    """Correct by the outputs (3,), NaN where missing. Returns z, P, innovation, S, NIS."""
+    nx, n = model.step.size, z.size
+    theta = _with_health(model, health)
+    x = z[:nx].copy()
+    y = output(x, u, theta)
+    H = np.zeros((3, n))
+    for j in range(nx):
+        moved = x.copy()
+        moved[j] += model.step[j]
+        H[:, j] = (output(moved, u, theta) - y) / model.step[j]
+    bias = model.health[N_HEALTH - 1]
+    theta[bias] += 1.0
+    H[:, nx + N_HEALTH - 1] = (output(x, u, theta) - y) * slope[N_HEALTH - 1]
+    R = np.zeros((3, 3))
+    noise = nx + N_HEALTH
+    for i in range(3):
+        H[i, noise + i] = coloured_sd[i]
+        R[i, i] = white_sd[i] ** 2
+    innovation = measured - y
+    for i in range(3):
+        innovation[i] -= coloured_sd[i] * z[noise + i]
+    z, P, S, nis = update(z, P, innovation, H, R, clip)
+    return z, P, innovation, S, nis
+
+
+@njit(cache=True, error_model="numpy")
+def _tick(
+    rhs, output, model, z, P, started, u_before, u, u_sd, measured, health, slope, white, coloured, limit, info
+):  # type: ignore[no-untyped-def]
+    innovation, S, nis = info
+    nx = model.step.size
+    for b in range(z.shape[0]):
+        if started[b]:
+            z[b], P[b] = predict(rhs, model, z[b], P[b], u_before[b], u_sd[b], health[b], slope[b])
+        z[b], P[b], innovation[b], S[b], nis[b] = correct(
+            output, model, z[b], P[b], u[b], measured[b], health[b], slope[b],
+            white[b], coloured[b], INNOVATION_CLIP_SD,
+        )  # fmt: skip
+        z[b, 4] = max(z[b, 4], 0.05)
+        for j in range(limit.size):
+            z[b, nx + j] = min(max(z[b, nx + j], -limit[j]), limit[j])
+        started[b] = True
+
+
+class ModelEKF(Estimator):
+    """Base of the filters whose model is a Simulator; a subclass says which in ``machine``."""
+
+    settings: ClassVar[dict[str, Any]] = {
+        "capacity_walk": 4e-4,
+        "efficiency_walk": 4e-4,
+        "leakage_walk": 1.2e-4,
+        "heat_transfer_walk": 2e-3,
+        "T_bias_K_walk": 0.05,
+        "state_walk": 1.0,
+        "substeps": 2,
+    }
+    search_space: ClassVar[dict[str, tuple[float, float]]] = {
+        "capacity_walk": (1e-4, 2e-3),
+        "efficiency_walk": (1e-4, 2e-3),
+        "leakage_walk": (3e-5, 5e-4),
+        "heat_transfer_walk": (5e-4, 1e-2),
+        "T_bias_K_walk": (0.01, 0.2),
+        "state_walk": (0.1, 30.0),
+    }
+
+    def machine(self) -> Simulator:
+        """The model, after ``fit`` with what was calibrated."""
+        raise NotImplementedError
+
+    def fit(self, train: Batch, validation: Batch, seed: int) -> None:
+        """Nothing is learnt but the front end and where the states usually are."""
+        assert train.truth is not None
+        states = train.truth.states.reshape(-1, train.truth.states.shape[-1])[::50]
+        self.arrays |= {
+            **FrontEnd.fit(train).arrays(),
+            "prior.mean": states.mean(axis=0),
+            "prior.cov": np.cov(states.T),
+        }
+        self.restore()
+
+    def restore(self) -> None:
+        """Assemble the filter from settings and arrays."""
+        machine = self.machine()
+        self._machine = machine
+        self._front_end = FrontEnd.from_arrays(self.arrays)
+        nx = len(machine.states)
+        n = nx + N_HEALTH + N_NOISE
+        scale = np.array([v.scale for v in machine.states])
+        walk = np.array([self.config[f"{name}_walk"] for name in HEALTH])
+        slope = theta_and_slope(np.zeros(N_HEALTH))[1]
+        keep = coloured_keep()
+        Q = np.zeros(n)
+        Q[:nx] = (self.config["state_walk"] * STATE_WALK[:nx]) ** 2 * SAMPLE_PERIOD_S
+        Q[nx : nx + N_HEALTH] = (walk / slope) ** 2 * SAMPLE_PERIOD_S
+        Q[nx + N_HEALTH :] = 1.0 - keep**2
+        health = np.array([machine.index(name) for name in HEALTH])
+        self._model = Filter(machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, self.config["substeps"])
+
+    def init(self, batch: int) -> State:
+        """States as anywhere in the training split, a healthy machine."""
+        nx = len(self._model.step)
+        n = nx + N_HEALTH + N_NOISE
+        z = np.zeros((batch, n))
+        z[:, :nx] = self.arrays["prior.mean"]
+        P = np.zeros((batch, n, n))
+        P[:, :nx, :nx] = self.arrays["prior.cov"]
+        P[:, nx:, nx:] = np.eye(n - nx)
+        memory = (np.zeros(batch, np.bool_), np.zeros((batch, 4)), *self._front_end.init(batch))
+        return self._report(z, P, memory)
+
+    def step(self, state: State, sample: Sample) -> tuple[State, Info]:
+        """Predict by the model, correct by the outputs."""
+        z, P, started, u_before, *front = state.memory
+        after, clean = self._front_end.step(Memory(*front), sample.measured)
+        z, P, started = z.copy(), P.copy(), started.copy()
+        u, measured = clean.filled[:, :4].copy(), np.where(clean.accepted, clean.filled, np.nan)[:, 4:]
+        nx = len(self._model.step)
+        health, slope = theta_and_slope(z[:, nx : nx + N_HEALTH])
+        white, coloured = output_sd(clean.filled)
+        info = (np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z)))
+        equations = compiled(self._machine)
+        _tick(
+            equations.rhs, equations.output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
+            measured, health, slope, white, coloured, ZETA_LIMIT, info,
+        )  # fmt: skip
+        reported = self._report(z, P, (started, u, *after))
+        return reported, Info(*info, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
+
+    def forecast(self, state: State, inputs: Array) -> Array:
+        """Run the model on with the parameters frozen."""
+        z, _, _, u_before, *_ = state.memory
+        nx = len(self._model.step)
+        health = to_theta(z[:, nx : nx + N_HEALTH])
+        theta = np.tile(self._model.theta, (len(z), 1))
+        theta[:, self._model.health] = health
+        u = np.concatenate([u_before[:, None], inputs], axis=1)
+        _, y = simulate(self._machine, u, z[:, :nx], theta, SAMPLE_PERIOD_S, self.config["substeps"])
+        return y[:, 1:]
+
+    def _report(self, z: Array, P: Array, memory: tuple[np.ndarray, ...]) -> State:
+        nx = len(self._model.step)
+        keep = np.r_[0 : len(STATES), nx : nx + N_HEALTH]
+        return report(z, P, keep, (z, P, *memory))
+
+

@@ -1,0 +1,20 @@
+"""The oracle: an extended Kalman filter that knows the exact plant and the exact noise. The floor."""
+
+from __future__ import annotations
+
+from baselines.model_ekf import ModelEKF
+from methods.estimator import register
+from physics.compressor import PLANT
+from physics.simulator import Simulator
+
+
+@register
+class Oracle(ModelEKF):
+    """How good a random-walk filter can be on this plant."""
+
+    name = "oracle"
+    says = "extended Kalman filter with the exact plant and noise (the floor)"
+
+    def machine(self) -> Simulator:
+        """The plant itself."""
+        return PLANT

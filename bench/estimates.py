@@ -1,0 +1,63 @@
+"""What a cell of the benchmark stores: one estimator's estimates over the sequences of one split."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Estimates and intervals, no scores: nothing in here has seen the truth.
+
+    B sequences, M stored ticks (every ``stride``-th of the recording), O forecast origins, L leads.
+
+    Attributes:
+        names: B sequence names.
+        time_s: (M,) stored ticks, seconds.
+        mean: (B, M, 10) float32, order ESTIMATED, physical units.
+        low, high: (B, M, 10) float32, bounds of the central 95 %.
+        nis: (B, M) float32, normalised innovation squared over the accepted channels; NaN if none.
+        nis_dof: (B, M) int8, accepted channels.
+        flags: (B, M) int16, bitwise or of the FLAG_ constants.
+        forecast_time_s: (O,) origins, one a minute.
+        leads_s: (L,) seconds.
+        forecast: (B, O, L, 3), order OUTPUTS: the sensors' noise-free readings predicted open loop.
+        mean_at_origin: (B, O, 10) float64.
+        cov_at_origin: (B, O, 10, 10) float64, physical units.
+    """
+
+    estimator: str
+    seed: int
+    names: tuple[str, ...]
+    time_s: NDArray[np.float64]
+    mean: NDArray[np.float32]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    nis: NDArray[np.float32]
+    nis_dof: NDArray[np.int8]
+    flags: NDArray[np.int16]
+    forecast_time_s: NDArray[np.float64]
+    leads_s: NDArray[np.float64]
+    forecast: NDArray[np.float64]
+    mean_at_origin: NDArray[np.float64]
+    cov_at_origin: NDArray[np.float64]
+
+    def save(self, path: Path) -> None:
+        """Write one ``.npz``, without pickle."""
+        about = json.dumps({"estimator": self.estimator, "seed": self.seed, "names": self.names})
+        arrays = {f.name: getattr(self, f.name) for f in fields(self)[3:]}
+        with open(path, "wb") as file:
+            np.savez(file, allow_pickle=False, about=np.frombuffer(about.encode(), dtype=np.uint8), **arrays)
+
+    @classmethod
+    def load(cls, path: Path) -> Estimates:
+        """Read what ``save`` wrote."""
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        about = json.loads(arrays.pop("about").tobytes())
+        return cls(about["estimator"], about["seed"], tuple(about["names"]), **arrays)

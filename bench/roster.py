@@ -1,0 +1,52 @@
+"""How estimators and quantities are ordered and called in every table, figure and report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+FLOOR = "oracle"
+"""The estimator that knows the exact plant: what all others are measured against."""
+PROPOSED = "deeponet_kalman"
+
+LABELS = {
+    "oracle": "Oracle (floor)",
+    "nominal_ekf": "Nominal EKF",
+    "nominal_ekf_mended": "Nominal EKF, mended",
+    "gru_kf": "GRU + KF",
+    "lstm_rls": "LSTM + RLS",
+    "deeponet": "DeepONet",
+    "pinn_ukf": "PINN + UKF",
+    "deeponet_kalman": "DeepONet-Kalman",
+}
+"""Printed name of each estimator of the benchmark, in the one order that is used throughout."""
+
+QUANTITIES = {
+    "p_int_bar": ("intake pressure", "bar"),
+    "p_exh_bar": ("exhaust pressure", "bar"),
+    "T_gas_K": ("gas temperature", "K"),
+    "T_wall_K": ("wall temperature", "K"),
+    "flow_memory": ("flow memory", "1"),
+    "capacity": ("capacity", "1"),
+    "efficiency": ("efficiency", "1"),
+    "leakage": ("leakage", "1"),
+    "heat_transfer": ("heat transfer", "1"),
+    "T_bias_K": ("temperature bias", "K"),
+}
+"""Printed name and unit of each of the ten estimated quantities."""
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """The benchmark's estimators in their order, then any others by name."""
+    present = set(names)
+    return [n for n in LABELS if n in present] + sorted(present - set(LABELS))
+
+
+def label(name: str) -> str:
+    """How an estimator is printed; one that the benchmark does not know keeps its name."""
+    return LABELS.get(name, name)
+
+
+def axis_label(quantity: str) -> str:
+    """``temperature bias, K``; a dash stands for no unit."""
+    text, unit = QUANTITIES[quantity]
+    return f"{text}, {'–' if unit == '1' else unit}"

@@ -1,0 +1,156 @@
+"""One readable table, written as CSV, Markdown, LaTeX, HTML cells or plain text for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import pandas as pd
+
+
+class Cell(NamedTuple):
+    """What one cell says: the number, and in smaller type its interval and its multiple of the floor."""
+
+    text: str
+    interval: str = ""
+    times: str = ""
+    best: bool = False
+
+    def line(self, best: str = "{}") -> str:
+        """All of it on one line; the best of a column has its number set in ``best``."""
+        text = best.format(self.text) if self.best else self.text
+        return " ".join(part for part in (text, self.interval and f"[{self.interval}]", self.times) if part)
+
+
+class Column(NamedTuple):
+    """Head of a column: a short name with its unit, and the group of columns that it belongs to."""
+
+    head: str
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table for people, and the full numbers behind it.
+
+    Attributes:
+        frame: the full numbers, one row per row of ``rows``; what the CSV holds.
+        columns: heads of the readable columns, the row labels' first.
+        rows: readable cells, as many as columns.
+        notes: definitions and reservations, printed below.
+    """
+
+    name: str
+    title: str
+    frame: pd.DataFrame
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+
+def number(value: float) -> str:
+    """Three significant digits, no exponent; a dash where there is no number."""
+    if not math.isfinite(value):
+        return "–"
+    if value == 0.0:
+        return "0"
+    # Rounding first: 9.996 has two digits before the point once it is printed.
+    rounded = float(f"{value:.3g}")
+    decimals = max(2 - math.floor(math.log10(abs(rounded))), 0)
+    return f"{rounded:,.{min(decimals, 6)}f}"
+
+
+def to_csv(table: Table) -> str:
+    """The full numbers, shortest text that gives the same float back."""
+    return table.frame.to_csv(index=False, lineterminator="\n")
+
+
+def to_markdown(table: Table) -> str:
+    """GitHub's tables; the best of each column in bold."""
+    lines = [f"## {table.title}", "", _markdown_row([_head(c) for c in table.columns])]
+    lines.append(_markdown_row(["---"] + ["---:"] * (len(table.columns) - 1)))
+    for row in table.rows:
+        lines.append(_markdown_row([cell.line(best="**{}**") for cell in row]))
+    return "\n".join([*lines, "", *(f"- {note}" for note in table.notes)]) + "\n"
+
+
+def to_tex(table: Table) -> str:
+    """A booktabs tabular with the notes below it; needs ``\\usepackage{booktabs}``."""
+    body = [" & ".join(_tex(_head(c)) for c in table.columns) + r" \\", r"\midrule"]
+    for row in table.rows:
+        escaped = [Cell(_tex(c.text), _tex(c.interval), _tex(c.times), c.best) for c in row]
+        body.append(" & ".join(cell.line(best=r"\textbf{{{}}}") for cell in escaped) + r" \\")
+    return "\n".join([
+        f"% {table.title}",
+        rf"\begin{{tabular}}{{l{'r' * (len(table.columns) - 1)}}}", r"\toprule", *body, r"\bottomrule",
+        r"\end{tabular}", "", *(rf"\par\footnotesize {_tex(note)}" for note in table.notes), "",
+    ])  # fmt: skip
+
+
+def to_text(table: Table, width: int = 80) -> str:
+    """Plain text for a terminal: blocks of columns that fit, each cell over two lines, then the notes."""
+    first = max(len(cell.text) for cell in [*(row[0] for row in table.rows), Cell(table.columns[0].head)])
+    blocks: list[list[int]] = []
+    room = 0
+    for index in range(1, len(table.columns)):
+        needed = _cell_width(table, index) + 2
+        if not blocks or needed > room:
+            blocks.append([])
+            room = width - first
+        blocks[-1].append(index)
+        room -= needed
+    lines = [table.title]
+    for block in blocks:
+        lines += ["", *_text_block(table, first, block)]
+    return "\n".join([*lines, "", *_wrapped(table.notes, width)]) + "\n"
+
+
+def _text_block(table: Table, first: int, block: Sequence[int]) -> list[str]:
+    widths = {i: _cell_width(table, i) + 2 for i in block}
+    lines = ["".ljust(first) + "".join(table.columns[i].group.rjust(widths[i]) for i in block).rstrip()]
+    lines.append(table.columns[0].head.ljust(first) + "".join(table.columns[i].head.rjust(widths[i]) for i in block))
+    lines.append("─" * len(lines[-1]))
+    for row in table.rows:
+        lines.append(row[0].text.ljust(first) + "".join(_upper(row[i]).rjust(widths[i]) for i in block))
+        if any(row[i].interval for i in block):
+            lines.append("".ljust(first) + "".join(row[i].interval.rjust(widths[i]) for i in block).rstrip())
+    return [line for line in lines if line]
+
+
+def _cell_width(table: Table, index: int) -> int:
+    column = table.columns[index]
+    texts = [column.head, column.group]
+    for row in table.rows:
+        texts += [_upper(row[index]), row[index].interval]
+    return max(len(text) for text in texts)
+
+
+def _upper(cell: Cell) -> str:
+    return f"{cell.text} {cell.times}".strip()
+
+
+def _wrapped(notes: Sequence[str], width: int) -> list[str]:
+    from textwrap import wrap
+
+    return [line for note in notes for line in wrap(note, width, initial_indent="- ", subsequent_indent="  ")]
+
+
+def _head(column: Column) -> str:
+    return f"{column.group}: {column.head}" if column.group else column.head
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+
+
+_TEX = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "×": r"$\times$", "–": "--", "−": "$-$", "µ": r"$\mu$",
+    "°": r"$^\circ$", "±": r"$\pm$", "<": "$<$", ">": "$>$", "≤": r"$\le$", "≥": r"$\ge$",
+}  # fmt: skip
+
+
+def _tex(text: str) -> str:
+    return "".join(_TEX.get(character, character) for character in text)

@@ -1,0 +1,206 @@
+"""The benchmark's tables: comparison, parameters, coverage, regimes, latency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from bench.coverage import REGIMES
+from bench.roster import FLOOR, QUANTITIES, label, ordered
+from bench.scores import DEFINITIONS, IDEAL
+from bench.summary import FORECAST, PARAMETERS, Summary, Value
+from bench.table_formats import Cell, Column, Table, number
+from data.batch import ESTIMATED, HEALTH
+
+
+class Measure(NamedTuple):
+    """One metric of scores.csv as a column."""
+
+    metric: str
+    head: str
+    group: str = ""
+
+
+COMPARED = (
+    Measure("p_nrmse_pct", "p", "filtered, %"),
+    Measure("T_nrmse_pct", "T", "filtered, %"),
+    Measure("m_nrmse_pct", "m", "filtered, %"),
+    Measure("p_open60_pct", "p", "60 s ahead, %"),
+    Measure("T_open60_pct", "T", "60 s ahead, %"),
+    Measure("m_open60_pct", "m", "60 s ahead, %"),
+    Measure("parameter_error_pct", "mean", "parameters, %"),
+    Measure("parameter_median_pct", "median", "parameters, %"),
+    Measure("parameter_p90_pct", "p90", "parameters, %"),
+    Measure("coverage95_pct", "inside, %", "95 % interval"),
+    Measure("nis_ratio", "ratio", "NIS"),
+)
+TRACKED = (
+    *(Measure(f"{h}_error_pct", QUANTITIES[h][0], "error, %") for h in HEALTH[:4]),
+    Measure("T_bias_error_K", "T bias", "error, K"),
+    *(Measure(f"{h}_range_pct", QUANTITIES[h][0], "% of range") for h in HEALTH[:4]),
+    Measure("T_bias_K_range_pct", "T bias", "% of range"),
+    Measure("parameter_range_pct", "mean of five", "% of range"),
+    Measure("parameter_terminal_pct", "last 60 s", "error, %"),
+    Measure("delay_s", "delay", "s"),
+    Measure("recovery_s", "recovery", "s"),
+)
+COVERED = (
+    *(Measure(f"coverage_{q}_pct", QUANTITIES[q][0], "inside, %") for q in ESTIMATED),
+    Measure("coverage95_pct", "mean of ten", "inside, %"),
+    Measure("nis_inside_pct", "NIS", "inside, %"),
+    Measure("nis_ratio", "NIS", "ratio"),
+    Measure("nees_ratio", "NEES", "ratio"),
+)
+INTERVALS = (
+    "In brackets the 95 % interval of the mean over test sequences: bootstrap over whole sequences, seeds averaged "
+    "inside each first. × is the multiple of the floor: the oracle, which knows the exact plant. The best of each "
+    "column, the oracle apart, is marked."
+)
+RANK = (
+    "Rank: mean over the sequences, 1 is best, the oracle left out; by parameter error, and by the mean of the three "
+    "60 s errors."
+)
+LATENCY = "Latency: median time of one online update of one machine."
+
+
+def build_tables(summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame) -> list[Table]:
+    """All tables of a run.
+
+    Args:
+        regimes: what ``bench.coverage.coverage_table`` returns.
+        latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us.
+    """
+    return [
+        comparison(summary, latency),
+        _measured("parameters", "Health parameters", TRACKED, summary),
+        _measured("coverage", "Coverage of the 95 % intervals, and consistency", COVERED, summary),
+        regime_table(regimes),
+        latency_table(latency),
+    ]
+
+
+def comparison(summary: Summary, latency: pd.DataFrame) -> Table:
+    """The main table: state, forecast and parameter errors, honesty, rank and speed of every estimator."""
+    table = _measured("comparison", "Comparison on the test sequences", COMPARED, summary)
+    ranks = {q: dict(zip(r.estimators, map(float, r.mean_ranks), strict=True)) for q, r in summary.rankings.items()}
+    table = _with_column(table, summary, "mean_rank_parameters", Column("param.", "rank"), ranks.get(PARAMETERS, {}))
+    table = _with_column(table, summary, "mean_rank_forecast", Column("60 s", "rank"), ranks.get(FORECAST, {}))
+    table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), online_latency_us(latency))
+    return replace(table, notes=(*summary.notes, *table.notes, RANK, LATENCY))
+
+
+def _with_column(table: Table, summary: Summary, key: str, column: Column, values: Mapping[str, float]) -> Table:
+    """The table with one more column, of which less is better."""
+    numbers = [values.get(e, np.nan) for e in summary.estimators]
+    best = min((values[e] for e in values if e != FLOOR), default=np.nan)
+    cells = [
+        Cell(number(value), best=value == best and e != FLOOR)
+        for e, value in zip(summary.estimators, numbers, strict=True)
+    ]
+    return replace(
+        table,
+        frame=table.frame.assign(**{key: numbers}),
+        columns=(*table.columns, column),
+        rows=tuple((*row, cell) for row, cell in zip(table.rows, cells, strict=True)),
+    )
+
+
+def online_latency_us(latency: pd.DataFrame) -> dict[str, float]:
+    """Median time of one online update per estimator: of its fastest implementation where it has several."""
+    online = latency[latency["mode"] == "online"]
+    return {str(k): float(v) for k, v in online.groupby("estimator")["p50_us"].min().items()}
+
+
+def regime_table(regimes: pd.DataFrame) -> Table:
+    """Coverage of the ten quantities' mean in each operating regime."""
+    mean = regimes[regimes["quantity"] == "mean"]
+    values = {
+        (name, regime): Value(*numbers)
+        for name, regime, *numbers in mean[["estimator", "regime", "coverage_pct", "low", "high"]].to_numpy()
+    }
+    shown = [regime for regime in REGIMES if regime in set(mean["regime"])]
+    rows = [
+        (Cell(label(name)), *(_cell(values.get((name, regime), Value())) for regime in shown))
+        for name in ordered(mean["estimator"].unique())
+    ]
+    columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
+    notes = [f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown]
+    title = "Coverage of the 95 % intervals by regime, % (mean of the ten quantities; 95 is right)"
+    return Table("regimes", title, regimes.reset_index(drop=True), columns, tuple(rows), tuple(notes))
+
+
+def latency_table(latency: pd.DataFrame) -> Table:
+    """Percentiles of the time of one update."""
+    names = ordered(latency["estimator"].unique())
+    place = {name: i for i, name in enumerate(names)}
+    frame = latency.assign(place=latency["estimator"].map(place))
+    frame = frame.sort_values(["place", "mode", "implementation", "window"]).drop(columns="place")
+    times = [c for c in frame.columns if c.endswith("_us")]
+    about = [c for c in ("mode", "implementation", "window") if c in frame.columns]
+    columns = (
+        Column("estimator"), *(Column(c) for c in about),
+        *(Column(c.removesuffix("_us"), "µs") for c in times),
+    )  # fmt: skip
+    rows = tuple(
+        (Cell(label(row["estimator"])), *(Cell(str(row[c])) for c in about), *(Cell(number(row[c])) for c in times))
+        for row in frame.to_dict("records")
+    )
+    notes = (
+        "One update of one machine, measured alone on the machine; budget at 20 Hz: 50,000 µs."
+        if len(rows) else "No latency was measured in this run.",
+    )  # fmt: skip
+    return Table("latency", "Time of one update", frame.reset_index(drop=True), columns, rows, notes)
+
+
+def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:
+    """Rows: the estimators. Columns: metrics with interval and multiple of the floor."""
+    best = {m.metric: _best(m.metric, summary) for m in measures}
+    rows = tuple(
+        (Cell(label(e)), *(_metric_cell(summary, e, m.metric, best[m.metric]) for m in measures))
+        for e in summary.estimators
+    )
+    frame = pd.DataFrame({"estimator": summary.estimators})
+    for m in measures:
+        for column in Value._fields:
+            key = m.metric if column == "mean" else f"{m.metric}_{column}"
+            frame[key] = [getattr(summary.value(e, m.metric), column) for e in summary.estimators]
+    frame["failed"] = [summary.failures.get(e, "") for e in summary.estimators]
+    columns = (Column("estimator"), *(Column(m.head, m.group) for m in measures))
+    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, (INTERVALS, *_definitions(measures)))
+
+
+def _best(metric: str, summary: Summary) -> str | None:
+    """Whose mean comes nearest to the ideal, the floor apart."""
+    off = {e: abs(summary.value(e, metric).mean - IDEAL.get(metric, 0.0)) for e in summary.estimators if e != FLOOR}
+    off = {e: distance for e, distance in off.items() if np.isfinite(distance)}
+    return min(off, key=lambda e: off[e]) if len(off) > 1 else None
+
+
+def _metric_cell(summary: Summary, estimator: str, metric: str, best: str | None) -> Cell:
+    value = summary.value(estimator, metric)
+    if not np.isfinite(value.mean):
+        return Cell("failed" if estimator in summary.failures else "–")
+    return _cell(value, estimator == best)
+
+
+def _cell(value: Value, best: bool = False) -> Cell:
+    interval = f"{number(value.low)}, {number(value.high)}" if np.isfinite(value.low) else ""
+    return Cell(number(value.mean), interval, f"×{number(value.times)}" if np.isfinite(value.times) else "", best)
+
+
+def _definitions(measures: Sequence[Measure]) -> list[str]:
+    """One line per metric; that of the mean coverage stands for the ten quantities'."""
+    return [
+        f"{m.group} {m.head}: {DEFINITIONS[m.metric]}".strip()
+        for m in measures
+        if not m.metric.startswith("coverage_")
+    ]
+
+
+def _regime_column(regime: str) -> Column:
+    group, _, head = regime.partition("_")
+    return Column(head or group, group if head else "")

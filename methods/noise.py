@@ -1,0 +1,34 @@
+"""What every filter is told of the sensors: their data sheet, at the present readings."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
+from physics.sensors import INPUT_NOISE, OUTPUT_NOISE, SensorNoise, speed_factor
+
+
+def _sizes(filled: Array, noises: tuple[SensorNoise, ...]) -> Array:
+    """What the relative figures of the data sheet refer to, (B, len(noises))."""
+    h = speed_factor(filled[:, CHANNELS.index("N_rpm")])
+    columns = []
+    for noise in noises:
+        reading = np.abs(filled[:, CHANNELS.index(noise.channel)]) if noise.relative else np.ones(len(filled))
+        columns.append(reading * h if noise.with_speed else reading)
+    return np.stack(columns, axis=-1)
+
+
+def output_sd(filled: Array) -> tuple[Array, Array]:
+    """White and coloured sd (B, 3) of the outputs, from readings (B, 7)."""
+    size = _sizes(filled, OUTPUT_NOISE)
+    return size * [s.white for s in OUTPUT_NOISE], size * [s.coloured for s in OUTPUT_NOISE]
+
+
+def input_sd(filled: Array) -> Array:
+    """sd (B, 4) of the inputs, from readings (B, 7)."""
+    return _sizes(filled, INPUT_NOISE) * [s.white for s in INPUT_NOISE]
+
+
+def coloured_keep() -> Array:
+    """AR(1) factors (3,) of the outputs' coloured noise from tick to tick."""
+    return np.exp(-SAMPLE_PERIOD_S / np.array([s.tau_s for s in OUTPUT_NOISE]))
