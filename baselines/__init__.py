@@ -1,0 +1,3 @@
+"""The opponents, and the oracle."""
+
+import physics as _physics  # noqa: F401  settles where compiled code is kept

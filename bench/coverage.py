@@ -113,7 +113,7 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
     cell = ["estimator", "regime", "sequence"]
     wide = rows.pivot(index=[*cell, "seed", "ticks"], columns="quantity", values="inside_pct")
     wide = wide[list(ESTIMATED)].assign(mean=wide.mean(axis=1, skipna=False)).reset_index("ticks")
-    by_sequence = wide.groupby(level=cell).mean(skipna=False)
+    by_sequence = wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
     table = []
     for estimator, regime in product(ordered(rows["estimator"].unique()), REGIMES):
         group = by_sequence.query("estimator == @estimator and regime == @regime")

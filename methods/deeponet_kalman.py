@@ -27,6 +27,7 @@ class DeepONetKalman(Estimator):
 
     name = "deeponet_kalman"
     says = "operator network inside an augmented Kalman filter (the proposed method)"
+    window = 64
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 12000,
         "windows": 384,

@@ -68,6 +68,12 @@ class Estimator(ABC):
     settings: ClassVar[Mapping[str, Any]] = {}
     search_space: ClassVar[Mapping[str, tuple[float, float]]] = {}
     ablations: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    contract_settings: ClassVar[Mapping[str, Any]] = {}
+    """Settings that make ``fit`` quick enough for the contract battery."""
+    implementations: ClassVar[tuple[str, ...]] = ("compiled",)
+    """Forms of ``step`` that latency compares; more than one needs a setting ``implementation``."""
+    window: ClassVar[int] = 1
+    """Samples of history that one update looks at."""
 
     def __init__(self, **settings: Any) -> None:
         unknown = sorted(set(settings) - set(self.settings))

@@ -131,28 +131,28 @@ def empty_stream(weights: Weights, batch: int) -> Stream:
     return Stream(np.zeros(batch, np.int64), *parts)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _silu(v):  # type: ignore[no-untyped-def]
     return v / (np.float32(1.0) + np.exp(-v))
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _sigmoid(v):  # type: ignore[no-untyped-def]
     return np.float32(1.0) / (np.float32(1.0) + np.exp(-v))
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _normalise(v):  # type: ignore[no-untyped-def]
     return v / np.sqrt(np.mean(v * v) + np.float32(1e-6))
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _shift(buffer, newest):  # type: ignore[no-untyped-def]
     buffer[:-1] = buffer[1:]
     buffer[-1] = newest
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type: ignore[no-untyped-def]
     """Append one standardised sample and compute the newest column of each block."""
     column = np.empty(N_COLUMNS, np.float32)
@@ -177,7 +177,7 @@ def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type:
     scores[-1] = np.dot(w.score, gated)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, mask, query):  # type: ignore[no-untyped-def]
     """One tick of one machine, in place: window, convolutions, latent, first layer of the heads.
 
@@ -226,7 +226,7 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     base[:] = np.dot(w.from_latent, branch * trunk(w, query, SAMPLE_PERIOD_S)) + w.from_latent_bias
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def trunk(w, query, time_s):  # type: ignore[no-untyped-def]
     """Trunk features of one standardised query (5,) at ``time_s``."""
     query = np.minimum(np.maximum(query, -LIMIT), LIMIT).astype(np.float32)
@@ -245,7 +245,7 @@ def trunk(w, query, time_s):  # type: ignore[no-untyped-def]
     return _normalise(np.dot(w.trunk_project, hidden) + w.trunk_project_bias)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def heads(w, base, condition):  # type: ignore[no-untyped-def]
     """Scaled increments (5,) of one machine; no sensitivities."""
     width = w.hidden.shape[1]
@@ -259,7 +259,7 @@ def heads(w, base, condition):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, error_model="numpy")
 def heads_with_jacobian(w, base, condition):  # type: ignore[no-untyped-def]
     """Scaled increments (5,) and their Jacobian (5, 9) to state and zeta, Eq. (5)."""
     width = w.hidden.shape[1]

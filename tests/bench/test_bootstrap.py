@@ -133,7 +133,8 @@ def test_a_floor_of_zero_gives_infinity_not_a_warning():
 def test_one_sequence_has_a_mean_but_no_interval():
     row = means(table({"a": np.array([2.0])})).iloc[0]
     assert row["mean"] == 2.0
-    assert np.isnan(row["low"]) and np.isnan(row["high"])
+    assert np.isnan(row["low"])
+    assert np.isnan(row["high"])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -160,7 +161,8 @@ def test_an_estimator_without_a_single_score_still_appears():
     good = long_table({"oracle": np.ones(3)})
     scores = sequence_scores(good, "error_pct", failed={"gru_kf": "fit ran out of memory"})
     row = means(scores).set_index("estimator").loc["gru_kf"]
-    assert np.isnan(row["mean"]) and row["n_sequences"] == 0
+    assert np.isnan(row["mean"])
+    assert row["n_sequences"] == 0
     assert row["reason"] == "fit ran out of memory"
 
 

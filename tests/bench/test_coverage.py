@@ -161,7 +161,8 @@ def test_table_of_ten_runs_tells_the_exact_from_the_overconfident():
     assert everywhere.loc["exact", "low"] < 95 < everywhere.loc["exact", "high"]
     assert everywhere.loc["overconfident", "high"] < everywhere.loc["overconfident", "expected_low"] < 95
     assert (table["expected_pct"] == 95).all()
-    assert (table["low"] <= table["coverage_pct"]).all() and (table["coverage_pct"] <= table["high"]).all()
+    assert (table["low"] <= table["coverage_pct"]).all()
+    assert (table["coverage_pct"] <= table["high"]).all()
 
 
 def test_table_agrees_with_the_scores():
@@ -199,14 +200,16 @@ def test_table_averages_seeds_and_weighs_sequences_by_their_samples():
     table = coverage_table(rows)
     np.testing.assert_allclose(table["coverage_pct"], (90 * 100 + 60 * 300) / 400)
     assert (table["n_sequences"] == 2).all()
-    assert len(table) == 11 and table["quantity"].iloc[-1] == "mean"
+    assert len(table) == 11
+    assert table["quantity"].iloc[-1] == "mean"
 
 
 def test_interval_of_the_table_weighs_sequences_by_their_samples_too():
     """Nine sequences hardly enter the regime: most resamples hold the tenth, and then it decides alone."""
     rows = rows_of([("a", 0, f"s{i}", 0.0, 1) for i in range(9)] + [("a", 0, "s9", 100.0, 10_000)])
     table = coverage_table(rows)
-    assert (table["high"] > 99.9).all() and (table["low"] == 0.0).all()
+    assert (table["high"] > 99.9).all()
+    assert (table["low"] == 0.0).all()
 
 
 def test_table_never_hides_a_failure():
@@ -220,9 +223,21 @@ def test_table_never_hides_a_failure():
     )
     table = coverage_table(rows, failed={"c": "diverged", "b": "seed 1: out of memory"})
     a, b, c = (table[table["estimator"] == name] for name in "abc")
-    assert a["coverage_pct"].isna().all() and (a["reason"] == "no finite interval in s0").all()
-    assert (b["coverage_pct"] == 95.0).all() and (b["reason"] == "seed 1: out of memory").all()
-    assert len(c) == 1 and np.isnan(c["coverage_pct"].iloc[0]) and c["reason"].iloc[0] == "diverged"
+    assert a["coverage_pct"].isna().all()
+    assert (a["reason"] == "no finite interval in s0").all()
+    assert (b["coverage_pct"] == 95.0).all()
+    assert (b["reason"] == "seed 1: out of memory").all()
+    assert len(c) == 1
+    assert np.isnan(c["coverage_pct"].iloc[0])
+    assert c["reason"].iloc[0] == "diverged"
+
+
+def test_one_quantity_without_an_interval_in_one_seed_is_no_mean_either():
+    rows = rows_of([("a", seed, s, 90.0, 100) for seed in (0, 1) for s in ("s0", "s1")])
+    rows.loc[0, "inside_pct"] = np.nan  # p_int_bar, seed 0, s0
+    table = coverage_table(rows).set_index("quantity")
+    assert table.index[table["coverage_pct"].isna()].tolist() == ["p_int_bar", "mean"]
+    assert table.loc["mean", "reason"] == "no finite interval in s0"
 
 
 @pytest.mark.parametrize("n", [5, 10, 200])
@@ -256,13 +271,12 @@ def test_regimes_divide_the_samples(seed):
     assert list(masks) == list(REGIMES)
     for parts in (("speed_low", "speed_middle", "speed_high"), ("ratio_low", "ratio_middle", "ratio_high")):
         counts = [masks[part].sum() for part in parts]
-        assert max(counts) - min(counts) <= 1 and sum(counts) == 180
+        assert max(counts) - min(counts) <= 1
+        assert sum(counts) == 180
     health = np.stack([masks[f"health_{when}"] for when in ("before", "during", "after")])
     assert (health.sum(axis=0) == 1).all()
-    assert (
-        masks["speed_low"].sum()
-        and inputs[masks["speed_low"]][:, 2].max() <= inputs[masks["speed_high"]][:, 2].min()
-    )
+    assert masks["speed_low"].sum()
+    assert inputs[masks["speed_low"]][:, 2].max() <= inputs[masks["speed_high"]][:, 2].min()
 
 
 def test_regimes_follow_the_change_of_health():
@@ -295,7 +309,9 @@ def test_rows_say_how_many_samples_a_regime_has_and_skip_empty_ones():
     assert rows.loc[("step", "health_after", "T_bias_K"), "inside_pct"] == 100.0
     assert rows.loc[("step", "health_before", "T_bias_K"), "ticks"] == 100
     present = {(s, r) for s, r, _ in rows.index}
-    assert ("calm", "health_before") in present and ("calm", "health_during") not in present
-    assert ("calm", "speed_low") not in present and ("step", "speed_low") in present
+    assert ("calm", "health_before") in present
+    assert ("calm", "health_during") not in present
+    assert ("calm", "speed_low") not in present
+    assert ("step", "speed_low") in present
     # The bias alone is missed.
     assert rows.loc[("step", "health_during", "capacity"), "inside_pct"] == 100.0

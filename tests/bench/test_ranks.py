@@ -151,7 +151,8 @@ def test_ranks_of_each_sequence_sum_to_the_same_and_come_best_first(values):
     assert (ranking.pairs["rank_gap"] >= 0).all()
     # Bars are runs of neighbours, none inside another.
     spans = [(ranking.estimators.index(bar[0]), ranking.estimators.index(bar[-1])) for bar in ranking.cliques]
-    assert spans == sorted(set(spans)) and all(low < high for low, high in spans)
+    assert spans == sorted(set(spans))
+    assert all(low < high for low, high in spans)
     assert all(a[1] < b[1] for a, b in pairwise(spans))
 
 
@@ -173,8 +174,14 @@ def test_without_a_friedman_difference_all_are_one_clique():
 
 
 def test_nothing_is_located_where_friedman_finds_nothing():
-    """Five estimators whose extreme mean ranks are further apart than the critical difference, yet p = .066."""
-    ranks = [[5, 5, 5, 3, 4, 5], [4, 1, 2, 5, 3, 2], [3, 2, 1, 2, 2, 1], [2, 4, 3, 1, 5, 3], [1, 3, 4, 4, 1, 4]]
+    """The extreme mean ranks are further apart than the critical difference, yet Friedman's p is .066."""
+    ranks = [
+        [5, 5, 5, 3, 4, 5],
+        [4, 1, 2, 5, 3, 2],
+        [3, 2, 1, 2, 2, 1],
+        [2, 4, 3, 1, 5, 3],
+        [1, 3, 4, 4, 1, 4],
+    ]
     ranking = rank(table(np.array(ranks, dtype=float)))
     assert np.ptp(ranking.mean_ranks) > ranking.critical_difference
     assert ranking.cliques == (ranking.estimators,)
@@ -212,7 +219,8 @@ def test_a_failed_score_drops_its_estimator_with_the_reason_and_spares_the_rest(
     assert "e is not ranked: diverged." in ranking.notes
     without = rank(sequence_scores(frame[frame["estimator"] != "b"], "p_nrmse_pct"))
     assert ranking.estimators == without.estimators
-    assert ranking.friedman_p == without.friedman_p and np.isfinite(ranking.friedman_p)
+    assert ranking.friedman_p == without.friedman_p
+    assert np.isfinite(ranking.friedman_p)
 
 
 def test_too_little_to_rank_is_refused_with_the_reasons():
@@ -224,7 +232,8 @@ def test_too_little_to_rank_is_refused_with_the_reasons():
 def test_two_estimators_have_a_wilcoxon_but_no_friedman():
     ranking = rank(table(gamma(2, 8, 0)))
     assert np.isnan(ranking.friedman_p)
-    assert len(ranking.pairs) == 1 and np.isfinite(ranking.pairs["wilcoxon_p"][0])
+    assert len(ranking.pairs) == 1
+    assert np.isfinite(ranking.pairs["wilcoxon_p"][0])
 
 
 @pytest.mark.parametrize(("n", "level"), [(10, 0.05), (10, 0.05 / 21), (5, 0.01), (40, 0.05)])

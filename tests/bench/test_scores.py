@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from bench.estimates import Estimates
 from bench.scores import DEFINITIONS, IDEAL, parameter_error_series, score
+from bench.tracking import health_change
 from data.batch import ESTIMATED, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
 
 N = 12_001  # ten minutes
@@ -144,6 +145,10 @@ def test_a_forecast_past_the_end_is_not_judged_but_a_missing_one_is():
     at = TRUTH.truth.estimated[:, np.rint(late.forecast_time_s / SAMPLE_PERIOD_S).astype(int)]
     late = replace(late, forecast=forecast, mean_at_origin=at)
     assert scores(late)["p_open60_pct"].to_numpy() == pytest.approx(0.0)
+    last = np.flatnonzero(rows[:, 2] < N)[-1]
+    forecast[1, last, 2, 0] += 0.3  # the last that can be judged is
+    base = np.sqrt(last + 1) * TRUTH.truth.outputs[1, :, 0].mean()
+    assert scores(late).loc["calm", "p_open60_pct"] == pytest.approx(30.0 / base)
     forecast[0, 0, 2, 0] = np.nan
     table = scores(replace(late, forecast=forecast))
     assert np.isnan(table.loc["ramp", "p_open60_pct"])
@@ -247,6 +252,17 @@ def test_a_step_is_followed_too():
     assert table["recovery_s"] == pytest.approx(40.0)
 
 
+def test_the_parameter_that_changes_is_the_one_that_moved_most_of_its_range():
+    health = np.tile(np.array([1.0, 1.0, 0.015, 1.0, 0.0]), (601, 1))
+    health[200:, 0] -= 0.05  # 42 % of its range
+    health[300:, 2] += 0.03  # less, but 81 %
+    health[100:, 3] += 0.002  # less than 1 %: no change
+    change = health_change(np.arange(601.0), health)
+    assert HEALTH[change.parameter] == "leakage"
+    assert (change.start_s, change.end_s, change.size) == (200.0, 300.0, pytest.approx(0.03))
+    assert health_change(np.arange(601.0), np.tile(health[0], (601, 1))) is None
+
+
 def test_coverage_counts_samples():
     estimates = perfect()
     mean, low, high = estimates.mean, estimates.low.copy(), estimates.high.copy()
@@ -287,10 +303,12 @@ def test_nees_needs_no_common_scale_and_no_diagonal_covariance():
     np.testing.assert_allclose(
         scores(shifted)["nees_ratio"][["ramp", "calm"]], (error**2).sum(-1).mean(1) / 10, rtol=1e-6
     )
-    for broken in (0.0, np.nan, -1.0):
-        cov[0, 0, 3, 3] = broken
+    twins = np.eye(10) + np.roll(np.eye(10), 5, axis=0)  # the second five equal the first: singular
+    for broken in (np.diag([0.0] + 9 * [1.0]), np.full((10, 10), np.nan), -np.eye(10), twins):
+        cov[0, 0] = broken
         table = scores(replace(shifted, cov_at_origin=cov))
-        assert np.isnan(table.loc["ramp", "nees_ratio"]) and np.isfinite(table.loc["calm", "nees_ratio"])
+        assert np.isnan(table.loc["ramp", "nees_ratio"])
+        assert np.isfinite(table.loc["calm", "nees_ratio"])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -303,6 +321,16 @@ def test_a_diverged_estimate_has_no_score_and_spares_the_others(bad):
     assert table.loc["ramp", lost].isna().all()
     assert table.loc["calm", lost].notna().all()
     assert table.loc["ramp"].drop(lost).notna().all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_estimate_that_diverges_altogether_has_no_score_and_no_warning(bad):
+    estimates = perfect()
+    mean = estimates.mean.copy()
+    mean[:, ::3] = bad
+    table = scores(replace(estimates, mean=mean))
+    errors = [metric for metric in DEFINITIONS if metric not in IDEAL and "_open" not in metric]
+    assert table[errors].isna().all(axis=None)
 
 
 def test_sequences_are_matched_by_name_and_ticks_by_time():

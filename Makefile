@@ -1,0 +1,33 @@
+# Two commands do everything: `make bench` and `make test`.
+PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3 python,$(if $(shell $(p) -c 'import sys, venv, ensurepip; print(1 if (3, 11) <= sys.version_info < (3, 14) else "")' 2>/dev/null),$(p))))
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off -c constraints.txt
+
+.PHONY: bench test lint clean
+
+bench: .venv/.ready
+	$(BIN)/twinbench run --profile quick
+
+test: .venv/.ready-dev lint
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+lint: .venv/.ready-dev
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+clean:
+	rm -rf .venv results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+
+.venv/bin/python:
+	@test -n "$(PYTHON)" || { echo "twinbench needs Python 3.11, 3.12 or 3.13 with venv; install one, or name it: make PYTHON=/path/to/python3.12"; exit 2; }
+	$(PYTHON) -m venv .venv
+
+.venv/.ready: .venv/bin/python pyproject.toml constraints.txt
+	@echo "Setting up .venv (a minute or two, once)"
+	$(PIP) -e .
+	@touch $@
+
+.venv/.ready-dev: .venv/.ready
+	$(PIP) -e '.[dev]'
+	@touch $@

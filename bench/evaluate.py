@@ -1,0 +1,81 @@
+"""Run an estimator over recordings in lockstep and keep what it said. The truth never comes here."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.estimates import Estimates
+from bench.profile import Evaluation
+from data.batch import ESTIMATED, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from methods.estimator import Estimator, Sample
+
+
+def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -> Estimates:
+    """Step through all sequences at once; forecast from each origin with the inputs that followed.
+
+    Raises:
+        ValueError: the batch still carries its truth.
+        FloatingPointError: the estimator's state is no longer finite.
+    """
+    if batch.truth is not None:
+        raise ValueError("an estimator is run on recordings without truth; use batch.without_truth()")
+    B, N = batch.measured.shape[:2]
+    stored = np.arange(0, N, evaluation.stride)
+    leads = np.round(np.array(evaluation.leads_s) / SAMPLE_PERIOD_S).astype(int)
+    origins = _origins(N, round(evaluation.origin_every_s / SAMPLE_PERIOD_S), int(leads.max()))
+    inputs = fill_gaps(batch.measured[..., : len(INPUTS)])
+    mean, low, high = (np.empty((B, len(stored), len(ESTIMATED)), np.float32) for _ in range(3))
+    nis, dof = np.empty((B, len(stored)), np.float32), np.empty((B, len(stored)), np.int8)
+    flags = np.empty((B, len(stored)), np.int16)
+    forecast = np.empty((B, len(origins), len(leads), len(OUTPUTS)))
+    origin_mean = np.empty((B, len(origins), len(ESTIMATED)))
+    origin_cov = np.empty((B, len(origins), len(ESTIMATED), len(ESTIMATED)))
+    state = estimator.init(B)
+    samples = np.ascontiguousarray(batch.measured.transpose(1, 0, 2))
+    at = 0
+    for k in range(N):
+        state, info = estimator.step(state, Sample(float(batch.time_s[k]), samples[k]))
+        if k % evaluation.stride == 0:
+            i = k // evaluation.stride
+            mean[:, i], low[:, i], high[:, i] = state.mean, state.low, state.high
+            nis[:, i], flags[:, i] = info.nis, info.flags
+            dof[:, i] = info.accepted.sum(axis=1)
+        if at < len(origins) and k == origins[at]:
+            if not np.isfinite(state.mean).all():
+                raise FloatingPointError(f"{estimator.name}: the estimate is not finite at {batch.time_s[k]:.0f} s")
+            future = inputs[:, k + 1 : k + 1 + leads.max()]
+            forecast[:, at] = estimator.forecast(state, future)[:, leads - 1]
+            origin_mean[:, at], origin_cov[:, at] = state.mean, state.cov
+            at += 1
+    return Estimates(
+        estimator.name,
+        seed,
+        batch.names,
+        batch.time_s[stored],
+        mean,
+        low,
+        high,
+        nis,
+        dof,
+        flags,
+        batch.time_s[origins],
+        np.array(evaluation.leads_s),
+        forecast,
+        origin_mean,
+        origin_cov,
+    )
+
+
+def _origins(samples: int, every: int, longest_lead: int) -> np.ndarray:
+    """Ticks to forecast from: the first after one spacing, the last with its longest lead inside."""
+    return np.arange(every - 1, samples - longest_lead, every)
+
+
+def fill_gaps(values: Array) -> Array:
+    """Hold the last value over NaN along time, (B, N, C); leading gaps take the first value there is."""
+    filled = values.copy()
+    index = np.where(np.isnan(values), 0, np.arange(values.shape[1])[None, :, None])
+    np.maximum.accumulate(index, axis=1, out=index)
+    filled = np.take_along_axis(filled, index, axis=1)
+    first = np.take_along_axis(values, np.argmax(~np.isnan(values), axis=1)[:, None], axis=1)
+    return np.where(np.isnan(filled), first, filled)

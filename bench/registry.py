@@ -1,0 +1,88 @@
+"""Which estimators there are: ours, other packages' by entry point, a user's by file."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.metadata
+import importlib.util
+import pkgutil
+import sys
+from pathlib import Path
+
+from data.errors import BadInput
+from methods.estimator import REGISTRY, Estimator
+
+GROUP = "twinbench.estimators"
+
+
+def discover() -> dict[str, type[Estimator]]:
+    """Import every module of ``methods`` and ``baselines``, then every entry point.
+
+    Raises:
+        BadInput: a plug-in fails to import or is no estimator.
+    """
+    for package in ("methods", "baselines"):
+        for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
+            importlib.import_module(f"{package}.{module.name}")
+    for entry in importlib.metadata.entry_points(group=GROUP):
+        where = f"plug-in {entry.name!r} ({entry.value})"
+        try:
+            loaded = entry.load()
+        except Exception as error:
+            raise BadInput(
+                f"{where} fails to load: {_one_line(error)}; mend that package or uninstall it"
+            ) from error
+        if not (isinstance(loaded, type) and issubclass(loaded, Estimator)):
+            raise BadInput(f"{where} is no Estimator; point the entry point at the class")
+        REGISTRY.setdefault(loaded.name, loaded)
+    return REGISTRY
+
+
+def find(name: str) -> type[Estimator]:
+    """An estimator by name, or by ``path/to/file.py`` or ``path/to/file.py:Class``.
+
+    Raises:
+        BadInput: no such name, file or class, or the file fails to import.
+    """
+    file, _, wanted = name.partition(":")
+    if file.endswith(".py"):
+        return _from_file(Path(file), wanted)
+    known = discover()
+    if name in known:
+        return known[name]
+    near = difflib.get_close_matches(name, known, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else "give a path ending in .py for one of your own"
+    raise BadInput(f"no estimator {name!r}; {hint} Known: {', '.join(sorted(known))}")
+
+
+def _from_file(path: Path, wanted: str) -> type[Estimator]:
+    if not path.is_file():
+        raise BadInput(f"no file {path}; give the path of a .py file with a registered Estimator")
+    module_name = f"twinbench_plugin_{path.stem}"
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        del sys.modules[module_name]
+        raise BadInput(f"plug-in {path} fails to import: {_one_line(error)}; mend the file") from error
+    found = {
+        c.__name__: c
+        for c in vars(module).values()
+        if isinstance(c, type) and issubclass(c, Estimator) and c.__module__ == module_name and hasattr(c, "name")
+    }
+    if wanted and wanted not in found:
+        raise BadInput(f"plug-in {path} has no Estimator class {wanted!r}; it has: {', '.join(found) or 'none'}")
+    if not wanted and len(found) != 1:
+        raise BadInput(
+            f"plug-in {path} has {len(found)} Estimator classes ({', '.join(found) or 'none'}); "
+            f"decorate one with @register, or name it: {path}:Class"
+        )
+    return found[wanted] if wanted else next(iter(found.values()))
+
+
+def _one_line(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}".splitlines()[0]

@@ -1,0 +1,94 @@
+"""A content-addressed store that survives kill -9: a part exists once its ``.done`` does.
+
+``OUT/store/<kind>/<key>/part`` is written beside and renamed; ``.done`` holds its sha256 and is
+written last, the same way. A part without a matching ``.done`` is as good as none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from data.errors import BadInput
+
+
+def key_of(**axes: Any) -> str:
+    """The name of a part: a hash of everything its content depends on."""
+    text = json.dumps(axes, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:24]
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Let ``write`` fill a file beside ``path``, then rename it there; nothing half-written is left.
+
+    Raises:
+        BadInput: the folder cannot be written to, or the disk is full.
+    """
+    beside: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        os.close(handle)
+        beside = Path(name)
+        write(beside)
+        with open(beside, "rb+") as file:
+            os.fsync(file.fileno())
+        os.chmod(beside, 0o644)
+        os.replace(beside, path)
+    except OSError as error:
+        raise BadInput(
+            f"cannot write {path}: {error.strerror or error}; give --out a folder with room that you may write to"
+        ) from error
+    finally:
+        if beside is not None:
+            beside.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write text atomically."""
+    write_atomically(path, lambda beside: beside.write_text(text) and None)
+
+
+class Store:
+    """Parts under one folder."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def path(self, kind: str, key: str, suffix: str = ".npz") -> Path:
+        """Where a part lives, finished or not."""
+        return self.root / kind / key / f"part{suffix}"
+
+    def has(self, kind: str, key: str, suffix: str = ".npz") -> bool:
+        """Is the part there, whole?"""
+        part = self.path(kind, key, suffix)
+        done = part.with_name(".done")
+        try:
+            return done.read_text() == _sha256(part)
+        except OSError:
+            return False
+
+    def put(self, kind: str, key: str, write: Callable[[Path], None], suffix: str = ".npz") -> Path:
+        """Write a part and mark it done."""
+        part = self.path(kind, key, suffix)
+        write_atomically(part, write)
+        write_text(part.with_name(".done"), _sha256(part))
+        return part
+
+    def clear(self) -> None:
+        """Forget everything."""
+        shutil.rmtree(self.root, ignore_errors=True)
+
+
+def _sha256(path: Path) -> str:
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

@@ -1,0 +1,95 @@
+"""What a result depends on besides its configuration: the code, the libraries, the machine."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("physics", "data", "methods", "baselines", "bench")
+LIBRARIES = ("numpy", "scipy", "numba", "torch", "filterpy", "scikit-learn", "pandas")
+
+
+@functools.cache
+def code_version(module: str) -> str:
+    """sha256 over the source of a module and of all of ours that it imports, directly or not."""
+    digest = hashlib.sha256()
+    for name, path in sorted(_closure(module).items()):
+        digest.update(name.encode())
+        digest.update(Path(path).read_bytes())
+    for library in LIBRARIES[:4]:
+        digest.update(f"{library}=={importlib.metadata.version(library)}".encode())
+    return digest.hexdigest()[:16]
+
+
+def _closure(module: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    waiting = [module]
+    while waiting:
+        name = waiting.pop()
+        if name in found:
+            continue
+        loaded = sys.modules.get(name)
+        path = getattr(loaded, "__file__", None)
+        if path is None:
+            spec = importlib.util.find_spec(name)
+            path = spec.origin if spec else None
+        if path is None:
+            continue
+        found[name] = path
+        waiting += [n for n in _imports(Path(path)) if n.partition(".")[0] in PACKAGES]
+    return found
+
+
+def _imports(path: Path) -> list[str]:
+    names = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.append(node.module)
+    return names
+
+
+def provenance() -> dict[str, Any]:
+    """Commit, versions and machine, for a manifest."""
+    root = Path(__file__).parent
+    commit = _git(root, "rev-parse", "HEAD")
+    return {
+        "commit": commit,
+        "uncommitted_changes": bool(_git(root, "status", "--porcelain")) if commit else None,
+        "python": platform.python_version(),
+        "versions": {name: importlib.metadata.version(name) for name in LIBRARIES},
+        "machine": {
+            "system": f"{platform.system()} {platform.release()}",
+            "processor": _processor(),
+            "cores": os.cpu_count(),
+            "load_1min": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+        },
+    }
+
+
+def _git(root: Path, *arguments: str) -> str | None:
+    try:
+        done = subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()
