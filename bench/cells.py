@@ -149,6 +149,11 @@ def load_split(store: Store, profile: Profile) -> Split:
     return _load_split(store.path("data", data_key(profile)))
 
 
+def load_truth(store: Store, key: str) -> Batch:
+    """The test sequences with their truth, by the key that a manifest records."""
+    return _load_split(store.path("data", key)).test
+
+
 @functools.lru_cache(maxsize=1)
 def _load_split(path: Path) -> Split:
     with np.load(path, allow_pickle=False) as stored:

@@ -43,16 +43,16 @@ class Evidence:
     """Gathered in one pass over the stored cells, so that only one of them is in memory at a time.
 
     Attributes:
-        coverage: what ``bench.coverage.coverage_table`` returns; None without any cell.
+        coverage: what ``bench.coverage.coverage_table`` returns; empty without any cell.
         errors: per estimator, the instantaneous mean relative parameter error in %, all seeds, (n,).
         trajectory: the test sequence whose load moves most.
         degradations: per degrading health parameter, the test sequence in which it moves most.
     """
 
-    coverage: pd.DataFrame | None
-    errors: dict[str, Array]
-    trajectory: Example | None
-    degradations: dict[str, Example]
+    coverage: pd.DataFrame = field(default_factory=pd.DataFrame)
+    errors: dict[str, Array] = field(default_factory=dict)
+    trajectory: Example | None = None
+    degradations: dict[str, Example] = field(default_factory=dict)
 
 
 def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]) -> Evidence:
@@ -76,7 +76,7 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
             track = Track(cell.mean[b].copy(), cell.low[b].copy(), cell.high[b].copy())
             examples[sequence].tracks.setdefault(cell.estimator, track)
     return Evidence(
-        coverage=coverage_table(pd.concat(coverage, ignore_index=True), failures) if coverage else None,
+        coverage=coverage_table(pd.concat(coverage, ignore_index=True), failures) if coverage else pd.DataFrame(),
         errors={name: np.concatenate(parts) for name, parts in errors.items()},
         trajectory=examples.get(wanted["load"]),
         degradations={kind: examples[s] for kind, s in wanted.items() if kind in SHOWN and s in examples},

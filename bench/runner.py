@@ -51,6 +51,7 @@ def run(
     console = console or Console(stderr=True)
     store = Store(out / "store")
     todo = plan(profile, only)
+    names = {c.estimator for c in todo}
     if not resume:
         store.clear()
     write_text(out / ".writable", "")
@@ -83,8 +84,9 @@ def run(
         good = [c for c in ready if not any(o.cell == c for o in failed)]
         tables = timed("score", lambda: stage("score", [joblib.delayed(_score)(store, profile, c) for c in good]))
         _write_scores(out, tables, failed, store, profile)
+        in_order = sorted(good, key=lambda c: (ordered(names).index(c.estimator), c.seed))
         # Serial, after everything else: timings are never taken beside other work.
-        first = [c for c in good if c.seed == profile.seeds[0]]
+        first = [c for c in in_order if c.seed == profile.seeds[0]]
         timed("latency", lambda: latency.measure(store, profile, first, out, progress))
 
     from bench.report import write_report
@@ -93,9 +95,10 @@ def run(
         "command": command,
         "profile": asdict(profile),
         "seeds": list(profile.seeds),
-        "estimators": ordered({c.estimator for c in todo}),
+        "estimators": ordered(names),
         "specs": {c.estimator: c.spec for c in todo},
         "data_key": cells.data_key(profile),
+        "estimates_keys": [[c.estimator, c.seed, cells.estimates_key(c, profile)] for c in in_order],
         **provenance(),
         "wall_s": walls,
     }

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from textwrap import wrap
 from typing import NamedTuple
 
 import pandas as pd
@@ -39,7 +41,8 @@ class Table:
         frame: the full numbers, one row per row of ``rows``; what the CSV holds.
         columns: heads of the readable columns, the row labels' first.
         rows: readable cells, as many as columns.
-        notes: definitions and reservations, printed below.
+        notes: reservations and how to read it, printed below in every format.
+        definitions: what each column is, printed below except on a terminal.
     """
 
     name: str
@@ -48,17 +51,23 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[Cell, ...], ...]
     notes: tuple[str, ...] = ()
+    definitions: tuple[str, ...] = ()
+
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """Neighbouring columns of one group: its name, and how many they are."""
+        return [(name, len(list(members))) for name, members in groupby(self.columns, key=lambda c: c.group)]
 
 
-def number(value: float) -> str:
-    """Three significant digits, no exponent; a dash where there is no number."""
+def number(value: float, digits: int = 3) -> str:
+    """So many significant digits, no exponent; a dash where there is no number."""
     if not math.isfinite(value):
         return "–"
     if value == 0.0:
         return "0"
     # Rounding first: 9.996 has two digits before the point once it is printed.
-    rounded = float(f"{value:.3g}")
-    decimals = max(2 - math.floor(math.log10(abs(rounded))), 0)
+    rounded = float(f"{value:.{digits}g}")
+    decimals = max(digits - 1 - math.floor(math.log10(abs(rounded))), 0)
     return f"{rounded:,.{min(decimals, 6)}f}"
 
 
@@ -73,7 +82,7 @@ def to_markdown(table: Table) -> str:
     lines.append(_markdown_row(["---"] + ["---:"] * (len(table.columns) - 1)))
     for row in table.rows:
         lines.append(_markdown_row([cell.line(best="**{}**") for cell in row]))
-    return "\n".join([*lines, "", *(f"- {note}" for note in table.notes)]) + "\n"
+    return "\n".join([*lines, "", *(f"- {note}" for note in (*table.notes, *table.definitions))]) + "\n"
 
 
 def to_tex(table: Table) -> str:
@@ -85,13 +94,13 @@ def to_tex(table: Table) -> str:
     return "\n".join([
         f"% {table.title}",
         rf"\begin{{tabular}}{{l{'r' * (len(table.columns) - 1)}}}", r"\toprule", *body, r"\bottomrule",
-        r"\end{tabular}", "", *(rf"\par\footnotesize {_tex(note)}" for note in table.notes), "",
+        r"\end{tabular}", "", *(rf"\par\footnotesize {_tex(note)}" for note in (*table.notes, *table.definitions)), "",
     ])  # fmt: skip
 
 
 def to_text(table: Table, width: int = 80) -> str:
-    """Plain text for a terminal: blocks of columns that fit, each cell over two lines, then the notes."""
-    first = max(len(cell.text) for cell in [*(row[0] for row in table.rows), Cell(table.columns[0].head)])
+    """Plain text for a terminal: blocks of columns that fit, intervals below the means, then the notes."""
+    first = max(len(text) for text in [*(row[0].text for row in table.rows), table.columns[0].head])
     blocks: list[list[int]] = []
     room = 0
     for index in range(1, len(table.columns)):
@@ -109,31 +118,32 @@ def to_text(table: Table, width: int = 80) -> str:
 
 def _text_block(table: Table, first: int, block: Sequence[int]) -> list[str]:
     widths = {i: _cell_width(table, i) + 2 for i in block}
-    lines = ["".ljust(first) + "".join(table.columns[i].group.rjust(widths[i]) for i in block).rstrip()]
-    lines.append(table.columns[0].head.ljust(first) + "".join(table.columns[i].head.rjust(widths[i]) for i in block))
-    lines.append("─" * len(lines[-1]))
+    groups = ""
+    for group, members in groupby(block, key=lambda i: table.columns[i].group):
+        span = sum(widths[i] for i in members) - 2
+        groups += "  " + (f" {group} ".center(span, "·") if group else " " * span)
+    heads = table.columns[0].head.ljust(first) + "".join(table.columns[i].head.rjust(widths[i]) for i in block)
+    lines = [" " * first + groups, heads, "─" * len(heads)]
     for row in table.rows:
         lines.append(row[0].text.ljust(first) + "".join(_upper(row[i]).rjust(widths[i]) for i in block))
         if any(row[i].interval for i in block):
-            lines.append("".ljust(first) + "".join(row[i].interval.rjust(widths[i]) for i in block).rstrip())
-    return [line for line in lines if line]
+            lines.append(" " * first + "".join(row[i].interval.rjust(widths[i]) for i in block))
+    return [line.rstrip() for line in lines if line.strip()]
 
 
 def _cell_width(table: Table, index: int) -> int:
     column = table.columns[index]
-    texts = [column.head, column.group]
-    for row in table.rows:
-        texts += [_upper(row[index]), row[index].interval]
-    return max(len(text) for text in texts)
+    texts = [column.head, *(text for row in table.rows for text in (_upper(row[index]), row[index].interval))]
+    # A group's name needs room even over one column.
+    alone = sum(c.group == column.group for c in table.columns) == 1
+    return max(len(text) for text in [*texts, f" {column.group} " if alone and column.group else ""])
 
 
 def _upper(cell: Cell) -> str:
-    return f"{cell.text} {cell.times}".strip()
+    return f"{cell.text}{'*' if cell.best else ''} {cell.times}".strip()
 
 
 def _wrapped(notes: Sequence[str], width: int) -> list[str]:
-    from textwrap import wrap
-
     return [line for note in notes for line in wrap(note, width, initial_indent="- ", subsequent_indent="  ")]
 
 

@@ -56,7 +56,7 @@ COVERED = (
     Measure("nees_ratio", "NEES", "ratio"),
 )
 INTERVALS = (
-    "In brackets the 95 % interval of the mean over test sequences: bootstrap over whole sequences, seeds averaged "
+    "Beside or below each mean, the 95 % interval over test sequences: bootstrap over whole sequences, seeds averaged "
     "inside each first. × is the multiple of the floor: the oracle, which knows the exact plant. The best of each "
     "column, the oracle apart, is marked."
 )
@@ -64,7 +64,7 @@ RANK = (
     "Rank: mean over the sequences, 1 is best, the oracle left out; by parameter error, and by the mean of the three "
     "60 s errors."
 )
-LATENCY = "Latency: median time of one online update of one machine."
+LATENCY = "Latency: median time of one update of one machine, in the estimator's fastest implementation."
 
 
 def build_tables(summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame) -> list[Table]:
@@ -89,8 +89,9 @@ def comparison(summary: Summary, latency: pd.DataFrame) -> Table:
     ranks = {q: dict(zip(r.estimators, map(float, r.mean_ranks), strict=True)) for q, r in summary.rankings.items()}
     table = _with_column(table, summary, "mean_rank_parameters", Column("param.", "rank"), ranks.get(PARAMETERS, {}))
     table = _with_column(table, summary, "mean_rank_forecast", Column("60 s", "rank"), ranks.get(FORECAST, {}))
-    table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), online_latency_us(latency))
-    return replace(table, notes=(*summary.notes, *table.notes, RANK, LATENCY))
+    table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), fastest_us(latency))
+    return replace(table, notes=(*summary.notes, *table.notes),
+                   definitions=(*table.definitions, RANK, LATENCY))  # fmt: skip
 
 
 def _with_column(table: Table, summary: Summary, key: str, column: Column, values: Mapping[str, float]) -> Table:
@@ -109,14 +110,16 @@ def _with_column(table: Table, summary: Summary, key: str, column: Column, value
     )
 
 
-def online_latency_us(latency: pd.DataFrame) -> dict[str, float]:
-    """Median time of one online update per estimator: of its fastest implementation where it has several."""
-    online = latency[latency["mode"] == "online"]
-    return {str(k): float(v) for k, v in online.groupby("estimator")["p50_us"].min().items()}
+def fastest_us(latency: pd.DataFrame) -> dict[str, float]:
+    """Median time of one update per estimator: of its fastest implementation where it has several."""
+    return {str(k): float(v) for k, v in latency.groupby("estimator")["p50_us"].min().items()}
 
 
 def regime_table(regimes: pd.DataFrame) -> Table:
     """Coverage of the ten quantities' mean in each operating regime."""
+    title = "Coverage of the 95 % intervals by regime, % (mean of the ten quantities; 95 is right)"
+    if not len(regimes):
+        return Table("regimes", title, regimes, (Column("estimator"),), (), ("No estimates in the store.",))
     mean = regimes[regimes["quantity"] == "mean"]
     values = {
         (name, regime): Value(*numbers)
@@ -129,7 +132,6 @@ def regime_table(regimes: pd.DataFrame) -> Table:
     ]
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
     notes = [f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown]
-    title = "Coverage of the 95 % intervals by regime, % (mean of the ten quantities; 95 is right)"
     return Table("regimes", title, regimes.reset_index(drop=True), columns, tuple(rows), tuple(notes))
 
 
@@ -170,7 +172,7 @@ def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summa
             frame[key] = [getattr(summary.value(e, m.metric), column) for e in summary.estimators]
     frame["failed"] = [summary.failures.get(e, "") for e in summary.estimators]
     columns = (Column("estimator"), *(Column(m.head, m.group) for m in measures))
-    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, (INTERVALS, *_definitions(measures)))
+    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, (INTERVALS,), _definitions(measures))
 
 
 def _best(metric: str, summary: Summary) -> str | None:
@@ -188,17 +190,17 @@ def _metric_cell(summary: Summary, estimator: str, metric: str, best: str | None
 
 
 def _cell(value: Value, best: bool = False) -> Cell:
-    interval = f"{number(value.low)}, {number(value.high)}" if np.isfinite(value.low) else ""
-    return Cell(number(value.mean), interval, f"×{number(value.times)}" if np.isfinite(value.times) else "", best)
+    interval = f"{number(value.low)}–{number(value.high)}" if np.isfinite(value.low) else ""
+    return Cell(number(value.mean), interval, f"×{number(value.times, 2)}" if np.isfinite(value.times) else "", best)
 
 
-def _definitions(measures: Sequence[Measure]) -> list[str]:
+def _definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
     """One line per metric; that of the mean coverage stands for the ten quantities'."""
-    return [
+    return tuple(
         f"{m.group} {m.head}: {DEFINITIONS[m.metric]}".strip()
         for m in measures
         if not m.metric.startswith("coverage_")
-    ]
+    )
 
 
 def _regime_column(regime: str) -> Column:

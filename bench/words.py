@@ -28,12 +28,15 @@ def headline(summary: Summary) -> str:
 
 
 def answer(summary: Summary) -> list[str]:
-    """The answer and how sure it is: one paragraph per string."""
+    """The answer in full, one paragraph per string."""
     said = [_best_at(summary, question) for question in summary.rankings]
     said += _proposed(summary)
-    said += [_honesty(summary, e) for e in dict.fromkeys(_by_mean(summary, q)[0] for q in summary.rankings)]
-    said += [_friedman(ranking, question) for question, ranking in summary.rankings.items()]
-    return said + summary.notes
+    return said + [_honesty(summary, e) for e in dict.fromkeys(_by_mean(summary, q)[0] for q in summary.rankings)]
+
+
+def certainty(summary: Summary) -> list[str]:
+    """How sure the answer is: what the tests say, what these sequences can resolve, who is missing."""
+    return [_friedman(ranking, question) for question, ranking in summary.rankings.items()] + summary.notes
 
 
 def _by_mean(summary: Summary, question: str) -> list[str]:
@@ -71,8 +74,8 @@ def _best_at(summary: Summary, question: str) -> str:
     wins = int((scores.row(best) < scores.row(second)).sum())
     p, resolved = _pair(ranking, best, second)
     verdict = (
-        f"the two are told apart (Wilcoxon, Holm-adjusted p = {_p(p)})" if resolved
-        else f"these sequences cannot tell the two apart (Wilcoxon, Holm-adjusted p = {_p(p)})"
+        f"the two are told apart (Wilcoxon, {_p(p)} after Holm's correction for all pairs)" if resolved
+        else f"after Holm's correction for all pairs these sequences do not tell the two apart (Wilcoxon, {_p(p)})"
     )
     return (
         f"{label(best)} {DOES[question]}: {ERROR[question]} {_size(summary, best, question)}. "
@@ -121,8 +124,8 @@ def _friedman(ranking: Ranking, question: str) -> str:
     if not math.isfinite(ranking.friedman_p):
         return f"By {ERROR[question]}, {n} are too few for Friedman's test."
     differ = "do differ" if ranking.friedman_p < ALPHA else "cannot be told from alike"
-    return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, p = {_p(ranking.friedman_p)})."
+    return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, {_p(ranking.friedman_p)})."
 
 
 def _p(p: float) -> str:
-    return f"{p:.2g}" if p >= 1e-4 else "less than 0.0001"
+    return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"

@@ -90,3 +90,14 @@ def update(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
     A = np.eye(n) - K @ Hm
     P = A @ P @ A.T + K @ Rm @ K.T
     return z, 0.5 * (P + P.T), S_all, nis
+
+
+@njit(cache=True, error_model="numpy")
+def update_all(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
+    """``update`` for B machines: every argument with a leading axis. Returns z, P, S (B, m, m), NIS (B,)."""
+    batch, m = innovation.shape
+    z_out, P_out = np.empty_like(z), np.empty_like(P)
+    S, nis = np.empty((batch, m, m)), np.empty(batch)
+    for b in range(batch):
+        z_out[b], P_out[b], S[b], nis[b] = update(z[b], P[b], innovation[b], H[b], R[b], clip)
+    return z_out, P_out, S, nis

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,14 +17,16 @@ from bench.figures.tracks import parameter_tracking, state_trajectories
 from bench.roster import PROPOSED, label
 from bench.summary import FORECAST, PARAMETERS, QUESTIONS, Summary
 
+NO_ESTIMATES = "the store holds no estimates of this run"
+
 
 class Drawing(NamedTuple):
-    """A figure with its caption, or why it could not be drawn."""
+    """A figure with its caption; where there is none, ``missing`` says why."""
 
     name: str
     caption: str
     figure: Figure | None
-    missing: str = ""
+    missing: str
 
 
 def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame) -> Iterator[Drawing]:
@@ -33,57 +35,78 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame) -> Iterato
     Args:
         latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us.
     """
-    no_estimates = "the store holds no estimates of this run"
-    trajectory, degradations, coverage = evidence.trajectory, evidence.degradations, evidence.coverage
-    yield _drawing(
+    coverage, trajectory = evidence.coverage, evidence.trajectory
+    known_errors = any(np.isfinite(errors).any() for errors in evidence.errors.values())
+    yield Drawing(
         "fig5a_errors",
         "State errors with their 95 % intervals over the test sequences, on a logarithmic scale: equal distances are "
         "equal factors. The dashed line is the floor, the oracle that knows the exact plant.",
-        lambda: error_bars(summary),
-        "" if summary.values else "no cell finished",
+        error_bars(summary) if summary.values else None,
+        "no cell finished",
     )
-    for question, name in ((PARAMETERS, "fig5b_ranks_parameters"), (FORECAST, "fig5b_ranks_forecast")):
-        yield _ranks(summary, question, name)
-    yield _drawing(
+    yield _ranks(summary, PARAMETERS, "fig5b_ranks_parameters")
+    yield _ranks(summary, FORECAST, "fig5b_ranks_forecast")
+    yield Drawing(
         "fig5c_parameter_errors",
         "Mean relative error of capacity, efficiency, leakage and heat transfer over all test time. Violin: density; "
         "box: quartiles with the median; line: 5th to 95th percentile; ticks: means of the single sequences; dashed: "
         "the oracle's median.",
-        lambda: parameter_violins(evidence.errors, _by_sequence(summary)),
-        "" if any(np.isfinite(e).any() for e in evidence.errors.values()) else no_estimates,
+        parameter_violins(evidence.errors, _by_sequence(summary)) if known_errors else None,
+        NO_ESTIMATES,
     )
-    yield _drawing(
+    yield Drawing(
         "coverage",
         "How often the 95 % interval of each quantity holds the truth. Dashed: 95 %, which is right; left of it an "
         "estimator is surer than it should be. Grey: where an exact filter could lie if each sequence counted as one "
         "trial. Bars: 95 % interval over the sequences.",
-        lambda: coverage_by_quantity(_known(coverage)),
-        "" if coverage is not None else no_estimates,
+        coverage_by_quantity(coverage) if len(coverage) else None,
+        NO_ESTIMATES,
     )
-    yield _drawing(
+    yield Drawing(
         "coverage_regimes",
         "The same by operating regime, mean of the ten quantities: thirds of speed and of pressure ratio, and before, "
         "during and after a change of health.",
-        lambda: coverage_by_regime(_known(coverage)),
-        "" if coverage is not None else no_estimates,
+        coverage_by_regime(coverage) if len(coverage) else None,
+        NO_ESTIMATES,
     )
-    yield _drawing(
+    yield Drawing(
         "fig3_states",
-        f"States over the test sequence whose load moves most. Left: truth (broad grey) and estimates; right: estimate "
+        "States over the test sequence whose load moves most. Left: truth (broad grey) and estimates; right: estimate "
         f"minus truth, with the 95 % band of {label(PROPOSED)}.",
-        lambda: state_trajectories(_known(trajectory)),
-        "" if trajectory is not None else no_estimates,
+        state_trajectories(trajectory) if trajectory else None,
+        NO_ESTIMATES,
     )
-    yield _drawing(
+    yield Drawing(
         "fig4_parameters",
         "Health parameters, each on the test sequence in which it changes most: truth (broad grey), estimates, and the "
         f"95 % band of {label(PROPOSED)}.",
-        lambda: parameter_tracking(degradations),
-        "" if degradations else "no estimates of a test sequence whose health changes",
+        parameter_tracking(evidence.degradations) if evidence.degradations else None,
+        "no estimates of a test sequence whose health changes",
     )
-    yield _drawing(
+    yield Drawing(
         "latency",
-        "Time of one online update of one machine, measured serially.",
-        lambda: latency_percentiles(latency),
-        "" if len(latency) else "no latency was measured in this run",
+        "Time of one update of one machine, measured serially. Dashed: the sample period, within which a twin must "
+        "be done.",
+        latency_percentiles(latency) if len(latency) else None,
+        "no latency was measured in this run",
     )
+
+
+def _ranks(summary: Summary, question: str, name: str) -> Drawing:
+    """Fig. 5b for one question."""
+    caption = (
+        f"Mean ranks by {QUESTIONS[question]}; 1 is best, the oracle is left out. A bar joins estimators that these "
+        "sequences cannot tell apart: mean ranks within Nemenyi's critical difference, or all where Friedman's test "
+        "finds no difference at the 5 % level."
+    )
+    ranking = summary.rankings.get(question)
+    if ranking is None:
+        return Drawing(name, caption, None, summary.unranked[question])
+    ranks = dict(zip(ranking.estimators, map(float, ranking.mean_ranks), strict=True))
+    says = f"mean rank by {QUESTIONS[question].partition(' (')[0]}, {len(ranking.sequences)} sequences"
+    return Drawing(name, caption, critical_difference(ranks, ranking.cliques, ranking.critical_difference, says), "")
+
+
+def _by_sequence(summary: Summary) -> dict[str, np.ndarray]:
+    scores = summary.by_sequence.get(PARAMETERS)
+    return dict(zip(scores.estimators, scores.values, strict=True)) if scores else {}

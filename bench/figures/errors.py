@@ -98,7 +98,7 @@ def critical_difference(
     axes = figure.subplots()
     axes.set_axis_off()
     axes.set_xlim(1 - margin - 0.45, top + margin + 0.45)
-    axes.set_ylim(depth + 0.3, -1.35)
+    axes.set_ylim(depth + 0.9, -1.4)
     axes.hlines(0, 1, top, color=INK, linewidth=0.9)
     for rank in range(1, top + 1):
         axes.vlines(rank, -0.12, 0, color=INK, linewidth=0.9)
@@ -119,7 +119,7 @@ def critical_difference(
             weight = "bold" if name == PROPOSED else "normal"
             axes.text(end + 0.08 * side, y, f"{label(name)}  {mean_ranks[name]:.2f}",
                       ha="right" if side < 0 else "left", va="center", weight=weight)  # fmt: skip
-    figure.supxlabel(says, fontsize=8, color=MUTED)
+    axes.text((1 + top) / 2, depth + 0.55, says, color=MUTED, ha="center", va="center")
     return figure
 
 

@@ -1,0 +1,291 @@
+"""The ``twinbench`` command. Heavy imports wait until a command needs them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from bench.threads import pin
+
+pin()
+
+EPILOG = """examples:
+  twinbench run --profile quick                    every estimator, in minutes
+  twinbench run --only oracle nominal_ekf          two of them
+  twinbench run --only oracle my_baseline.py       yours, from one file
+  twinbench check my_baseline.py                   the contract every estimator keeps
+  twinbench simulate --out recordings              the benchmark's recordings as CSV
+  twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
+  twinbench list mechanisms                        what a compressor model can leave out
+exit status: 0 done, 1 a method or a check failed, 2 bad input"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Usage errors in one line, as all bad input."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {message}; see {self.prog} --help", file=sys.stderr)
+        raise SystemExit(2)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="twinbench",
+        description="Which estimator keeps a machine's digital twin true, and how sure is that?",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+
+    def command(name: str, says: str, example: str) -> argparse.ArgumentParser:
+        return commands.add_parser(
+            name,
+            help=says,
+            description=says[0].upper() + says[1:] + ".",
+            epilog=f"example:\n  {example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+
+    run = command("run", "simulate, train, evaluate, compare, report", "twinbench run --profile quick --only oracle gru_kf")
+    run.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
+    run.add_argument("--only", nargs="+", default=(), metavar="NAME", help="estimators by name or by path/to/file.py")
+    run.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: results/<profile>)")
+    run.add_argument(
+        "--resume", action=argparse.BooleanOptionalAction, default=True,
+        help="keep what an earlier run finished (default); --no-resume starts over",
+    )  # fmt: skip
+    run.add_argument("--backend", choices=("local", "dask"), default="local", help="where the cells run")
+    run.add_argument("--scheduler", default="", metavar="ADDRESS", help="the Dask scheduler, tcp://host:port")
+
+    listing = command("list", "list what there is", "twinbench list estimators --json")
+    listing.add_argument("what", nargs="?", default="estimators", choices=tuple(_LISTS))
+    listing.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
+
+    check = command("check", "run the contract battery on an estimator", "twinbench check my_baseline.py")
+    check.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
+    check.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
+
+    simulate = command("simulate", "write the benchmark's recordings", "twinbench simulate --out recordings --part test")
+    simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
+    simulate.add_argument("--profile", default="quick", help="whose data (default: quick)")
+    simulate.add_argument("--part", choices=("train", "validation", "test"), default="test")
+    simulate.add_argument("--format", choices=("csv", "parquet"), default="csv")
+    simulate.add_argument("--no-truth", action="store_true", help="sensor columns only")
+
+    estimate = command(
+        "estimate", "run a trained estimator over your recordings",
+        "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'PT101[psi]=p_dis_bar'",
+    )  # fmt: skip
+    estimate.add_argument("estimator", metavar="NAME")
+    estimate.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    estimate.add_argument("--out", type=Path, required=True, metavar="DIR")
+    estimate.add_argument("--profile", default="quick", help="whose training (default: quick)")
+    estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it was trained in (default: results/<profile>)")
+    estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename and convert")
+    estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
+
+    report = command("report", "draw tables, figures and report again", "twinbench report results/quick")
+    report.add_argument("results", type=Path, metavar="DIR")
+
+    latency = command("latency", "time one online update of each estimator", "twinbench latency --estimator oracle")
+    latency.add_argument("--estimator", nargs="+", default=(), metavar="NAME")
+    latency.add_argument("--profile", default="quick", help="whose training (default: quick)")
+    latency.add_argument("--results", type=Path, metavar="DIR", help="the run they were trained in (default: results/<profile>)")
+    latency.add_argument("--updates", type=int, default=2000, help="timed updates of each (default: 2000)")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status."""
+    arguments = _parser().parse_args(argv)
+    from data.errors import BadInput
+
+    try:
+        return int(_COMMANDS[arguments.command](arguments))
+    except BadInput as error:
+        print(f"twinbench: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
+        return 130
+    except BrokenPipeError:
+        return 0
+
+
+def _run(a: argparse.Namespace) -> int:
+    from bench.profile import load_profile
+    from bench.runner import run
+
+    profile = load_profile(a.profile)
+    out = a.out or Path("results") / profile.name
+    command = "twinbench " + shlex.join(sys.argv[1:])
+    failed = run(profile, out, tuple(a.only), a.resume, a.backend, a.scheduler, command)
+    from rich.console import Console
+
+    from bench.report import terminal_table
+
+    console = Console()
+    print(terminal_table(out, console.width))
+    for outcome in failed:
+        console.print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")
+    console.print(f"report: {(out / 'report.html').resolve()}", soft_wrap=True)
+    return 1 if failed else 0
+
+
+def _list(a: argparse.Namespace) -> int:
+    rows = _LISTS[a.what]()
+    if a.json:
+        print(json.dumps(rows, indent=2))
+        return 0
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None)
+    for column in rows[0] if rows else ():
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*(str(v) for v in row.values()))
+    Console().print(table)
+    return 0
+
+
+def _estimators() -> list[dict[str, Any]]:
+    from bench.registry import discover
+    from bench.roster import ordered
+
+    known = discover()
+    return [{"name": n, "says": known[n].says, "module": known[n].__module__} for n in ordered(known)]
+
+
+def _ablations() -> list[dict[str, Any]]:
+    from bench.registry import discover
+
+    return [
+        {"estimator": name, "ablation": ablation, "settings": dict(settings)}
+        for name, kind in sorted(discover().items())
+        for ablation, settings in kind.ablations.items()
+    ]
+
+
+def _mechanisms() -> list[dict[str, Any]]:
+    from physics.mechanisms import CATALOGUE
+
+    return [
+        {
+            "name": m.name,
+            "port": m.port,
+            "parameter": ", ".join(f"{v.name} = {v.nominal:g} {v.unit}" for v in m.parameters),
+            "says": m.says,
+        }
+        for m in CATALOGUE
+    ]
+
+
+def _simulators() -> list[dict[str, Any]]:
+    from physics.compressor import PLANT
+    from physics.nominal import NOMINAL
+
+    return [{"name": s.name, "states": len(s.states), "parameters": len(s.parameters), "says": s.says} for s in (PLANT, NOMINAL)]
+
+
+def _check(a: argparse.Namespace) -> int:
+    from bench.contract import run_battery
+    from bench.registry import find
+
+    results = run_battery(find(a.estimator))
+    failed = sum(r.status == "fail" for r in results)
+    if a.json:
+        print(json.dumps([{"name": r.name, "status": r.status, "detail": r.detail} for r in results], indent=2))
+        return 1 if failed else 0
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("check", "status", "detail", box=None)
+    colours = {"pass": "green", "fail": "red", "skip": "yellow"}
+    for r in results:
+        table.add_row(r.name, f"[{colours[r.status]}]{r.status}[/]", r.detail)
+    Console().print(table, f"{len(results)} checks, {failed} failed")
+    return 1 if failed else 0
+
+
+def _simulate(a: argparse.Namespace) -> int:
+    from bench.profile import load_profile
+    from bench.store import write_atomically
+    from data.benchmark import design, run
+    from data.recording import truth_table
+
+    profile = load_profile(a.profile)
+    scenarios = design(profile.data)[a.part]
+    for scenario in scenarios:
+        batch = run((scenario,), profile.data.warmup_minutes, profile.corruption)
+        table = truth_table(batch.without_truth() if a.no_truth else batch, 0)
+        if a.format == "csv":
+            write_atomically(a.out / f"{scenario.name}.csv", lambda path, t=table: t.to_csv(path, index=False))
+        else:
+            write_atomically(a.out / f"{scenario.name}.parquet", lambda path, t=table: t.to_parquet(path, index=False))
+    print(f"{len(scenarios)} recordings in {a.out}")
+    return 0
+
+
+def _estimate(a: argparse.Namespace) -> int:
+    from bench.apply import apply
+
+    summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map)
+    if a.json:
+        print(json.dumps(summaries, indent=2))
+    else:
+        for summary in summaries:
+            print(summary["says"])
+    return 0
+
+
+def _report(a: argparse.Namespace) -> int:
+    from bench.report import write_report
+    from data.errors import BadInput
+
+    if not (a.results / "manifest.json").is_file():
+        raise BadInput(f"{a.results} holds no run (no manifest.json); make one with: twinbench run --out {a.results}")
+    write_report(a.results)
+    print(f"report: {(a.results / 'report.html').resolve()}")
+    return 0
+
+
+def _latency(a: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from bench.apply import trained_cells
+    from bench.latency import measure
+    from bench.profile import Latency, load_profile
+    from bench.store import Store
+    from data.errors import BadInput
+
+    if a.updates < 10:
+        raise BadInput(f"--updates is {a.updates}, must be at least 10")
+    profile = replace(load_profile(a.profile), latency=Latency(a.updates))
+    results = a.results or Path("results") / profile.name
+    store = Store(results / "store")
+    table = measure(store, profile, trained_cells(store, profile, a.estimator, results), results)
+    print(table.to_string(index=False))
+    return 0
+
+
+_LISTS = {
+    "estimators": _estimators,
+    "ablations": _ablations,
+    "mechanisms": _mechanisms,
+    "simulators": _simulators,
+}
+_COMMANDS = {
+    "run": _run,
+    "list": _list,
+    "check": _check,
+    "simulate": _simulate,
+    "estimate": _estimate,
+    "report": _report,
+    "latency": _latency,
+}

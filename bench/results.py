@@ -1,0 +1,88 @@
+"""What a run left in its folder, read back for the report."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bench.cells import _load_split
+from bench.estimates import Estimates
+from bench.store import Store
+from data.batch import Batch
+from data.errors import BadInput
+
+COLUMNS = {
+    "scores.csv": ("estimator", "seed", "sequence", "metric", "value"),
+    "failures.csv": ("estimator", "seed", "stage", "reason"),
+    "latency.csv": ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us"),
+}
+
+
+@dataclass(frozen=True)
+class Results:
+    """The tables of one run; the estimates stay in the store until they are asked for."""
+
+    out: Path
+    scores: pd.DataFrame
+    failed_cells: pd.DataFrame
+    latency: pd.DataFrame
+    manifest: dict[str, Any]
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """Per estimator with failed cells, which and why."""
+        said: dict[str, list[str]] = {}
+        for estimator, seed, stage, reason in self.failed_cells.to_numpy():
+            said.setdefault(str(estimator), []).append(f"seed {seed}, {stage}: {reason}")
+        return {estimator: "; ".join(reasons) for estimator, reasons in said.items()}
+
+    def estimates(self) -> Iterator[Estimates]:
+        """The run's stored estimates, one cell at a time; those no longer in the store are left out."""
+        store = Store(self.out / "store")
+        for key in self.manifest.get("estimates_keys", []):
+            if store.has("estimates", key):
+                yield Estimates.load(store.path("estimates", key))
+
+    def truth(self) -> Batch | None:
+        """The test recordings with their truth; None if they are no longer in the store."""
+        store, key = Store(self.out / "store"), self.manifest.get("data_key", "")
+        return _load_split(store.path("data", key)).test if store.has("data", key) else None
+
+
+def load_results(out: Path) -> Results:
+    """Read a run's folder.
+
+    Raises:
+        BadInput: a file is missing, unreadable, or not what a run writes.
+    """
+    tables = {name: _read_csv(out / name, columns) for name, columns in COLUMNS.items()}
+    path = out / "manifest.json"
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise _unusable(path, error.strerror or str(error)) from error
+    except ValueError as error:
+        raise _unusable(path, f"not JSON: {error}") from error
+    return Results(out, tables["scores.csv"], tables["failures.csv"], tables["latency.csv"], manifest)
+
+
+def _read_csv(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
+    try:
+        # Only an empty cell is a missing value: an estimator may be called "null".
+        frame = pd.read_csv(path, keep_default_na=False, na_values=[""])
+    except OSError as error:
+        raise _unusable(path, error.strerror or str(error)) from error
+    except ValueError as error:
+        raise _unusable(path, f"not a table: {error}") from error
+    if missing := [column for column in columns if column not in frame.columns]:
+        raise _unusable(path, f"no column {missing[0]!r}")
+    return frame[list(columns)]
+
+
+def _unusable(path: Path, why: str) -> BadInput:
+    return BadInput(f"cannot use {path}: {why}; run `twinbench run --out {path.parent}` again")

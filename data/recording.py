@@ -1,0 +1,207 @@
+"""Recordings of a machine: CSV or Parquet in, checked and in our units; CSV or Parquet out.
+
+Columns are ``time_s`` and one per channel. NaN and empty cells mean missing; time stamps may be
+uneven. A TOML file beside the recording, or ``--map PT101[psi]=p_dis_bar``, renames and converts.
+Columns named ``true_*`` exist in simulated data only and never get past this door.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from data.errors import BadInput
+from data.units import UNITS, check_plausible, convert
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TIME = "time_s"
+TRUTH_PREFIX = "true_"
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where a channel comes from: a column of the file, and its unit there."""
+
+    column: str
+    unit: str
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recording. ``values`` (N, C) in our units, NaN where missing; ``time_s`` (N,) as recorded."""
+
+    name: str
+    time_s: Array
+    channels: tuple[str, ...]
+    values: Array
+
+    def to_batch(self) -> Batch:
+        """On the 20 Hz grid from the first time stamp: nearest sample within half a period, else missing."""
+        steps = np.round((self.time_s - self.time_s[0]) / SAMPLE_PERIOD_S).astype(int)
+        measured = np.full((1, steps[-1] + 1, len(self.channels)), np.nan)
+        measured[0, steps[::-1]] = self.values[::-1]  # of two in one slot the earlier stays
+        time_s = self.time_s[0] + np.arange(measured.shape[1]) * SAMPLE_PERIOD_S
+        return Batch((self.name,), time_s, measured)
+
+
+def read_recording(
+    path: Path,
+    mapping: Sequence[str] = (),
+    units: Mapping[str, str] = UNITS,
+    must_vary: Sequence[str] = (),
+) -> Recording:
+    """Read a recording and check it.
+
+    Args:
+        path: ``.csv``, ``.csv.gz`` or ``.parquet``.
+        mapping: ``COLUMN=channel`` or ``COLUMN[unit]=channel``, each over a TOML sidecar's.
+        units: the channels to read and their units; the compressor's by default.
+        must_vary: channels that must not be constant, because something is learnt from them.
+
+    Raises:
+        BadInput: one line that says what is wrong, where, and how to mend it.
+    """
+    table = _read_table(path)
+    sources = _sources(path, mapping, units)
+    time_s = _numbers(table, TIME, path)
+    if len(time_s) < 2:
+        raise BadInput(f"{path}: holds {len(time_s)} samples; a recording needs at least two")
+    if np.isnan(time_s).any():
+        raise BadInput(f"{path}, row {_row(np.isnan(time_s))}: {TIME} is missing; every row needs its time")
+    if (np.diff(time_s) <= 0).any():
+        raise BadInput(f"{path}, row {_row(np.diff(time_s) <= 0) + 1}: {TIME} does not increase; sort the rows by time")
+    columns = []
+    for channel, unit in units.items():
+        source = sources.get(channel, Source(channel, unit))
+        if source.column not in table.columns:
+            offered = ", ".join(c for c in table.columns if c != TIME and not c.startswith(TRUTH_PREFIX))
+            raise BadInput(
+                f"{path}: no column {source.column!r} for channel {channel}; it has: {offered or 'none'}. "
+                f"Name the right one with --map COLUMN={channel}"
+            )
+        values = convert(_numbers(table, source.column, path), source.unit, unit, f"{path}, column {source.column}")
+        check_plausible(values, unit, f"{path}, column {source.column}")
+        if channel in must_vary and np.nanmax(values) == np.nanmin(values):
+            raise BadInput(f"{path}: channel {channel} is constant; record the machine while its load changes")
+        columns.append(values)
+    return Recording(path.name.split(".")[0], time_s, tuple(units), np.stack(columns, axis=-1))
+
+
+def _read_table(path: Path) -> pd.DataFrame:
+    import pandas as pd
+
+    if not path.exists():
+        raise BadInput(f"{path}: no such file; check the path")
+    if not path.is_file():
+        raise BadInput(f"{path}: is a folder; name the recording's file")
+    try:
+        if path.suffix == ".parquet":
+            table = pd.read_parquet(path)
+        elif path.name.endswith((".csv", ".csv.gz")):
+            table = pd.read_csv(path, low_memory=False)
+        else:
+            raise BadInput(f"{path}: unknown kind of file; a recording is .csv, .csv.gz or .parquet")
+    except pd.errors.EmptyDataError as error:
+        raise BadInput(f"{path}: is empty; record again or name another file") from error
+    except (OSError, EOFError) as error:
+        if path.suffix == ".parquet" or path.suffix == ".gz":
+            raise BadInput(f"{path}: cannot be read, it may be cut short ({_first(error)}); copy it again") from error
+        raise BadInput(f"{path}: cannot be read: {_first(error)}; check its permissions") from error
+    except (ValueError, UnicodeDecodeError) as error:
+        if isinstance(error, BadInput):
+            raise
+        raise BadInput(f"{path}: is no table: {_first(error)}; write it as CSV with one header line") from error
+    if table.empty:
+        raise BadInput(f"{path}: has no rows; record again or name another file")
+    if TIME not in table.columns:
+        raise BadInput(f"{path}: has no column {TIME!r}; add the time in seconds under that name")
+    return table
+
+
+def _first(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _row(wrong: np.ndarray) -> int:
+    """Line of the file, the header being line 1."""
+    return int(np.flatnonzero(wrong)[0]) + 2
+
+
+def _numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
+    import pandas as pd
+
+    values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
+    wrong = np.isnan(values) & table[column].notna().to_numpy()
+    if wrong.any():
+        text = table[column].iloc[int(np.flatnonzero(wrong)[0])]
+        raise BadInput(f"{path}, row {_row(wrong)}, column {column}: {text!r} is no number; leave the cell empty if missing")
+    return values
+
+
+def _sources(path: Path, mapping: Sequence[str], units: Mapping[str, str]) -> dict[str, Source]:
+    """channel -> where it comes from, from the sidecar and the command line."""
+    found: dict[str, Source] = {}
+    sidecar = path.with_name(path.name.split(".")[0] + ".toml")
+    if sidecar.is_file():
+        try:
+            content = tomllib.loads(sidecar.read_text())
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise BadInput(f"{sidecar}: not TOML: {error}; mend it or remove it") from error
+        for channel, entry in content.get("channels", {}).items():
+            _known(channel, units, str(sidecar))
+            if isinstance(entry, str):
+                entry = {"column": entry}
+            unknown = set(entry) - {"column", "unit"} if isinstance(entry, dict) else {"?"}
+            if unknown:
+                raise BadInput(f"{sidecar}: channel {channel} must be a column's name, or hold column and unit only")
+            found[channel] = Source(entry.get("column", channel), entry.get("unit", units[channel]))
+    for item in mapping:
+        column, equals, channel = item.rpartition("=")
+        if not equals or not column or not channel:
+            raise BadInput(f"--map {item!r}: must read COLUMN=channel or COLUMN[unit]=channel, like PT101[psi]=p_dis_bar")
+        _known(channel, units, f"--map {item!r}")
+        name, bracket, unit = column.partition("[")
+        found[channel] = Source(name, unit.rstrip("]") if bracket else units[channel])
+    return found
+
+
+def _known(channel: str, units: Mapping[str, str], where: str) -> None:
+    if channel not in units:
+        raise BadInput(f"{where}: unknown channel {channel!r}; choose from {', '.join(units)}")
+
+
+def check_overlap(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings that share no channel that was ever measured.
+
+    Raises:
+        BadInput: names the two that have nothing in common.
+    """
+    measured = [
+        {c for c, v in zip(r.channels, r.values.T, strict=True) if not np.isnan(v).all()} for r in recordings
+    ]
+    for recording, channels in zip(recordings[1:], measured[1:], strict=True):
+        if not channels & measured[0]:
+            raise BadInput(
+                f"recordings {recordings[0].name} and {recording.name} share no measured channel; "
+                "estimate them one by one"
+            )
+
+
+def truth_table(batch: Batch, b: int) -> pd.DataFrame:
+    """A simulated sequence as a table: time, channels, and ``true_*`` columns where it has truth."""
+    import pandas as pd
+
+    columns: dict[str, Array] = {TIME: batch.time_s}
+    columns |= dict(zip(CHANNELS, batch.measured[b].T, strict=True))
+    if batch.truth is not None:
+        columns |= {TRUTH_PREFIX + n: v for n, v in zip(ESTIMATED, batch.truth.estimated[b].T, strict=True)}
+        columns |= {TRUTH_PREFIX + n: v for n, v in zip(OUTPUTS, batch.truth.outputs[b].T, strict=True)}
+    return pd.DataFrame(columns)

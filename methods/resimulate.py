@@ -1,0 +1,60 @@
+"""Training sequences run again with other health: the offline generator for sequence learners.
+
+What a learner must not do is remember which wear went with which load. So the plant runs the same
+inputs again under health paths drawn anew, with sensors drawn anew. Open to every estimator, as the
+single transitions of ``methods.transitions`` are.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from data.batch import HEALTH, Array, Batch, Truth
+from data.corrupt import Corruption, corrupt
+from methods.transitions import HEALTH_HIGH, HEALTH_LOW
+from physics.compressor import PLANT
+from physics.integrate import simulate
+
+HEALTHY = np.array([v.nominal for v in PLANT.parameters[: len(HEALTH)]])
+_LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
+_HIGH = np.array([1.01, 1.01, 0.055, 1.02, 6.5])
+
+
+def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
+    """``copies`` more runs of every training sequence, with truth. Health starts fresh in half of them."""
+    if train.truth is None:
+        raise ValueError("re-simulation needs sequences with truth, these have none")
+    batch, samples = train.measured.shape[:2]
+    parts = []
+    for copy in range(copies):
+        health = np.stack([_path(samples, rng) for _ in range(batch)])
+        x, y = simulate(PLANT, train.truth.inputs, train.truth.states[:, 0], varying=HEALTH, values=health)
+        measured = np.stack([corrupt(train.truth.inputs[b], y[b], Corruption(), rng) for b in range(batch)])
+        names = tuple(f"{name}-again-{copy}" for name in train.names)
+        parts.append(Batch(names, train.time_s, measured, Truth(x, health, y, train.truth.inputs)))
+    return joined([train, *parts])
+
+
+def _path(samples: int, rng: np.random.Generator) -> Array:
+    """(N, 5) health: each parameter rests, ramps (the bias steps) and rests again."""
+    t = np.arange(samples)
+    path = np.empty((samples, len(HEALTH)))
+    fresh = rng.random() < 0.5
+    for i, (name, low, high) in enumerate(zip(HEALTH, _LOW, _HIGH, strict=True)):
+        low, high = max(low, HEALTH_LOW[i]), min(high, HEALTH_HIGH[i])
+        start = HEALTHY[i] if fresh else rng.uniform(low, high)
+        end = rng.uniform(low, high) if rng.random() < 0.7 else start
+        begin = rng.uniform(0.0, 0.8) * samples
+        length = 1.0 if name == "T_bias_K" else rng.uniform(0.05, 0.8) * samples
+        path[:, i] = np.interp(t, [begin, begin + length], [start, end])
+    return path
+
+
+def joined(batches: list[Batch]) -> Batch:
+    """Batches of equal length as one."""
+    truths = [b.truth for b in batches if b.truth is not None]
+    truth = Truth(
+        *(np.concatenate([getattr(t, f) for t in truths]) for f in ("states", "health", "outputs", "inputs"))
+    )
+    names = tuple(n for b in batches for n in b.names)
+    return Batch(names, batches[0].time_s, np.concatenate([b.measured for b in batches]), truth)
