@@ -1,9 +1,11 @@
 """An augmented extended Kalman filter over any Simulator of the compressor.
 
-z = [the simulator's states, five health coordinates zeta, three coloured-noise states]. Jacobians are forward differences of the Runge-Kutta step;
-the noise of the measured inputs enters as process noise through the sensitivity to them. The slow drift that
-the pressure sensors share is not modelled: a state for it trades places with the temperature bias
-while a parameter ramps, and costs more than it gives (measured). With the exact plant this is the oracle, with the reduced-order model the nominal EKF.
+z = [the simulator's states, five health coordinates zeta, three coloured-noise states]. Jacobians
+are forward differences of one Runge-Kutta step; the noise of the measured inputs enters as process
+noise through the sensitivity to them. The slow drift that the pressure sensors share is not
+modelled: a state for it trades places with the temperature bias while a parameter ramps, and costs
+more than it gives (measured). With the exact plant this is the oracle, with the reduced-order model
+the nominal EKF.
 """
 
 from __future__ import annotations
@@ -13,10 +15,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numba import njit
 
+from baselines.filterpy_filters import ekf_predict, ekf_update
 from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.estimator import Estimator, Info, Sample, State
 from methods.frontend import FrontEnd, Memory
-from methods.kalman import predict_covariance, update
+from methods.kalman import linear_filter, predict_covariance, update
 from methods.noise import coloured_keep, input_sd, output_sd
 from methods.reporting import clean_flags, report
 from physics.compile import compiled
@@ -51,23 +54,22 @@ def _with_health(model, theta_health):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def predict(rhs, model, z, P, u, u_sd, health, slope):  # type: ignore[no-untyped-def]
-    """One tick ahead: z (n,), P (n, n), inputs u (nu,) and their sd; health and d theta / d zeta (5,)."""
+def linearise(rhs, model, z, u, u_sd, health, slope):  # type: ignore[no-untyped-def]
+    """z (n,) one tick on, F and Q (n, n); inputs u (nu,) and their sd, health and d theta / d zeta (5,)."""
     nx, n = model.step.size, z.size
     theta = _with_health(model, health)
     x = z[:nx].copy()
-    x_next = rk4(rhs, x, u, theta, SAMPLE_PERIOD_S, model.substeps)
+    base = rk4(rhs, x, u, theta, SAMPLE_PERIOD_S, 1)
     F = np.zeros((n, n))
     for j in range(nx):
         moved = x.copy()
         moved[j] += model.step[j]
-        F[:nx, j] = (rk4(rhs, moved, u, theta, SAMPLE_PERIOD_S, model.substeps) - x_next) / model.step[j]
+        F[:nx, j] = (rk4(rhs, moved, u, theta, SAMPLE_PERIOD_S, 1) - base) / model.step[j]
     for j in range(N_HEALTH - 1):  # the sensor's bias does not act on the machine
         shifted = theta.copy()
         size = 1e-3 * slope[j]
         shifted[model.health[j]] += size
-        change = rk4(rhs, x, u, shifted, SAMPLE_PERIOD_S, model.substeps) - x_next
-        F[:nx, nx + j] = change / size * slope[j]
+        F[:nx, nx + j] = (rk4(rhs, x, u, shifted, SAMPLE_PERIOD_S, 1) - base) / size * slope[j]
     for j in range(N_HEALTH):
         F[nx + j, nx + j] = 1.0
     for j in range(N_NOISE):
@@ -77,20 +79,20 @@ def predict(rhs, model, z, P, u, u_sd, health, slope):  # type: ignore[no-untype
         if u_sd[j] > 0.0:
             moved_u = u.copy()
             moved_u[j] += u_sd[j]
-            effect = rk4(rhs, x, moved_u, theta, SAMPLE_PERIOD_S, model.substeps) - x_next
+            effect = rk4(rhs, x, moved_u, theta, SAMPLE_PERIOD_S, 1) - base
             for a in range(nx):
                 for b in range(nx):
                     Q[a, b] += effect[a] * effect[b]
     after = z.copy()
-    after[:nx] = x_next
+    after[:nx] = rk4(rhs, x, u, theta, SAMPLE_PERIOD_S, model.substeps)
     for j in range(N_NOISE):
         after[nx + N_HEALTH + j] *= model.keep[j]
-    return after, predict_covariance(P, F, Q)
+    return after, F, Q
 
 
 @njit(cache=True, error_model="numpy")
-def correct(output, model, z, P, u, measured, health, slope, white_sd, coloured_sd, clip):  # type: ignore[no-untyped-def]
-    """Correct by the outputs (3,), NaN where missing. Returns z, P, innovation, S, NIS."""
+def measure(output, model, z, u, measured, health, slope, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
+    """Innovation (3,), NaN where missing, H (3, n) and R (3, 3) for the outputs ``measured`` (3,)."""
     nx, n = model.step.size, z.size
     theta = _with_health(model, health)
     x = z[:nx].copy()
@@ -111,31 +113,58 @@ def correct(output, model, z, P, u, measured, health, slope, white_sd, coloured_
     innovation = measured - y
     for i in range(3):
         innovation[i] -= coloured_sd[i] * z[noise + i]
-    z, P, S, nis = update(z, P, innovation, H, R, clip)
-    return z, P, innovation, S, nis
+    return innovation, H, R
 
 
 @njit(cache=True, error_model="numpy")
-def _tick(
-    rhs, output, model, z, P, started, u_before, u, u_sd, measured, health, slope, white, coloured, limit, info
-):  # type: ignore[no-untyped-def]
-    innovation, S, nis = info
+def _bound(model, z, limit):  # type: ignore[no-untyped-def]
+    """Flow positive, health within its coordinates, in place."""
     nx = model.step.size
+    z[4] = max(z[4], 0.05)
+    for j in range(limit.size):
+        z[nx + j] = min(max(z[nx + j], -limit[j]), limit[j])
+
+
+@njit(cache=True, error_model="numpy")
+def _tick(  # type: ignore[no-untyped-def]
+    rhs, output, model, z, P, started, u_before, u, u_sd, measured, health, slope, white, coloured, limit, info
+):
+    innovation, S, nis = info
     for b in range(z.shape[0]):
         if started[b]:
-            z[b], P[b] = predict(rhs, model, z[b], P[b], u_before[b], u_sd[b], health[b], slope[b])
-        z[b], P[b], innovation[b], S[b], nis[b] = correct(
-            output, model, z[b], P[b], u[b], measured[b], health[b], slope[b],
-            white[b], coloured[b], INNOVATION_CLIP_SD,
-        )  # fmt: skip
-        z[b, 4] = max(z[b, 4], 0.05)
-        for j in range(limit.size):
-            z[b, nx + j] = min(max(z[b, nx + j], -limit[j]), limit[j])
+            z[b], F, Q = linearise(rhs, model, z[b], u_before[b], u_sd[b], health[b], slope[b])
+            P[b] = predict_covariance(P[b], F, Q)
+        innovation[b], H, R = measure(
+            output, model, z[b], u[b], measured[b], health[b], slope[b], white[b], coloured[b]
+        )
+        z[b], P[b], S[b], nis[b] = update(z[b], P[b], innovation[b], H, R, INNOVATION_CLIP_SD)
+        _bound(model, z[b], limit)
+        started[b] = True
+
+
+def _tick_filterpy(
+    rhs: Any, output: Any, model: Filter, z: Array, P: Array, started: np.ndarray, u_before: Array, u: Array,
+    u_sd: Array, measured: Array, health: Array, slope: Array, white: Array, coloured: Array, limit: Array,
+    info: tuple[Array, Array, Array],
+) -> None:  # fmt: skip
+    """As ``_tick``, by filterpy: the peer that it must equal and is timed against."""
+    innovation, S, nis = info
+    for b in range(z.shape[0]):
+        if started[b]:
+            after, F, Q = linearise(rhs, model, z[b], u_before[b], u_sd[b], health[b], slope[b])
+            z[b], P[b] = ekf_predict(P[b], after, F, Q)
+        innovation[b], H, R = measure(
+            output, model, z[b], u[b], measured[b], health[b], slope[b], white[b], coloured[b]
+        )
+        z[b], P[b], S[b], nis[b] = ekf_update(z[b], P[b], innovation[b], H, R, INNOVATION_CLIP_SD)
+        _bound(model, z[b], limit)
         started[b] = True
 
 
 class ModelEKF(Estimator):
     """Base of the filters whose model is a Simulator; a subclass says which in ``machine``."""
+
+    toy_filter = staticmethod(linear_filter)
 
     settings: ClassVar[dict[str, Any]] = {
         "capacity_walk": 4e-4,
@@ -145,6 +174,7 @@ class ModelEKF(Estimator):
         "T_bias_K_walk": 0.05,
         "state_walk": 1.0,
         "substeps": 2,
+        "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, tuple[float, float]]] = {
         "capacity_walk": (1e-4, 2e-3),
@@ -211,7 +241,8 @@ class ModelEKF(Estimator):
         white, coloured = output_sd(clean.filled)
         info = (np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z)))
         equations = compiled(self._machine)
-        _tick(
+        tick = _tick_filterpy if self.config["implementation"] == "filterpy" else _tick
+        tick(
             equations.rhs, equations.output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
             measured, health, slope, white, coloured, ZETA_LIMIT, info,
         )  # fmt: skip
@@ -233,5 +264,3 @@ class ModelEKF(Estimator):
         nx = len(self._model.step)
         keep = np.r_[0 : len(STATES), nx : nx + N_HEALTH]
         return report(z, P, keep, (z, P, *memory))
-
-

@@ -22,6 +22,7 @@ class NominalEKF(ModelEKF):
 
     name = "nominal_ekf"
     says = "extended Kalman filter with the recalibrated reduced-order model"
+    implementations = ("compiled", "filterpy")
     settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "substeps": 1, "calibration_minutes": 8.0}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:

@@ -3,9 +3,10 @@
 z = [five states, probe temperature, five health coordinates zeta, three coloured-noise states,
 five slow errors of the operator].
 Health is a random walk in zeta; the probe is an exact first-order lag; the coloured part of the
-sensor noise is AR(1) of unit variance, scaled by its present standard deviation. What the operator gets wrong is wrong for
-minutes, since it depends on the operating point: white process noise cannot say that, and a filter
-without these states is far too sure of itself. The operator gives the forecast and, in the same pass, its Jacobian.
+sensor noise is AR(1) of unit variance, scaled by its present standard deviation. What the operator
+gets wrong is wrong for minutes, since it depends on the operating point: white process noise cannot
+say that, and a filter without these states is far too sure of itself. The operator gives the
+forecast and, in the same pass, its Jacobian.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ class Model(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _probe_lag(mu):  # type: ignore[no-untyped-def]
+def probe_lag(mu):  # type: ignore[no-untyped-def]
     """Share of the gap to the gas that the probe closes in a tick, and its slope to the flow."""
     mu = max(mu, 0.05)
     tau = TAU_PROBE_S * mu**-TAU_PROBE_X
@@ -62,7 +63,7 @@ def _condition(model, z):  # type: ignore[no-untyped-def]
 def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
     """Eq. (6): states by the operator, probe by its lag, noise and slow error by their memory."""
     after = z.copy()
-    share, _ = _probe_lag(z[4])
+    share, _ = probe_lag(z[4])
     after[PROBE] = z[PROBE] + share * (z[2] - z[PROBE])
     for i in range(N_STATES):
         after[i] = z[i] + scaled[i] * model.increment[i] + z[ERROR + i]
@@ -84,7 +85,7 @@ def predict(w, model, base, z, P):  # type: ignore[no-untyped-def]
             F[i, ZETA + j] = jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
         F[i, ERROR + i] = 1.0
         F[ERROR + i, ERROR + i] = model.error_keep
-    share, slope = _probe_lag(z[4])
+    share, slope = probe_lag(z[4])
     F[PROBE, PROBE] = 1.0 - share
     F[PROBE, 2] = share
     F[PROBE, 4] = slope * (z[2] - z[PROBE])

@@ -10,6 +10,7 @@ from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model, roll_out, tick
 from methods.estimator import Estimator, Info, Sample, State, register
 from methods.frontend import FrontEnd, Memory
+from methods.kalman import linear_filter
 from methods.noise import coloured_keep, output_sd
 from methods.reporting import clean_flags, report
 from methods.stream import Stream, empty_stream, pack
@@ -28,6 +29,7 @@ class DeepONetKalman(Estimator):
     name = "deeponet_kalman"
     says = "operator network inside an augmented Kalman filter (the proposed method)"
     window = 64
+    toy_filter = staticmethod(linear_filter)
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 12000,
         "windows": 384,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -72,6 +72,9 @@ class Estimator(ABC):
     """Settings that make ``fit`` quick enough for the contract battery."""
     implementations: ClassVar[tuple[str, ...]] = ("compiled",)
     """Forms of ``step`` that latency compares; more than one needs a setting ``implementation``."""
+    toy_filter: ClassVar[Callable[..., Callable[[Array], tuple[Array, Array]]] | None] = None
+    """Where the method reduces to a Kalman filter: its own blocks on a linear-Gaussian machine, as
+    ``methods.kalman.linear_filter``; the contract battery holds them to the textbook."""
     window: ClassVar[int] = 1
     """Samples of history that one update looks at."""
 
@@ -87,7 +90,7 @@ class Estimator(ABC):
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Learn from simulated sequences with truth; the same seed gives the same arrays."""
 
-    def restore(self) -> None:
+    def restore(self) -> None:  # noqa: B027  nothing to rebuild is the rule, not the exception
         """Rebuild what ``step`` needs from ``config`` and ``arrays``; called after fit and load."""
 
     @abstractmethod

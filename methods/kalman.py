@@ -6,8 +6,12 @@ covariance is factorised by Cholesky and solved.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numba import njit
+
+from data.batch import Array
 
 
 @njit(cache=True, error_model="numpy")
@@ -101,3 +105,28 @@ def update_all(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
     for b in range(batch):
         z_out[b], P_out[b], S[b], nis[b] = update(z[b], P[b], innovation[b], H[b], R[b], clip)
     return z_out, P_out, S, nis
+
+
+def linear_filter(
+    F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
+) -> Callable[[Array], tuple[Array, Array]]:
+    """These blocks on a linear-Gaussian machine, for comparison with the textbook.
+
+    Args:
+        F, H, Q, R: (n, n), (m, n), (n, n), (m, m).
+        x0, P0: (n,), (n, n) before the first prediction.
+
+    Returns:
+        A function from measurements (N, m), NaN where missing, to means (N, n) and covariances (N, n, n).
+    """
+
+    def run(measured: Array) -> tuple[Array, Array]:
+        x, P = x0, P0
+        means, covs = np.empty((len(measured), len(x0))), np.empty((len(measured), *P0.shape))
+        for k, y in enumerate(measured):
+            x, P = F @ x, predict_covariance(P, F, Q)
+            x, P, _, _ = update(x, P, y - H @ x, H, R, np.inf)
+            means[k], covs[k] = x, P
+        return means, covs
+
+    return run

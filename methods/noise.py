@@ -29,6 +29,11 @@ def input_sd(filled: Array) -> Array:
     return _sizes(filled, INPUT_NOISE) * [s.white for s in INPUT_NOISE]
 
 
+def coloured_tau_s() -> Array:
+    """Time constants (3,) of the outputs' coloured noise."""
+    return np.array([s.tau_s for s in OUTPUT_NOISE])
+
+
 def coloured_keep() -> Array:
     """AR(1) factors (3,) of the outputs' coloured noise from tick to tick."""
-    return np.exp(-SAMPLE_PERIOD_S / np.array([s.tau_s for s in OUTPUT_NOISE]))
+    return np.exp(-SAMPLE_PERIOD_S / coloured_tau_s())

@@ -41,10 +41,10 @@ class Branch(nn.Module):
     same weights.
 
     Shape: values (B, 65, 7) standardised, the first sample only for its difference; masks
-        (B, 64, 7); slow (B, 2) -> (B, latents).
+        (B, 64, 7); slow (B, n_slow) -> (B, latents).
     """
 
-    def __init__(self, width_1: int, width_2: int, attention: int, latents: int) -> None:
+    def __init__(self, width_1: int, width_2: int, attention: int, latents: int, n_slow: int = N_SLOW) -> None:
         super().__init__()
         self.block_1 = nn.Linear(KERNEL * N_COLUMNS, width_1)
         self.block_2 = nn.Linear(KERNEL * width_1, width_2)
@@ -53,7 +53,7 @@ class Branch(nn.Module):
         self.gate_sigmoid = nn.Linear(width_2, attention)
         self.score = nn.Linear(attention, 1, bias=False)
         self.position = nn.Parameter(torch.zeros(TOKENS))
-        self.project = nn.Linear(2 * width_2 + 2 * N_CHANNELS + N_SLOW, latents)
+        self.project = nn.Linear(2 * width_2 + 2 * N_CHANNELS + n_slow, latents)
 
     def forward(self, values: Tensor, masks: Tensor, slow: Tensor) -> Tensor:
         batch = len(values)

@@ -1,0 +1,292 @@
+"""PINN + UKF: a physics-informed perceptron as the model of an unscented Kalman filter.
+
+The network gives the increment of the five states over a tick from state, inputs, valve position
+and health. It is trained on the plant's transitions, and held to the balances of the nominal model
+beyond them (the residual of Raissi et al., 2019, in discrete time). The filter is Julier and
+Uhlmann's with Merwe's sigma points; z = [five states, health coordinates, probe, coloured noise].
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from baselines.filterpy_filters import ukf_predict, ukf_update
+from baselines.unscented import correct, linear_filter, moments, sigma_points, weights
+from data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from methods.augmented import probe_lag
+from methods.estimator import Estimator, Info, Sample, State, register
+from methods.frontend import FrontEnd, Memory
+from methods.noise import coloured_keep, output_sd
+from methods.reporting import clean_flags, report
+from physics.compressor import M_REF_KG_S, PLANT
+from physics.health import d_theta_d_zeta, to_theta, to_zeta
+
+N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, 3
+ZETA, BIAS, PROBE, NOISE, SIZE = 5, 9, 10, 11, 14
+"""Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it."""
+N_MOVED = 1 + 2 * BIAS
+VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
+ZETA_SCALE = 4.0
+ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
+KEEP = np.r_[0:N_X, ZETA:PROBE]
+CLIP_SD = 6.0
+ALPHA = 0.5
+W_MEAN, W_COV = weights(SIZE, ALPHA)
+VALVE = [v.name for v in PLANT.states].index("valve_pos")
+STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3])
+"""Process noise of the states per square root of a second, before ``state_walk``; that of the EKFs."""
+
+
+@register
+class PINNUnscentedKalman(Estimator):
+    """Physics-informed multilayer perceptron with an unscented filter."""
+
+    name = "pinn_ukf"
+    says = "physics-informed perceptron inside an unscented Kalman filter"
+    implementations = ("compiled", "filterpy")
+    toy_filter = staticmethod(linear_filter)
+    settings: ClassVar[dict[str, Any]] = {
+        "iterations": 10000,
+        "rows": 1024,
+        "transitions": 300_000,
+        "learning_rate": 3e-3,
+        "physics": 0.02,
+        "hidden": 300,
+        "model_noise": 10.0,
+        "state_walk": 1.0,
+        "capacity_walk": 4e-4,
+        "efficiency_walk": 4e-4,
+        "leakage_walk": 1.2e-4,
+        "heat_transfer_walk": 2e-3,
+        "T_bias_K_walk": 0.05,
+        "implementation": "compiled",
+    }
+    search_space: ClassVar[dict[str, tuple[float, float]]] = {
+        "learning_rate": (5e-4, 1e-2),
+        "physics": (1e-3, 0.3),
+        "model_noise": (1.0, 100.0),
+        "state_walk": (0.1, 30.0),
+        "capacity_walk": (1e-4, 2e-3),
+        "efficiency_walk": (1e-4, 2e-3),
+        "leakage_walk": (3e-5, 5e-4),
+        "heat_transfer_walk": (5e-4, 1e-2),
+        "T_bias_K_walk": (0.01, 0.2),
+    }
+    contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "transitions": 3000}
+
+    def fit(self, train: Batch, validation: Batch, seed: int) -> None:
+        """Train the network on transitions of the training split; its residuals come from validation."""
+        import torch
+        from torch import nn
+        from torch.nn import functional
+
+        from methods.training import adamw, seeded, weights_of
+        from methods.transitions import draw_transitions
+        from physics.integrate import advance
+        from physics.nominal import NOMINAL
+
+        config = self.config
+        rng, _ = seeded(seed)
+        moves = draw_transitions(train, config["transitions"], rng)
+        assert train.truth is not None
+        read = _network_input(train, moves)
+        mean, scale = read.mean(axis=0), read.std(axis=0)
+        mean[-N_ZETA:], scale[-N_ZETA:] = 0.0, ZETA_SCALE
+        step = moves.increment.std(axis=0)
+        # Collocation: other states and health still, where only the nominal balances answer.
+        apart = rng.permutation(len(read))
+        x = moves.x + 0.5 * (moves.x[apart] - moves.x)
+        theta = moves.theta[apart]
+        hidden = train.truth.states[moves.sequence, moves.sample, N_X:]
+        u = train.truth.inputs[moves.sequence, moves.sample]
+        nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, HEALTH, theta)
+        elsewhere = np.concatenate([x, read[:, N_X : -N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
+
+        def tensor(a: Array) -> torch.Tensor:
+            return torch.from_numpy(a.astype(np.float32))
+
+        inputs, wanted = tensor((read - mean) / scale), tensor(moves.increment / step)
+        beyond, balance = tensor((elsewhere - mean) / scale), tensor((nominal[:, :N_X] - x) / step)
+        width = config["hidden"]
+        network = nn.Sequential(
+            nn.Linear(read.shape[1], width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, N_X)
+        )
+        quarter = config["rows"] // 4
+
+        def loss(_: int) -> torch.Tensor:
+            rows = torch.from_numpy(rng.integers(len(inputs), size=config["rows"]))
+            few = rows[:quarter]
+            out = network(torch.cat([inputs[rows], beyond[few]]))
+            fit = functional.smooth_l1_loss(out[: len(rows)], wanted[rows], beta=0.2)
+            return fit + config["physics"] * functional.smooth_l1_loss(out[len(rows) :], balance[few], beta=0.2)
+
+        losses = adamw(network, loss, config["iterations"], config["learning_rate"])
+        held = draw_transitions(validation, 20_000, rng, perturbed=False)
+        states = train.truth.states[..., : N_X + 1].reshape(-1, N_X + 1)[::50]
+        self.arrays = {
+            **weights_of(network),
+            **FrontEnd.fit(train).arrays(),
+            "input.mean": mean,
+            "input.scale": scale,
+            "increment.scale": step,
+            "prior.mean": states.mean(axis=0),
+            "prior.cov": np.cov(states.T),
+            "residual.cov": np.eye(N_X),
+            "loss": np.array(losses),
+        }
+        self.restore()
+        residual = held.increment - self._increment(_network_input(validation, held))
+        self.arrays["residual.cov"] = residual.T @ residual / len(residual)
+        self.restore()
+
+    def restore(self) -> None:
+        """Rebuild the network and assemble Q."""
+        a = self.arrays
+        self._front_end = FrontEnd.from_arrays(a)
+        self._layers = [
+            (np.ascontiguousarray(a[f"net.{i}.weight"].T), a[f"net.{i}.bias"]) for i in (0, 2, 4)
+        ]
+        walk = np.array([self.config[f"{name}_walk"] for name in HEALTH])
+        self._keep = coloured_keep()
+        Q = np.zeros((SIZE, SIZE))
+        Q[:N_X, :N_X] = self.config["model_noise"] * a["residual.cov"]
+        Q[:N_X, :N_X] += np.diag((self.config["state_walk"] * STATE_WALK) ** 2 * SAMPLE_PERIOD_S)
+        Q[ZETA:PROBE, ZETA:PROBE] = np.diag((walk / d_theta_d_zeta(np.zeros(len(HEALTH)))) ** 2 * SAMPLE_PERIOD_S)
+        Q[PROBE, PROBE] = 1e-3**2
+        Q[NOISE:, NOISE:] = np.diag(1.0 - self._keep**2)
+        self._Q = Q
+
+    def init(self, batch: int) -> State:
+        """States as anywhere in the training split, a healthy machine."""
+        mean, cov = self.arrays["prior.mean"], self.arrays["prior.cov"]
+        where = np.r_[0:N_X, PROBE]
+        z = np.zeros((batch, SIZE))
+        z[:, where] = mean
+        P = np.tile(np.eye(SIZE), (batch, 1, 1))
+        P[:, where[:, None], where] = cov
+        memory = (np.zeros(batch, np.bool_), np.zeros((batch, len(INPUTS) + 1)), *self._front_end.init(batch))
+        return report(z, P, KEEP, (z, P, *memory))
+
+    def step(self, state: State, sample: Sample) -> tuple[State, Info]:
+        """Predict by the network over sigma points, correct by the outputs."""
+        z, P, started, u, *rest = state.memory
+        front, clean = self._front_end.step(Memory(*rest), sample.measured)
+        white, coloured = output_sd(clean.filled)
+        measured = np.where(clean.accepted, clean.filled, np.nan)[:, len(INPUTS) :]
+        one_tick = self._tick_filterpy if self.config["implementation"] == "filterpy" else self._tick
+        z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
+        z[:, 4] = np.maximum(z[:, 4], 0.05)
+        z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], -ZETA_LIMIT, ZETA_LIMIT)
+        now = clean.filled[:, : len(INPUTS)]
+        command = now[:, -1:]
+        valve = np.where(started[:, None], VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1], command)
+        memory = (np.ones_like(started), np.concatenate([now, valve], axis=1), *front)
+        info = Info(innovation, S, nis, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)
+        return report(z, P, KEEP, (z, P, *memory)), info
+
+    def forecast(self, state: State, inputs: Array) -> Array:
+        """Run the network on with the parameters frozen."""
+        z, _, _, u, *_ = state.memory
+        z, u = z.copy(), u.copy()
+        bias_K = to_theta(z[:, ZETA:PROBE])[:, -1]
+        out = np.empty((*inputs.shape[:2], 3))
+        for k in range(inputs.shape[1]):
+            z = self._moved(z[:, None], u)[:, 0]
+            z[:, 4] = np.maximum(z[:, 4], 0.05)
+            out[:, k] = np.stack([z[:, 1], z[:, PROBE] + bias_K, M_REF_KG_S * z[:, 4]], axis=-1)
+            valve = VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1]
+            u = np.concatenate([inputs[:, k], valve], axis=1)
+        return out
+
+    def _tick(
+        self, z: Array, P: Array, started: np.ndarray, u: Array, measured: Array, white: Array, coloured: Array
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """Compiled apart from the network, which takes all sigma points of all machines at once."""
+        sigma = sigma_points(z, P, ALPHA)
+        moved = sigma.copy()
+        # Of what the network reads, the other sigma points have the centre's.
+        few = np.r_[0 : 1 + BIAS, SIZE + 1 : SIZE + 1 + BIAS]
+        moved[..., :N_X] += self._increments(sigma, u, few)
+        _move_rest(sigma, moved, self._keep)
+        ahead, P_ahead = moments(moved, W_MEAN, W_COV, self._Q)
+        z = np.where(started[:, None], ahead, z)
+        P = np.where(started[:, None, None], P_ahead, P)
+        sigma = sigma_points(z, P, ALPHA)
+        return correct(z, P, sigma, _readings(sigma, coloured), measured, white**2, W_MEAN, W_COV, CLIP_SD)
+
+    def _tick_filterpy(
+        self, z: Array, P: Array, started: np.ndarray, u: Array, measured: Array, white: Array, coloured: Array
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """As ``_tick``, by filterpy: the peer that it must equal and is timed against."""
+        z, P = z.copy(), P.copy()
+        innovation, S, nis = np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z))
+        for b in range(len(z)):
+
+            def move(point: Array, b: int = b) -> Array:
+                return self._moved(point[None, None], u[b : b + 1])[0, 0]
+
+            def read(point: Array, b: int = b) -> Array:
+                return _readings(point[None, None], coloured[b : b + 1])[0, 0]
+
+            if started[b]:
+                z[b], P[b] = ukf_predict(z[b], P[b], self._Q, ALPHA, move)
+            R = np.diag(white[b] ** 2)
+            z[b], P[b], innovation[b], S[b], nis[b] = ukf_update(z[b], P[b], measured[b], R, ALPHA, CLIP_SD, read)
+        return z, P, innovation, S, nis
+
+    def _moved(self, points: Array, u: Array) -> Array:
+        """Points (B, K, 14) a tick on under inputs and valve (B, 5)."""
+        moved = points.copy()
+        moved[..., :N_X] += self._increments(points, u, np.arange(points.shape[1]))
+        _move_rest(points, moved, self._keep)
+        return moved
+
+    def _increments(self, points: Array, u: Array, few: np.ndarray) -> Array:
+        """Increments (B, K, 5) of the states at points (B, K, 14); all but ``few`` have those of the first."""
+        some = points[:, few]
+        shared = np.broadcast_to(u[:, None], (*some.shape[:2], u.shape[1]))
+        read = np.concatenate([some[..., :N_X], shared, some[..., ZETA:BIAS]], axis=-1)
+        change = self._increment(read.reshape(-1, read.shape[-1])).reshape(*read.shape[:2], N_X)
+        if len(few) == points.shape[1]:
+            return change
+        out = np.repeat(change[:, :1], points.shape[1], axis=1)
+        out[:, few] = change
+        return out
+
+    def _increment(self, read: Array) -> Array:
+        """The network, (M, 13) -> (M, 5) physical."""
+        a = ((read - self.arrays["input.mean"]) / self.arrays["input.scale"]).astype(self._layers[0][0].dtype)
+        for weight, bias in self._layers[:-1]:
+            a = a @ weight + bias
+            a *= 0.5 * (1.0 + np.tanh(0.5 * a))
+        weight, bias = self._layers[-1]
+        return (a @ weight + bias).astype(np.float64) * self.arrays["increment.scale"]
+
+
+def _network_input(batch: Batch, moves: Any) -> Array:
+    """(M, 13): states, inputs, valve position, health coordinates."""
+    assert batch.truth is not None
+    at = (moves.sequence, moves.sample)
+    valve = batch.truth.states[*at, VALVE]
+    return np.concatenate([moves.x, batch.truth.inputs[at], valve[:, None], to_zeta(moves.theta)[:, :N_ZETA]], axis=1)
+
+
+@njit(cache=True, error_model="numpy")
+def _move_rest(before, after, keep):  # type: ignore[no-untyped-def]
+    """The probe follows the gas, the coloured noise fades; in place on ``after``."""
+    for b in range(before.shape[0]):
+        for k in range(before.shape[1]):
+            share, _ = probe_lag(before[b, k, 4])
+            after[b, k, PROBE] += share * (before[b, k, 2] - before[b, k, PROBE])
+            for i in range(N_NOISE):
+                after[b, k, NOISE + i] *= keep[i]
+
+
+def _readings(points: Array, coloured: Array) -> Array:
+    """(B, K, 3) of points (B, K, 14), with the coloured part of the noise, sd (B, 3)."""
+    bias_K = to_theta(points[..., ZETA:PROBE])[..., -1]
+    y = np.stack([points[..., 1], points[..., PROBE] + bias_K, M_REF_KG_S * points[..., 4]], axis=-1)
+    return y + coloured[:, None] * points[..., NOISE:]

@@ -1,0 +1,80 @@
+"""A slow recurrent memory with a fast readout, and its NumPy twin for the online cycle.
+
+The cell steps every other second on the features of that tick; a small network reads its hidden
+state and the present features at every tick. Health and thermal memory move in tens of seconds, so
+nothing is lost, and a sequence of 30,000 samples is 750 steps of back-propagation.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+TICKS_PER_STEP = 40
+
+
+class SlowFast(nn.Module):
+    """GRU or LSTM cell at 0.5 Hz, readout at 20 Hz.
+
+    Shape: slow (B, S, F), fast (B, S, K, F), carried as ``blank`` -> (B, S, K, outputs), carried;
+        the K readouts of a step follow it.
+    """
+
+    def __init__(self, cell: str, features: int, hidden: int, readout: int, outputs: int) -> None:
+        super().__init__()
+        self.gated = cell == "gru"
+        self.cell = (nn.GRU if self.gated else nn.LSTM)(features, hidden, batch_first=True)
+        self.first = nn.Linear(hidden + features, readout)
+        self.second = nn.Linear(readout, outputs)
+
+    def blank(self, batch: int) -> tuple[Tensor, ...]:
+        """The memory before the first step: hidden, and for the LSTM cell state."""
+        return tuple(torch.zeros(1, batch, self.cell.hidden_size) for _ in range(1 if self.gated else 2))
+
+    def forward(self, slow: Tensor, fast: Tensor, carried: tuple[Tensor, ...]) -> tuple[Tensor, tuple[Tensor, ...]]:
+        hidden, after = self.cell(slow, carried[0] if self.gated else carried)
+        rows = hidden.unsqueeze(2).expand(-1, -1, fast.shape[2], -1)
+        entry = functional.silu(self.first(torch.cat([rows, fast], dim=-1)))
+        return self.second(entry), (after,) if self.gated else after
+
+
+class SlowFastTwin:
+    """The same network in NumPy, float32, one tick at a time."""
+
+    def __init__(self, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
+        w = {n.removeprefix(prefix): np.asarray(a, np.float32) for n, a in arrays.items() if n.startswith(prefix)}
+        self.inner, self.outer = w["cell.weight_ih_l0"].T.copy(), w["cell.weight_hh_l0"].T.copy()
+        self.inner_bias, self.outer_bias = w["cell.bias_ih_l0"], w["cell.bias_hh_l0"]
+        self.first, self.first_bias = w["first.weight"].T.copy(), w["first.bias"]
+        self.second, self.second_bias = w["second.weight"].T.copy(), w["second.bias"]
+        self.hidden = self.outer.shape[0]
+        self.gates = self.outer.shape[1] // self.hidden  # 3: GRU, 4: LSTM
+
+    def init(self, batch: int) -> tuple[np.ndarray, np.ndarray]:
+        """Hidden and cell state (the GRU leaves the second alone), each (B, hidden)."""
+        return np.zeros((batch, self.hidden), np.float32), np.zeros((batch, self.hidden), np.float32)
+
+    def step(self, h: np.ndarray, c: np.ndarray, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One slow step."""
+        a = features @ self.inner + self.inner_bias
+        b = h @ self.outer + self.outer_bias
+        n = self.hidden
+        if self.gates == 3:
+            reset, update = _sigmoid(a[:, :n] + b[:, :n]), _sigmoid(a[:, n : 2 * n] + b[:, n : 2 * n])
+            candidate = np.tanh(a[:, 2 * n :] + reset * b[:, 2 * n :])
+            return (1 - update) * candidate + update * h, c
+        s = a + b
+        enter, forget, out = _sigmoid(s[:, :n]), _sigmoid(s[:, n : 2 * n]), _sigmoid(s[:, 3 * n :])
+        c = forget * c + enter * np.tanh(s[:, 2 * n : 3 * n])
+        return out * np.tanh(c), c
+
+    def read(self, h: np.ndarray, features: np.ndarray) -> np.ndarray:
+        """The readout, (B, outputs) float64."""
+        entry = np.concatenate([h, features], axis=1) @ self.first + self.first_bias
+        return ((entry * _sigmoid(entry)) @ self.second + self.second_bias).astype(np.float64)
+
+
+def _sigmoid(v: np.ndarray) -> np.ndarray:
+    return 0.5 * (1.0 + np.tanh(0.5 * v))

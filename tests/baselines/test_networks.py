@@ -1,0 +1,82 @@
+"""Each network's NumPy twin against torch, and all budgets against the proposed method's."""
+
+import numpy as np
+import pytest
+import torch
+
+from baselines import features
+from baselines.deeponet import N_QUERY, DeepONet, network_of
+from baselines.gru_kf import GRUKalman
+from baselines.lstm_rls import LSTMRecursiveLeastSquares
+from baselines.pinn_ukf import PINNUnscentedKalman
+from baselines.recurrent import TICKS_PER_STEP, SlowFast, SlowFastTwin
+from baselines.sequences import fit_sequences, read_out
+from data.benchmark import DesignConfig, simulate_benchmark
+from methods.operator import WINDOW, Operator
+from methods.training import parameter_count, weights_of
+
+
+@pytest.mark.parametrize("cell", ["gru", "lstm"])
+def test_recurrent_twin_equals_torch_tick_by_tick(cell):
+    torch.manual_seed(0)
+    network = SlowFast(cell, features=6, hidden=9, readout=11, outputs=4)
+    twin = SlowFastTwin(weights_of(network))
+    read = np.random.default_rng(0).normal(size=(2, 5 * TICKS_PER_STEP, 6)).astype(np.float32)
+    ticks, whole = read_out(network, read, every=1)
+    h, c = twin.init(2)
+    for k in ticks:
+        if k % TICKS_PER_STEP == 0:
+            h, c = twin.step(h, c, read[:, k])
+        np.testing.assert_allclose(twin.read(h, read[:, k]), whole[:, k], atol=1e-6)
+
+
+def test_sequence_training_remembers_what_only_the_past_of_the_sequence_tells():
+    """The target is the sequence's first reading: no stretch but the first shows it."""
+    rng = np.random.default_rng(0)
+    torch.manual_seed(0)
+    said = rng.choice([-1.0, 1.0], size=(64, 1, 1))
+    read = np.zeros((64, 160 * TICKS_PER_STEP, 2), np.float32)
+    read[:, : 10 * TICKS_PER_STEP, :1] = said
+    target = np.broadcast_to(said, (*read.shape[:2], 1)).astype(np.float32)
+    network = SlowFast("gru", 2, 12, 12, 1)
+    fit_sequences(network, read, target, torch.nn.functional.mse_loss, rng, 150, 16, 2e-2)
+    _, out = read_out(network, read, every=TICKS_PER_STEP)
+    assert np.mean((out[:, 80:] - said) ** 2) < 0.2
+
+
+def test_running_means_tick_by_tick_equal_whole_sequences():
+    values = np.random.default_rng(1).normal(size=(3, 200, 7))
+    memory = features.init(3, 7)
+    whole = features.run(values)
+    assert whole.shape[-1] == features.width(7)
+    for k in range(200):
+        memory, row = features.step(memory, values[:, k])
+        np.testing.assert_allclose(row, whole[:, k], atol=1e-6)
+
+
+def test_deeponet_twin_equals_torch():
+    torch.manual_seed(0)
+    estimator = DeepONet()
+    network = network_of(estimator.config)
+    estimator._w = {n.removeprefix("net."): a for n, a in weights_of(network).items()}
+    estimator.arrays = {"target.mean": np.zeros(11), "target.scale": np.ones(11)}
+    rng = np.random.default_rng(0)
+    window = rng.normal(size=(4, WINDOW + 1, 7)).astype(np.float32)
+    masks = (rng.random((4, WINDOW, 7)) < 0.9).astype(np.float32)
+    slow = rng.normal(size=(4, 28)).astype(np.float32)
+    query = rng.normal(size=(4, 3, N_QUERY)).astype(np.float32)
+    with torch.no_grad():
+        branch = network.branch(*map(torch.from_numpy, (window, masks, slow)))
+        wanted = network(branch, torch.from_numpy(query)).numpy()
+    twin = estimator._branch(window, masks, slow)
+    np.testing.assert_allclose(twin, branch.numpy(), atol=1e-5)
+    np.testing.assert_allclose(estimator._answer(twin, query), wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [GRUKalman, LSTMRecursiveLeastSquares, DeepONet, PINNUnscentedKalman])
+def test_every_network_has_the_budget_of_the_proposed_one(kind):
+    split = simulate_benchmark(DesignConfig(n_train=1, n_validation=1, n_test=1, minutes=2.5, warmup_minutes=0.5))
+    estimator = kind(**kind.contract_settings)
+    estimator.fit(split.train, split.validation, 0)
+    weights = sum(a.size for name, a in estimator.arrays.items() if name.startswith("net."))
+    assert weights == pytest.approx(parameter_count(Operator()), rel=0.05)
