@@ -65,14 +65,13 @@ class Batch:
 
     def select(self, sequences: slice | list[int], samples: slice = slice(None)) -> Batch:
         """Some sequences, some samples; views where numpy allows."""
-        index = np.arange(len(self))[sequences]
         truth = self.truth and Truth(
-            *(field[index][:, samples] for field in (
+            *(field[sequences][:, samples] for field in (
                 self.truth.states, self.truth.health, self.truth.outputs, self.truth.inputs))
         )
         return Batch(
-            tuple(self.names[i] for i in index),
+            tuple(self.names[i] for i in np.arange(len(self))[sequences]),
             self.time_s[samples],
-            self.measured[index][:, samples],
+            self.measured[sequences][:, samples],
             truth,
         )

@@ -87,8 +87,9 @@ def _ar1(n: int, tau_s: float, rng: np.random.Generator) -> Array:
 def _dropped(n: int, share: float, rng: np.random.Generator) -> np.ndarray:
     """(n, 7) bool: single samples and bursts, half of the share each."""
     channels = len(INPUTS) + len(OUTPUTS)
-    single = rng.random((n, channels)) < 0.5 * share
-    starts = rng.random((n, channels)) < 0.5 * share / BURST
+    kept = np.sqrt(1.0 - share)  # by each of the two, so that together they drop the share, large ones too
+    single = rng.random((n, channels)) < 1.0 - kept
+    starts = rng.random((n, channels)) < 1.0 - kept ** (1.0 / BURST)
     burst = np.zeros_like(starts)
     for shift in range(BURST):
         burst[shift:] |= starts[: n - shift]

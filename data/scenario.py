@@ -19,7 +19,8 @@ from physics.steady import valve_for
 
 N_LIMITS_RPM = (900.0, 1800.0)
 P_SUC_LIMITS_BAR = (0.82, 1.08)
-RATIO_LIMITS = (2.3, 4.7)
+RATIO_LIMITS = (2.36, 4.85)  # what the valve aims at on a healthy machine at 0.95 bar
+RATIO_RANGE = (2.1, 5.0)  # what comes of it as suction and health change, but for 0.1 % at either end
 HEALTHY = np.array([1.0, 1.0, 0.015, 1.0, 0.0])
 WORN = np.array([0.88, 0.90, 0.052, 0.65, 0.0])
 RATE_PER_MIN = {"capacity": (0.003, 0.010), "efficiency": (0.002, 0.006), "leakage": (0.001, 0.004)}
@@ -62,7 +63,7 @@ class Scenario:
 
     def time_s(self) -> Array:
         """(N,) from 0."""
-        return np.arange(self.samples) * SAMPLE_PERIOD_S
+        return np.arange(self.samples, dtype=np.float64) * SAMPLE_PERIOD_S
 
     def inputs(self) -> Array:
         """(N, 4) true inputs, order INPUTS."""
@@ -94,12 +95,15 @@ def stream(*axes: object) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(digest[:8], "little"))
 
 
-def draw(name: str, kind: str, seed: int, minutes: float, warmup_minutes: float, worn_start: bool, mix: Array) -> Scenario:
+def draw(
+    name: str, kind: str, seed: int, minutes: float, warmup_minutes: float, worn_start: bool, mix: Array
+) -> Scenario:
     """Draw one sequence.
 
     Args:
         kind: what wears: one of KINDS.
-        worn_start: begin anywhere between healthy and worn, rather than healthy.
+        worn_start: begin anywhere between healthy and worn, rather than healthy; what changes begins
+            at most half worn, so that it has somewhere to go.
         mix: (10,) Latin-hypercube coordinates in [0, 1]: severities of the five health parameters,
             mean speed, mean ratio, mean suction, suction temperature, pace of the load changes.
     """
@@ -107,10 +111,11 @@ def draw(name: str, kind: str, seed: int, minutes: float, warmup_minutes: float,
     seconds, warm = 60.0 * minutes, 60.0 * warmup_minutes
     pace = 0.6 + 0.8 * mix[9]
     start = HEALTHY.copy()
-    if worn_start:
-        start += rng.random(5) * (WORN - HEALTHY)
-        start[4] = rng.uniform(-6.0, 6.0)
     changing = {"none": (), "mixed": HEALTH}.get(kind, (kind,))
+    if worn_start:
+        wear = rng.random(5) * np.where(np.isin(HEALTH, changing), 0.5, 1.0)
+        start += wear * (WORN - HEALTHY)
+        start[4] = rng.uniform(-6.0, 6.0)
     changes = tuple(_change(p, start, mix[HEALTH.index(p)], warm, seconds, rng) for p in changing)
     return Scenario(
         name=name,
@@ -121,7 +126,7 @@ def draw(name: str, kind: str, seed: int, minutes: float, warmup_minutes: float,
         p_suc_bar=_pieces(rng, seconds, P_SUC_LIMITS_BAR, mix[7], (90.0, 300.0), (0.1, 0.2)),
         T_suc_K=(288.0 + 20.0 * mix[8], rng.uniform(300.0, 900.0), rng.uniform(0.0, 2 * np.pi)),
         start=start,
-        changes=tuple(c for c in changes if c is not None),
+        changes=changes,
         seed=seed,
     )
 
@@ -149,7 +154,7 @@ def _pieces(
 
 def _change(
     parameter: str, start: Array, severity: float, warm: float, seconds: float, rng: np.random.Generator
-) -> Change | None:
+) -> Change:
     """A before of at least a minute, a transition, and an after of at least two, where time allows."""
     i = HEALTH.index(parameter)
     begin = warm + rng.uniform(0.04, 0.32) * (seconds - warm)
@@ -165,20 +170,18 @@ def _change(
         end = max(start[i] - loss, WORN[i])
         stages = int(rng.integers(1, 3))
         last = min(60.0 * rng.uniform(*HEAT_TRANSFER_RAMP_MIN) * (3 if stages == 2 else 1), room)
-        return Change(parameter, begin, begin + last, float(end), stages) if end < start[i] else None
+        return Change(parameter, begin, begin + last, float(end), stages)
     low, high = RATE_PER_MIN[parameter]
     rate = (low + rng.random() * (high - low)) / 60.0
-    reach = (0.35 + 0.65 * severity) * (WORN[i] - HEALTHY[i])
-    end = HEALTHY[i] + reach
-    if abs(start[i] - HEALTHY[i]) >= abs(reach):
-        return None  # already worn beyond what this sequence would reach
-    last = min(abs(end - start[i]) / rate, room)
-    end = start[i] + np.sign(end - start[i]) * rate * last
+    reach = (0.35 + 0.65 * severity) * (WORN[i] - start[i])
+    last = float(min(abs(reach) / rate, room))
+    end = start[i] + np.sign(reach) * rate * last
     return Change(parameter, begin, begin + last, float(end))
 
 
-def latin_hypercube(count: int, *axes: object) -> Array:
-    """(count, 10) coordinates for ``draw``."""
-    if count == 0:
-        return np.empty((0, 10))
-    return qmc.LatinHypercube(10, seed=stream(*axes)).random(count)
+def latin_hypercube(count: int, size: int, *axes: object) -> Array:
+    """(count, 10) coordinates for ``draw``: hypercubes of ``size`` rows, one after another, so that
+    a row does not depend on how many others are asked for.
+    """
+    sampler = qmc.LatinHypercube(10, seed=stream(*axes, size))
+    return np.concatenate([sampler.random(size) for _ in range(-(-count // size))])[:count]

@@ -23,7 +23,7 @@ UNITS = {
 assert tuple(UNITS) == CHANNELS
 
 PLAUSIBLE = {
-    "bar": (0.05, 100.0, "is it kPa, psi or MPa?"),
+    "bar": (0.05, 60.0, "is it kPa, psi or MPa?"),
     "kelvin": (200.0, 1200.0, "is it degC or degF?"),
     "rpm": (30.0, 60_000.0, "is it Hz or rad/s?"),
     "dimensionless": (-0.05, 1.5, "is it per cent?"),
@@ -50,14 +50,22 @@ def convert(values: Array, given: str, wanted: str, where: str) -> Array:
     import pint
 
     try:
-        return np.asarray(_registry().Quantity(values, given).to(wanted).magnitude)
+        quantity = _registry().Quantity(values, given)
+        if quantity.check("1/[time]"):  # 25 Hz of a shaft are 25 turns a second; to pint they are 25 radians
+            quantity = quantity * _registry().revolution ** (_counts_turns(given) - _counts_turns(wanted))
+        return np.asarray(quantity.to(wanted).magnitude)
     except pint.DimensionalityError as error:
         raise BadInput(f"{where}: unit {given!r} cannot be turned into {wanted!r}; give a unit of that kind") from error
-    except (pint.PintError, ValueError, TypeError, AttributeError) as error:
+    except Exception as error:  # pint's parser lets its tokenizer's errors and bare assertions through
         raise BadInput(f"{where}: unknown unit {given!r}; try bar, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h") from error
 
 
-def check_plausible(values: Array, unit: str, where: str) -> None:
+def _counts_turns(unit: str) -> bool:
+    """Hz and 1/min count turns; rpm and rad/s are angles over time."""
+    return "radian" not in str(_registry().Quantity(1.0, unit).to_root_units().units)
+
+
+def check_plausible(values: Array, unit: str, where: str, column: str, channel: str) -> None:
     """Refuse a channel whose magnitude says that it is in another unit.
 
     Raises:
@@ -69,6 +77,6 @@ def check_plausible(values: Array, unit: str, where: str) -> None:
     median = float(np.nanmedian(values))
     if not low <= median <= high:
         raise BadInput(
-            f"{where}: its median is {median:.4g} {unit}, which no machine shows; {hint} "
-            f"Say so with --map '{where.split()[-1]}[UNIT]=...'"
+            f"{where}: its median is {median:.4g} {unit}, which no such machine shows; {hint} "
+            f"Say so with --map '{column}[UNIT]={channel}'"
         )

@@ -1,0 +1,29 @@
+"""A small good recording, and how the tests write it, whole or spoilt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from data.batch import CHANNELS
+
+TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.1, 430.0, 0.12])
+
+
+def table(samples: int = 8) -> pd.DataFrame:
+    """(samples, 8): ``time_s`` at 20 Hz and the seven channels, all of them moving a little."""
+    wiggle = 1.0 + 0.01 * np.sin(np.arange(samples)[:, None] + np.arange(len(TYPICAL)))
+    columns = {"time_s": np.arange(samples) * 0.05} | dict(zip(CHANNELS, (TYPICAL * wiggle).T, strict=True))
+    return pd.DataFrame(columns)
+
+
+def write(frame: pd.DataFrame, folder: Path, name: str = "run.csv") -> Path:
+    """Write a table by the kind its name says."""
+    path = folder / name
+    if path.suffix == ".parquet":
+        frame.to_parquet(path, index=False)
+    else:
+        frame.to_csv(path, index=False)
+    return path
