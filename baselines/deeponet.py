@@ -258,11 +258,11 @@ def _query(ahead_s: Array, inputs: np.ndarray, mean: np.ndarray) -> Array:
     return np.concatenate([np.stack([*times, ahead_s / LONGEST_S], axis=-1), inputs, mean], axis=-1)
 
 
-def _shifted(window: np.ndarray, newest: Array, fresh: np.ndarray) -> np.ndarray:
+def _shifted(window: np.ndarray, newest: np.ndarray, fresh: np.ndarray) -> np.ndarray:
     """The window one tick on; a fresh one holds its first sample throughout."""
-    newest = newest.astype(np.float32)[:, None]
-    moved = np.concatenate([window[:, 1:], newest], axis=1)
-    return np.where(fresh[:, None, None], newest, moved)
+    last = newest.astype(np.float32)[:, None]
+    moved = np.concatenate([window[:, 1:], last], axis=1)
+    return np.where(fresh[:, None, None], last, moved)
 
 
 def _bounded(z: Array) -> Array:

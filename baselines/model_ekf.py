@@ -22,7 +22,7 @@ from methods.frontend import FrontEnd, Memory
 from methods.kalman import linear_filter, predict_covariance, update
 from methods.noise import coloured_keep, input_sd, output_sd
 from methods.reporting import clean_flags, report
-from physics.compile import compiled
+from physics.compile import as_argument, compiled
 from physics.health import theta_and_slope, to_theta, to_zeta
 from physics.integrate import rk4, simulate
 from physics.simulator import Simulator
@@ -235,15 +235,17 @@ class ModelEKF(Estimator):
         z, P, started, u_before, *front = state.memory
         after, clean = self._front_end.step(Memory(*front), sample.measured)
         z, P, started = z.copy(), P.copy(), started.copy()
-        u, measured = clean.filled[:, :4].copy(), np.where(clean.accepted, clean.filled, np.nan)[:, 4:]
+        u = clean.filled[:, :4].copy()
+        measured = np.where(clean.accepted[:, 4:], clean.filled[:, 4:], np.nan)
         nx = len(self._model.step)
         health, slope = theta_and_slope(z[:, nx : nx + N_HEALTH])
         white, coloured = output_sd(clean.filled)
         info = (np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z)))
         equations = compiled(self._machine)
         tick = _tick_filterpy if self.config["implementation"] == "filterpy" else _tick
+        rhs, output = as_argument(equations.rhs), as_argument(equations.output)
         tick(
-            equations.rhs, equations.output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
+            rhs, output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
             measured, health, slope, white, coloured, ZETA_LIMIT, info,
         )  # fmt: skip
         reported = self._report(z, P, (started, u, *after))

@@ -107,7 +107,12 @@ def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  #
         K = cholesky_solve(solved, cross.T.copy()).T.copy()
         z_out[b] += K @ bounded
         P_b = P[b] - K @ solved @ K.T
-        P_out[b] = 0.5 * (P_b + P_b.T)
+        P_b = 0.5 * (P_b + P_b.T)
+        values, vectors = np.linalg.eigh(P_b)
+        if values[0] < 1e-14 * values[-1]:
+            P_b = (vectors * np.maximum(values, 1e-14 * values[-1])) @ vectors.T
+            P_b = 0.5 * (P_b + P_b.T)
+        P_out[b] = P_b
     return z_out, P_out, innovation, S, nis
 
 

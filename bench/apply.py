@@ -12,37 +12,51 @@ import pandas as pd
 
 from bench import cells
 from bench.cells import Cell
+from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
-from bench.profile import Evaluation, Profile, load_profile
-from bench.registry import discover, find
+from bench.figures.recording import estimate_figure
+from bench.profile import Evaluation, load_profile
+from bench.registry import discover
 from bench.roster import axis_label, label, ordered
 from bench.store import Store, write_atomically, write_text
+from bench.threads import pin_torch
 from data.batch import ESTIMATED, HEALTH
 from data.errors import BadInput
 from data.recording import Recording, check_overlap, read_recording
 
 SHORTEST_S = 10.0
+MOST_ROWS = 30_000
+BOUNDS = {"value": "mean", "low": "low", "high": "high"}
 
 
-def trained_cells(store: Store, profile: Profile, names: Sequence[str], results: Path) -> list[Cell]:
-    """The first-seed cells of the named estimators, or of all that are trained.
+def trained_cells(profile_name: str, results: Path | None, names: Sequence[str]) -> tuple[Store, list[Cell]]:
+    """A run's store, and the first-seed cells of the named estimators, or of all that are trained there.
+
+    Args:
+        results: the run they were trained in; None: where ``twinbench run`` puts it.
 
     Raises:
-        BadInput: one is not trained in that run.
+        BadInput: one is not trained in that run, or none is.
     """
+    profile = load_profile(profile_name)
+    results = results or Path("results") / profile.name
+    store = Store(results / "store")
     found = []
     for name in names or ordered(discover()):
-        cell = Cell(name, find(name).name, profile.seeds[0])
-        if store.has("fit", cells.fit_key(cell, profile)):
+        cell = cells.make_cell(name, profile.seeds[0], profile)
+        if store.has("fit", cell.fit):
             found.append(cell)
         elif names:
             raise BadInput(
                 f"{name} is not trained in {results} with this code and profile {profile.name!r}; "
-                f"train it with: twinbench run --profile {profile.name} --only oracle {name} --out {results}"
+                f"train it with: twinbench run --profile {profile_name} --only {name} --out {results}"
             )
     if not found:
-        raise BadInput(f"nothing is trained in {results}; train with: twinbench run --profile {profile.name}")
-    return found
+        raise BadInput(
+            f"nothing is trained in {results} with this code and profile {profile.name!r}; "
+            f"train with: twinbench run --profile {profile_name} --out {results}"
+        )
+    return store, found
 
 
 def apply(
@@ -50,72 +64,67 @@ def apply(
 ) -> list[dict[str, Any]]:
     """Write ``<recording>.estimates.csv``, ``.png`` and ``.summary.json`` into ``out`` for each recording.
 
-    Every recording is read and checked before anything is written.
+    Every recording is read and checked before anything is written. Long ones are thinned to some
+    30,000 rows.
 
     Returns:
         One summary per recording: where it ended, with 95 % intervals, and in words.
     """
-    from bench.threads import pin_torch
-
-    profile = load_profile(profile_name)
-    results = results or Path("results") / profile.name
-    recordings = [read_recording(path, mapping) for path in paths]
-    check_overlap(recordings)
-    for recording in recordings:
-        length = recording.time_s[-1] - recording.time_s[0]
-        if length < SHORTEST_S:
-            raise BadInput(f"recording {recording.name} lasts {length:.1f} s; at least {SHORTEST_S:.0f} s are needed")
-    store = Store(results / "store")
-    cell = trained_cells(store, profile, [name], results)[0]
+    recordings = _read(paths, mapping)
+    store, (cell,) = trained_cells(profile_name, results, [name])
     pin_torch()
-    estimator = cells.load_fit(store, profile, cell)
+    estimator = cells.load_fit(store, cell)
     summaries = []
     for recording in recordings:
         batch = recording.to_batch()
-        every = max(1, batch.measured.shape[1] // 30_000)
+        every = max(1, batch.measured.shape[1] // MOST_ROWS)
         estimates = evaluate(estimator, batch, Evaluation(stride=every, origin_every_s=1e9, leads_s=(1.0,)), cell.seed)
-        summary = _summarise(recording, label(cell.estimator), estimates.mean[0], estimates.low[0], estimates.high[0])
-        _write(out, recording, estimates.time_s, estimates, batch.measured[0, ::every], summary)
+        summary = _summarise(recording, label(cell.estimator), estimates)
+        _write(out, estimates, batch.measured[0, ::every], summary)
         summaries.append(summary)
     return summaries
 
 
-def _summarise(
-    recording: Recording, who: str, mean: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> dict[str, Any]:
+def _read(paths: Sequence[Path], mapping: Sequence[str]) -> list[Recording]:
+    recordings = [read_recording(path, mapping) for path in paths]
+    check_overlap(recordings)
+    names = [recording.name for recording in recordings]
+    for recording in recordings:
+        length = recording.time_s[-1] - recording.time_s[0]
+        if length < SHORTEST_S:
+            raise BadInput(f"recording {recording.name} lasts {length:.1f} s; at least {SHORTEST_S:.0f} s are needed")
+        if names.count(recording.name) > 1:
+            raise BadInput(f"two recordings are named {recording.name}; rename one, or give each run its own --out")
+    return recordings
+
+
+def _summarise(recording: Recording, who: str, estimates: Estimates) -> dict[str, Any]:
     final = {
-        q: {"value": float(mean[-1, i]), "low": float(low[-1, i]), "high": float(high[-1, i])}
+        q: {key: float(getattr(estimates, field)[0, -1, i]) for key, field in BOUNDS.items()}
         for i, q in enumerate(ESTIMATED)
     }
     words = "; ".join(
         f"{axis_label(q).removesuffix(', –')} {final[q]['value']:.4g} ({final[q]['low']:.4g} to {final[q]['high']:.4g})"
         for q in HEALTH
     )
-    missing = float(np.isnan(recording.values).mean())
+    seconds = float(recording.time_s[-1] - recording.time_s[0])
     return {
         "recording": recording.name,
         "estimator": who,
-        "seconds": float(recording.time_s[-1] - recording.time_s[0]),
-        "missing_share": missing,
+        "seconds": seconds,
+        "missing_share": float(np.isnan(recording.values).mean()),
         "final": final,
-        "says": f"{recording.name}: at the end of {recording.time_s[-1] - recording.time_s[0]:.0f} s, {who} has {words}.",
+        "says": f"{recording.name}: at the end of {seconds:.0f} s, {who} has {words}.",
     }
 
 
-def _write(
-    out: Path, recording: Recording, time_s: np.ndarray, estimates: Any, measured: np.ndarray, summary: dict[str, Any]
-) -> None:
-    from bench.figures.recording import estimate_figure
-
+def _write(out: Path, estimates: Estimates, measured: np.ndarray, summary: dict[str, Any]) -> None:
+    name, time_s = estimates.names[0], estimates.time_s
+    mean, low, high = estimates.mean[0], estimates.low[0], estimates.high[0]
     columns = {"time_s": time_s}
     for i, q in enumerate(ESTIMATED):
-        columns |= {q: estimates.mean[0, :, i], f"{q}_low": estimates.low[0, :, i], f"{q}_high": estimates.high[0, :, i]}
+        columns |= {q: mean[:, i], f"{q}_low": low[:, i], f"{q}_high": high[:, i]}
     table = pd.DataFrame(columns)
-    write_atomically(out / f"{recording.name}.estimates.csv", lambda path: table.to_csv(path, index=False))
-    write_atomically(
-        out / f"{recording.name}.png",
-        lambda path: estimate_figure(
-            time_s, estimates.mean[0], estimates.low[0], estimates.high[0], measured[: len(time_s)], path
-        ),
-    )
-    write_text(out / f"{recording.name}.summary.json", json.dumps(summary, indent=2) + "\n")
+    write_atomically(out / f"{name}.estimates.csv", lambda path: table.to_csv(path, index=False))
+    write_atomically(out / f"{name}.png", lambda path: estimate_figure(time_s, mean, low, high, measured, path))
+    write_text(out / f"{name}.summary.json", json.dumps(summary, indent=2) + "\n")

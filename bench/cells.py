@@ -3,30 +3,44 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.profile import Profile
-from bench.registry import find
-from bench.store import Store, key_of
+from bench.registry import find, one_line
+from bench.store import CannotWrite, Store, key_of
+from bench.threads import pin_torch
 from bench.versions import code_version
 from data.batch import Batch, Truth
 from data.benchmark import PARTS, Split, simulate_benchmark
 from methods.estimator import Estimator
 
+Part = Estimator | Estimates
+
 
 @dataclass(frozen=True)
 class Cell:
-    """One estimator with one seed. ``spec`` is its name, or the path of the file it comes from."""
+    """One estimator with one seed, and the keys of its parts in the store.
+
+    The keys are reckoned once, where the run is planned: a file that is edited while a run goes on
+    must not send its workers looking for other parts.
+
+    Attributes:
+        spec: its name, or the path of the file it comes from.
+        data, fit, estimates: keys of the simulated sequences, the trained estimator, its estimates.
+    """
 
     spec: str
     estimator: str
     seed: int
+    data: str
+    fit: str
+    estimates: str
 
 
 @dataclass(frozen=True)
@@ -38,6 +52,18 @@ class Outcome:
     reason: str = ""
 
 
+def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
+    """A cell of a profile. Each key hashes all that its part depends on."""
+    kind = find(spec)
+    data = data_key(profile)
+    settings = {**kind.settings, **profile.settings.get(kind.name, {})}
+    fit = key_of(
+        estimator=kind.name, settings=settings, seed=seed, code=code_version(kind.__module__), data=data
+    )
+    estimates = key_of(fit=fit, evaluation=asdict(profile.evaluation), code=code_version("bench.evaluate"))
+    return Cell(spec, kind.name, seed, data, fit, estimates)
+
+
 def data_key(profile: Profile) -> str:
     """What the simulated sequences depend on."""
     return key_of(
@@ -45,88 +71,63 @@ def data_key(profile: Profile) -> str:
     )
 
 
-def settings_of(cell: Cell, profile: Profile) -> dict[str, Any]:
-    """The estimator's settings under a profile."""
-    return {**find(cell.spec).settings, **profile.settings.get(cell.estimator, {})}
-
-
-def fit_key(cell: Cell, profile: Profile) -> str:
-    """What a trained estimator depends on."""
-    return key_of(
-        estimator=cell.estimator,
-        settings=settings_of(cell, profile),
-        seed=cell.seed,
-        code=code_version(find(cell.spec).__module__),
-        data=data_key(profile),
-    )
-
-
-def estimates_key(cell: Cell, profile: Profile) -> str:
-    """What the estimates over the test split depend on."""
-    return key_of(
-        fit=fit_key(cell, profile), evaluation=asdict(profile.evaluation), code=code_version("bench.evaluate")
-    )
-
-
-def ensure_data(store: Store, profile: Profile) -> None:
+def ensure_data(store: Store, profile: Profile, key: str) -> None:
     """Simulate the benchmark's sequences unless they are there."""
-    key = data_key(profile)
     if not store.has("data", key):
         split = simulate_benchmark(profile.data, profile.corruption)
-        store.put("data", key, lambda path: _save_split(split, path))
+        store.put("data", key, lambda path: save_split(split, path))
 
 
 def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
     """Train an estimator unless it is there."""
-    return _attempt(cell, "fit", lambda: _fit(store, profile, cell))
+    if store.has("fit", cell.fit):
+        return Outcome(cell, "fit")
+
+    def train() -> Estimator:
+        split = load_split(store, cell.data)
+        estimator = find(cell.spec)(**profile.settings.get(cell.estimator, {}))
+        estimator.fit(split.train, split.validation, cell.seed)
+        return estimator
+
+    return _attempt(store, "fit", cell, cell.fit, train)
 
 
 def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
     """Run a trained estimator over the test split unless that is done."""
-    return _attempt(cell, "estimate", lambda: _estimate(store, profile, cell))
+    if store.has("estimate", cell.estimates):
+        return Outcome(cell, "estimate")
+
+    def run() -> Estimates:
+        test = load_split(store, cell.data).test.without_truth()
+        return evaluate(load_fit(store, cell), test, profile.evaluation, cell.seed)
+
+    return _attempt(store, "estimate", cell, cell.estimates, run)
 
 
-def load_fit(store: Store, profile: Profile, cell: Cell) -> Estimator:
+def load_fit(store: Store, cell: Cell) -> Estimator:
     """A trained estimator from the store."""
-    return find(cell.spec).load(store.path("fit", fit_key(cell, profile)))
+    return find(cell.spec).load(store.path("fit", cell.fit))
 
 
-def load_estimates(store: Store, profile: Profile, cell: Cell) -> Estimates:
+def load_estimates(store: Store, cell: Cell) -> Estimates:
     """Estimates from the store."""
-    return Estimates.load(store.path("estimates", estimates_key(cell, profile)))
+    return Estimates.load(store.path("estimate", cell.estimates))
 
 
-def _fit(store: Store, profile: Profile, cell: Cell) -> None:
-    key = fit_key(cell, profile)
-    if store.has("fit", key):
-        return
-    split = load_split(store, profile)
-    estimator = find(cell.spec)(**profile.settings.get(cell.estimator, {}))
-    estimator.fit(split.train, split.validation, cell.seed)
-    store.put("fit", key, estimator.save)
-
-
-def _estimate(store: Store, profile: Profile, cell: Cell) -> None:
-    key = estimates_key(cell, profile)
-    if store.has("estimates", key):
-        return
-    test = load_split(store, profile).test.without_truth()
-    estimates = evaluate(load_fit(store, profile, cell), test, profile.evaluation, cell.seed)
-    store.put("estimates", key, estimates.save)
-
-
-def _attempt(cell: Cell, stage: str, work: Any) -> Outcome:
-    from bench.threads import pin_torch
-
+def _attempt(store: Store, stage: str, cell: Cell, key: str, work: Callable[[], Part]) -> Outcome:
+    """Do the work and keep what comes of it. What the method does wrong is an outcome; a full disk is not."""
     pin_torch()
     try:
-        work()
+        store.put(stage, key, work().save)
+    except CannotWrite:
+        raise
     except Exception as error:
-        return Outcome(cell, stage, f"{type(error).__name__}: {error}".splitlines()[0])
+        return Outcome(cell, stage, one_line(error))
     return Outcome(cell, stage)
 
 
-def _save_split(split: Split, path: Path) -> None:
+def save_split(split: Split, path: Path) -> None:
+    """Write the simulated sequences to one ``.npz``, without pickle."""
     arrays: dict[str, np.ndarray] = {}
     for part in PARTS:
         batch: Batch = getattr(split, part)
@@ -144,14 +145,9 @@ def _save_split(split: Split, path: Path) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def load_split(store: Store, profile: Profile) -> Split:
-    """The simulated sequences from the store; the last one loaded stays in memory."""
-    return _load_split(store.path("data", data_key(profile)))
-
-
-def load_truth(store: Store, key: str) -> Batch:
-    """The test sequences with their truth, by the key that a manifest records."""
-    return _load_split(store.path("data", key)).test
+def load_split(store: Store, key: str) -> Split:
+    """The simulated sequences from the store; the last ones loaded stay in memory."""
+    return _load_split(store.path("data", key))
 
 
 @functools.lru_cache(maxsize=1)

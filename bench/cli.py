@@ -51,10 +51,10 @@ def _parser() -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
 
-    run = command("run", "simulate, train, evaluate, compare, report", "twinbench run --profile quick --only oracle gru_kf")
+    run = command("run", "simulate, train, evaluate, compare, report", "twinbench run --only oracle gru_kf")
     run.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
     run.add_argument("--only", nargs="+", default=(), metavar="NAME", help="estimators by name or by path/to/file.py")
-    run.add_argument("--out", type=Path, metavar="DIR", help="where results go (default: results/<profile>)")
+    run.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
     run.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True,
         help="keep what an earlier run finished (default); --no-resume starts over",
@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
     check.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
-    simulate = command("simulate", "write the benchmark's recordings", "twinbench simulate --out recordings --part test")
+    simulate = command("simulate", "write the benchmark's recordings", "twinbench simulate --out recordings")
     simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
     simulate.add_argument("--profile", default="quick", help="whose data (default: quick)")
     simulate.add_argument("--part", choices=("train", "validation", "test"), default="test")
@@ -85,8 +85,8 @@ def _parser() -> argparse.ArgumentParser:
     estimate.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
     estimate.add_argument("--out", type=Path, required=True, metavar="DIR")
     estimate.add_argument("--profile", default="quick", help="whose training (default: quick)")
-    estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it was trained in (default: results/<profile>)")
-    estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename and convert")
+    estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
+    estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
     estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
 
     report = command("report", "draw tables, figures and report again", "twinbench report results/quick")
@@ -95,7 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     latency = command("latency", "time one online update of each estimator", "twinbench latency --estimator oracle")
     latency.add_argument("--estimator", nargs="+", default=(), metavar="NAME")
     latency.add_argument("--profile", default="quick", help="whose training (default: quick)")
-    latency.add_argument("--results", type=Path, metavar="DIR", help="the run they were trained in (default: results/<profile>)")
+    latency.add_argument("--results", type=Path, metavar="DIR", help="the run they come from (results/<profile>)")
     latency.add_argument("--updates", type=int, default=2000, help="timed updates of each (default: 2000)")
     return parser
 
@@ -110,6 +110,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BadInput as error:
         print(f"twinbench: {error}", file=sys.stderr)
         return 2
+    except FloatingPointError as error:
+        print(f"twinbench: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
         return 130
@@ -118,23 +121,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
+    from shutil import get_terminal_size
+
     from bench.profile import load_profile
     from bench.runner import run
+    from bench.table_formats import to_text
 
     profile = load_profile(a.profile)
     out = a.out or Path("results") / profile.name
     command = "twinbench " + shlex.join(sys.argv[1:])
-    failed = run(profile, out, tuple(a.only), a.resume, a.backend, a.scheduler, command)
-    from rich.console import Console
-
-    from bench.report import terminal_table
-
-    console = Console()
-    print(terminal_table(out, console.width))
-    for outcome in failed:
-        console.print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")
-    console.print(f"report: {(out / 'report.html').resolve()}", soft_wrap=True)
-    return 1 if failed else 0
+    finished = run(profile, out, tuple(a.only), a.resume, a.backend, a.scheduler, command)
+    print(to_text(finished.comparison, get_terminal_size().columns))
+    for outcome in finished.failed:
+        print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")
+    print(f"report: {(out / 'report.html').resolve()}")
+    return 1 if finished.failed else 0
 
 
 def _list(a: argparse.Namespace) -> int:
@@ -143,13 +144,14 @@ def _list(a: argparse.Namespace) -> int:
         print(json.dumps(rows, indent=2))
         return 0
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table(box=None)
     for column in rows[0] if rows else ():
         table.add_column(column)
     for row in rows:
-        table.add_row(*(str(v) for v in row.values()))
+        table.add_row(*(escape(str(v)) for v in row.values()))
     Console().print(table)
     return 0
 
@@ -190,7 +192,10 @@ def _simulators() -> list[dict[str, Any]]:
     from physics.compressor import PLANT
     from physics.nominal import NOMINAL
 
-    return [{"name": s.name, "states": len(s.states), "parameters": len(s.parameters), "says": s.says} for s in (PLANT, NOMINAL)]
+    return [
+        {"name": s.name, "states": len(s.states), "parameters": len(s.parameters), "says": s.says}
+        for s in (PLANT, NOMINAL)
+    ]
 
 
 def _check(a: argparse.Namespace) -> int:
@@ -203,17 +208,20 @@ def _check(a: argparse.Namespace) -> int:
         print(json.dumps([{"name": r.name, "status": r.status, "detail": r.detail} for r in results], indent=2))
         return 1 if failed else 0
     from rich.console import Console
+    from rich.markup import escape
     from rich.table import Table
 
     table = Table("check", "status", "detail", box=None)
     colours = {"pass": "green", "fail": "red", "skip": "yellow"}
     for r in results:
-        table.add_row(r.name, f"[{colours[r.status]}]{r.status}[/]", r.detail)
+        table.add_row(r.name, f"[{colours[r.status]}]{r.status}[/]", escape(r.detail))
     Console().print(table, f"{len(results)} checks, {failed} failed")
     return 1 if failed else 0
 
 
 def _simulate(a: argparse.Namespace) -> int:
+    from functools import partial
+
     from bench.profile import load_profile
     from bench.store import write_atomically
     from data.benchmark import design, run
@@ -224,10 +232,8 @@ def _simulate(a: argparse.Namespace) -> int:
     for scenario in scenarios:
         batch = run((scenario,), profile.data.warmup_minutes, profile.corruption)
         table = truth_table(batch.without_truth() if a.no_truth else batch, 0)
-        if a.format == "csv":
-            write_atomically(a.out / f"{scenario.name}.csv", lambda path, t=table: t.to_csv(path, index=False))
-        else:
-            write_atomically(a.out / f"{scenario.name}.parquet", lambda path, t=table: t.to_parquet(path, index=False))
+        write = table.to_csv if a.format == "csv" else table.to_parquet
+        write_atomically(a.out / f"{scenario.name}.{a.format}", partial(write, index=False))
     print(f"{len(scenarios)} recordings in {a.out}")
     return 0
 
@@ -256,22 +262,25 @@ def _report(a: argparse.Namespace) -> int:
 
 
 def _latency(a: argparse.Namespace) -> int:
-    from dataclasses import replace
+    from rich.console import Console
 
+    from bench import latency
     from bench.apply import trained_cells
-    from bench.latency import measure
-    from bench.profile import Latency, load_profile
-    from bench.store import Store
+    from bench.runner import bars
     from data.errors import BadInput
 
-    if a.updates < 10:
-        raise BadInput(f"--updates is {a.updates}, must be at least 10")
-    profile = replace(load_profile(a.profile), latency=Latency(a.updates))
-    results = a.results or Path("results") / profile.name
-    store = Store(results / "store")
-    table = measure(store, profile, trained_cells(store, profile, a.estimator, results), results)
+    if not 10 <= a.updates <= 10_000_000:
+        raise BadInput(f"--updates is {a.updates}, must lie in [10, 10,000,000]")
+    store, todo = trained_cells(a.profile, a.results, a.estimator)
+    with bars(Console(stderr=True)) as progress:
+        table, failed = latency.measure(store, a.updates, todo, progress)
     print(table.to_string(index=False))
-    return 0
+    for outcome in failed:
+        print(f"failed: {outcome.cell.estimator}: {outcome.reason}")
+    if not a.estimator:
+        latency.write(store.root.parent, table)
+        print(f"latency.csv in {store.root.parent}; draw the report again with: twinbench report {store.root.parent}")
+    return 1 if failed else 0
 
 
 _LISTS = {

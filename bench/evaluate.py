@@ -15,7 +15,7 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
 
     Raises:
         ValueError: the batch still carries its truth.
-        FloatingPointError: the estimator's state is no longer finite.
+        FloatingPointError: an estimate or an interval is not finite.
     """
     if batch.truth is not None:
         raise ValueError("an estimator is run on recordings without truth; use batch.without_truth()")
@@ -41,29 +41,25 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
             nis[:, i], flags[:, i] = info.nis, info.flags
             dof[:, i] = info.accepted.sum(axis=1)
         if at < len(origins) and k == origins[at]:
-            if not np.isfinite(state.mean).all():
-                raise FloatingPointError(f"{estimator.name}: the estimate is not finite at {batch.time_s[k]:.0f} s")
+            _check_finite(estimator, batch.time_s[stored[: k // evaluation.stride + 1]], mean, low, high)
             future = inputs[:, k + 1 : k + 1 + leads.max()]
             forecast[:, at] = estimator.forecast(state, future)[:, leads - 1]
             origin_mean[:, at], origin_cov[:, at] = state.mean, state.cov
             at += 1
+    _check_finite(estimator, batch.time_s[stored], mean, low, high)
     return Estimates(
-        estimator.name,
-        seed,
-        batch.names,
-        batch.time_s[stored],
-        mean,
-        low,
-        high,
-        nis,
-        dof,
-        flags,
-        batch.time_s[origins],
-        np.array(evaluation.leads_s),
-        forecast,
-        origin_mean,
-        origin_cov,
-    )
+        estimator.name, seed, batch.names, batch.time_s[stored], mean, low, high, nis, dof, flags,
+        batch.time_s[origins], np.array(evaluation.leads_s), forecast, origin_mean, origin_cov,
+    )  # fmt: skip
+
+
+def _check_finite(estimator: Estimator, time_s: Array, *bounds: np.ndarray) -> None:
+    """Are the estimates and intervals at these first stored ticks numbers?"""
+    broken = ~np.isfinite([values[:, : len(time_s)] for values in bounds]).all(axis=(0, 1, 3))
+    if broken.any():
+        raise FloatingPointError(
+            f"{estimator.name}: the estimate or its interval is not finite at {time_s[broken.argmax()]:.2f} s"
+        )
 
 
 def _origins(samples: int, every: int, longest_lead: int) -> np.ndarray:

@@ -9,17 +9,22 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from rich.progress import Progress
 
 from bench import cells
-from bench.cells import Cell
-from bench.profile import Profile
-from bench.registry import find
+from bench.cells import Cell, Outcome
+from bench.registry import find, one_line
 from bench.store import Store, key_of, write_atomically
+from bench.threads import pin_torch
 from methods.estimator import Estimator, Sample, State
 
 ROUNDS = 10
 WARM_UP = 60
+MODE = "back_to_back"
 COLUMNS = ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us")
+
+Name = tuple[str, str, str, int]
+"""The first four of COLUMNS."""
 
 
 class _Runner:
@@ -43,56 +48,74 @@ class _Runner:
         return took
 
 
-def measure(store: Store, profile: Profile, todo: list[Cell], out: Path, progress: Any = None) -> pd.DataFrame:
-    """Time every trained estimator, in each of its implementations, and write ``latency.csv``."""
-    if profile.latency.updates == 0 or not todo:
-        table = pd.DataFrame(columns=list(COLUMNS))
-    else:
-        table = _measure(store, profile, todo, progress)
+def measure(
+    store: Store, updates: int, todo: list[Cell], progress: Progress
+) -> tuple[pd.DataFrame, list[Outcome]]:
+    """Time every trained estimator in each of its implementations; 0 updates: none.
+
+    Returns:
+        A table with COLUMNS, and the cells whose estimator does not run on a single machine.
+    """
+    rows: list[tuple[Any, ...]] = []
+    failed: list[Outcome] = []
+    if updates and todo:
+        pin_torch()
+        recording = cells.load_split(store, todo[0].data).test.measured[:1]
+        samples = np.ascontiguousarray(recording.transpose(1, 0, 2))
+        runners, failed = _runners(store, todo, samples)
+        took = _time(runners, updates, progress)
+        key = key_of(fits=[c.fit for c in todo], updates=updates)
+        store.put("latency", key, lambda path: _save(took, path))
+        rows = [(*name, *_percentiles(took[name])) for name in runners]
+    return pd.DataFrame(rows, columns=list(COLUMNS)), failed
+
+
+def write(out: Path, table: pd.DataFrame) -> None:
+    """Write ``latency.csv``."""
     write_atomically(out / "latency.csv", lambda path: table.to_csv(path, index=False))
-    return table
 
 
-def _measure(store: Store, profile: Profile, todo: list[Cell], progress: Any) -> pd.DataFrame:
-    from bench.threads import pin_torch
+def _runners(store: Store, todo: list[Cell], samples: np.ndarray) -> tuple[dict[Name, _Runner], list[Outcome]]:
+    """Warm runners of every implementation, and who fails before it is warm."""
+    runners: dict[Name, _Runner] = {}
+    failed = []
+    for cell in todo:
+        for implementation in find(cell.spec).implementations:
+            try:
+                estimator = _variant(store, cell, implementation)
+                runner = _Runner(estimator, samples)
+            except Exception as error:
+                failed.append(Outcome(cell, "latency", f"{implementation}: {one_line(error)}"))
+            else:
+                runners[cell.estimator, MODE, implementation, estimator.window] = runner
+    return runners, failed
 
-    pin_torch()
-    recording = cells.load_split(store, profile).test.measured[:1]
-    samples = np.ascontiguousarray(recording.transpose(1, 0, 2))
-    runners = {
-        (cell.estimator, implementation): _Runner(_variant(store, profile, cell, implementation), samples)
-        for cell in todo
-        for implementation in find(cell.spec).implementations
-    }
-    took: dict[tuple[str, str], list[np.ndarray]] = {name: [] for name in runners}
-    block = max(1, profile.latency.updates // ROUNDS)
-    bar = progress.add_task("latency", total=ROUNDS) if progress else None
-    for _ in range(ROUNDS):
+
+def _time(runners: dict[Name, _Runner], updates: int, progress: Progress) -> dict[Name, np.ndarray]:
+    """Microseconds of each update, (updates,); the rounds interleaved, so that a disturbance hits all alike."""
+    blocks: dict[Name, list[np.ndarray]] = {name: [] for name in runners}
+    bar = progress.add_task("latency", total=ROUNDS)
+    for several in np.array_split(np.arange(updates), ROUNDS):
         for name, runner in runners.items():
             gc.collect()
-            took[name].append(runner.advance(block))
-        if progress:
-            progress.advance(bar)
-    raw = {f"{e}.{i}": np.concatenate(t) for (e, i), t in took.items()}
-    key = key_of(cells=[cells.fit_key(c, profile) for c in todo], updates=profile.latency.updates, at=time.time())
-    store.put("latency", key, lambda path: _save(raw, path))
-    rows = []
-    for (estimator, implementation), blocks in took.items():
-        us = np.concatenate(blocks)
-        percentiles = [round(float(np.percentile(us, q)), 2) for q in (50, 95, 99)]
-        window = runners[estimator, implementation].estimator.window
-        rows.append((estimator, "back_to_back", implementation, window, *percentiles, round(float(us.max()), 2)))
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+            blocks[name].append(runner.advance(len(several)))
+        progress.advance(bar)
+    return {name: np.concatenate(several) for name, several in blocks.items()}
 
 
-def _variant(store: Store, profile: Profile, cell: Cell, implementation: str) -> Estimator:
-    estimator = cells.load_fit(store, profile, cell)
+def _percentiles(us: np.ndarray) -> list[float]:
+    return [round(float(value), 2) for value in (*np.percentile(us, (50, 95, 99)), us.max())]
+
+
+def _variant(store: Store, cell: Cell, implementation: str) -> Estimator:
+    estimator = cells.load_fit(store, cell)
     if "implementation" in estimator.config:
         estimator.config["implementation"] = implementation
         estimator.restore()
     return estimator
 
 
-def _save(raw: dict[str, np.ndarray], path: Path) -> None:
+def _save(took: dict[Name, np.ndarray], path: Path) -> None:
+    named = {f"{estimator}.{implementation}": us for (estimator, _, implementation, _), us in took.items()}
     with open(path, "wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **raw)
+        np.savez_compressed(file, allow_pickle=False, **named)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import re
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from data.benchmark import DesignConfig
 from data.corrupt import Corruption
@@ -37,18 +39,22 @@ class Profile:
 
     name: str
     seeds: tuple[int, ...] = (0,)
-    data: DesignConfig = DesignConfig()
-    corruption: Corruption = Corruption()
-    evaluation: Evaluation = Evaluation()
-    latency: Latency = Latency()
+    data: DesignConfig = field(default_factory=DesignConfig)
+    corruption: Corruption = field(default_factory=Corruption)
+    evaluation: Evaluation = field(default_factory=Evaluation)
+    latency: Latency = field(default_factory=Latency)
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
-_LIMITS: dict[str, tuple[float, float]] = {
+KINDS: dict[type, str] = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+LIMITS: dict[str, tuple[float, float]] = {
+    "seeds": (0, 2**31 - 1),
     "evaluation.stride": (1, 200),
     "evaluation.origin_every_s": (5.0, 3600.0),
+    "evaluation.leads_s": (0.05, 3600.0),
     "latency.updates": (0, 10_000_000),
 }
+"""What ``data`` and ``corruption`` may hold, their own records check."""
 
 
 def load_profile(name: str) -> Profile:
@@ -62,64 +68,63 @@ def load_profile(name: str) -> Profile:
         known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.toml")))
         raise BadInput(f"no profile {name!r}; choose one of {known}, or give the path of a .toml file")
     try:
-        raw = tomllib.loads(path.read_text())
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInput(f"profile {path}: not TOML: {error}; mend it there") from error
     except OSError as error:
         raise BadInput(f"profile {path}: {error.strerror}; check the file and its permissions") from error
-    raw.setdefault("name", path.stem)
     try:
-        return _record(Profile, raw, path, "")
+        return cast(Profile, _record(Profile(path.stem), raw, ""))
     except BadInput as error:
-        raise BadInput(str(error) if str(path) in str(error) else f"profile {path}: {error}") from error
+        raise BadInput(f"profile {path}: {error}") from error
 
 
-def _record(kind: type[Any], raw: dict[str, Any], path: Path, where: str) -> Any:
-    known = {f.name: f for f in dataclasses.fields(kind)}
+def fits(value: Any, kind: type) -> bool:
+    """Is a TOML value of that type? A whole number will do for a float, a bool for a bool only."""
+    if isinstance(value, bool):
+        return kind is bool
+    return isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
+
+
+def _record(defaults: Any, raw: dict[str, Any], where: str) -> Any:
+    """``defaults``, a record, with the values of a TOML table in their places."""
+    known = [f.name for f in dataclasses.fields(defaults)]
     values: dict[str, Any] = {}
     for key, value in raw.items():
         full = f"{where}{key}"
         if key not in known:
-            raise BadInput(f"profile {path}: unknown key {full!r}; it may hold {', '.join(known)}")
-        default = known[key].default
+            raise BadInput(f"unknown key {full!r}; {f'[{where[:-1]}]' if where else 'it'} may hold {', '.join(known)}")
+        default = getattr(defaults, key)
         if dataclasses.is_dataclass(default):
             if not isinstance(value, dict):
-                raise BadInput(f"profile {path}: {full} must be a table, [{full}]")
-            values[key] = _record(type(default), value, path, f"{full}.")
-        elif full == "settings":
-            values[key] = _settings(value, path)
+                raise BadInput(f"{full} must be a table, [{full}]")
+            values[key] = _record(default, value, f"{full}.")
+        elif isinstance(default, dict):
+            if not isinstance(value, dict) or not all(isinstance(v, dict) for v in value.values()):
+                raise BadInput(f"{full} must be tables, one for each estimator: [{full}.gru_kf]")
+            values[key] = value
+        elif isinstance(default, tuple):
+            values[key] = _several(value, type(default[0]), full)
         else:
-            values[key] = _value(value, default, path, full)
-    return kind(**values)
+            values[key] = _one(value, type(default), full)
+    return dataclasses.replace(defaults, **values)
 
 
-def _settings(value: Any, path: Path) -> dict[str, dict[str, Any]]:
-    if not isinstance(value, dict) or not all(isinstance(v, dict) for v in value.values()):
-        raise BadInput(f"profile {path}: settings must be tables, one for each estimator: [settings.gru_kf]")
-    return value
+def _several(value: Any, kind: type, full: str) -> tuple[Any, ...]:
+    if not isinstance(value, list) or not value:
+        raise BadInput(f"{full} is {value!r}, must be a list, each {KINDS[kind]}, at least one")
+    values = tuple(_one(v, kind, full) for v in value)
+    if len(set(values)) < len(values):
+        raise BadInput(f"{full} is {value!r}, must not name the same one twice")
+    return values
 
 
-def _value(value: Any, default: Any, path: Path, full: str) -> Any:
-    if full == "name":
-        expected: type = str
-    elif isinstance(default, tuple):
-        element = float if isinstance(default[0], float) else int
-        if not isinstance(value, list) or not value or not all(_is(v, element) for v in value):
-            raise BadInput(f"profile {path}: {full} is {value!r}, must be a list of {element.__name__}s, at least one")
-        if any(v < 0 for v in value):
-            raise BadInput(f"profile {path}: {full} is {value!r}, none of it may be negative")
-        return tuple(element(v) for v in value)
-    else:
-        expected = type(default)
-    if not _is(value, expected):
-        raise BadInput(f"profile {path}: {full} is {value!r}, must be a {expected.__name__}")
-    low, high = _LIMITS.get(full, (float("-inf"), float("inf")))
-    if expected is not str and not low <= value <= high:
-        raise BadInput(f"profile {path}: {full} is {value}, must lie in [{low}, {high}]")
-    return expected(value)
-
-
-def _is(value: Any, kind: type) -> bool:
-    if isinstance(value, bool):
-        return kind is bool
-    return isinstance(value, (int, float)) if kind is float else isinstance(value, kind)
+def _one(value: Any, kind: type, full: str) -> Any:
+    if not fits(value, kind):
+        raise BadInput(f"{full} is {value!r}, must be {KINDS[kind]}")
+    if kind is str and not re.fullmatch(r"[\w.-]*\w", value):
+        raise BadInput(f"{full} is {value!r}, must be a word: results go into a folder of that name")
+    low, high = LIMITS.get(full, (-math.inf, math.inf))
+    if kind is not str and not low <= value <= high:
+        raise BadInput(f"{full} is {value}, must lie in [{low:,.10g}, {high:,.10g}]")
+    return kind(value)

@@ -9,7 +9,9 @@ import importlib.util
 import pkgutil
 import sys
 from pathlib import Path
+from typing import Any
 
+from bench.roster import LABELS
 from data.errors import BadInput
 from methods.estimator import REGISTRY, Estimator
 
@@ -29,13 +31,11 @@ def discover() -> dict[str, type[Estimator]]:
         where = f"plug-in {entry.name!r} ({entry.value})"
         try:
             loaded = entry.load()
-        except Exception as error:
-            raise BadInput(
-                f"{where} fails to load: {_one_line(error)}; mend that package or uninstall it"
-            ) from error
-        if not (isinstance(loaded, type) and issubclass(loaded, Estimator)):
-            raise BadInput(f"{where} is no Estimator; point the entry point at the class")
-        REGISTRY.setdefault(loaded.name, loaded)
+        except (Exception, SystemExit) as error:
+            raise BadInput(f"{where} fails to load: {one_line(error)}; mend that package or uninstall it") from error
+        if not _is_estimator(loaded):
+            raise BadInput(f"{where} is no Estimator with a name; point the entry point at the class")
+        REGISTRY.setdefault(loaded.name, _complete(loaded, where))
     return REGISTRY
 
 
@@ -61,19 +61,22 @@ def _from_file(path: Path, wanted: str) -> type[Estimator]:
         raise BadInput(f"no file {path}; give the path of a .py file with a registered Estimator")
     module_name = f"twinbench_plugin_{path.stem}"
     spec = importlib.util.spec_from_file_location(module_name, path)
-    assert spec is not None and spec.loader is not None
+    if spec is None or spec.loader is None:
+        raise BadInput(f"plug-in {path} is no Python module; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
+    # A file's estimator is known by its file, read anew each time, and never joins the registry.
+    ours = dict(REGISTRY)
+    REGISTRY.clear()
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         del sys.modules[module_name]
-        raise BadInput(f"plug-in {path} fails to import: {_one_line(error)}; mend the file") from error
-    found = {
-        c.__name__: c
-        for c in vars(module).values()
-        if isinstance(c, type) and issubclass(c, Estimator) and c.__module__ == module_name and hasattr(c, "name")
-    }
+        raise BadInput(f"plug-in {path} fails to import: {one_line(error)}; mend the file") from error
+    finally:
+        REGISTRY.clear()
+        REGISTRY.update(ours)
+    found = {c.__name__: c for c in vars(module).values() if _is_estimator(c) and c.__module__ == module_name}
     if wanted and wanted not in found:
         raise BadInput(f"plug-in {path} has no Estimator class {wanted!r}; it has: {', '.join(found) or 'none'}")
     if not wanted and len(found) != 1:
@@ -81,8 +84,22 @@ def _from_file(path: Path, wanted: str) -> type[Estimator]:
             f"plug-in {path} has {len(found)} Estimator classes ({', '.join(found) or 'none'}); "
             f"decorate one with @register, or name it: {path}:Class"
         )
-    return found[wanted] if wanted else next(iter(found.values()))
+    kind = _complete(found[wanted] if wanted else next(iter(found.values())), f"plug-in {path}")
+    if kind.name in LABELS:
+        raise BadInput(f"plug-in {path}: {kind.name!r} is one of the benchmark's own names; choose another")
+    return kind
 
 
-def _one_line(error: Exception) -> str:
+def _is_estimator(what: Any) -> bool:
+    return isinstance(what, type) and issubclass(what, Estimator) and hasattr(what, "name")
+
+
+def _complete(kind: type[Estimator], where: str) -> type[Estimator]:
+    if missing := sorted(kind.__abstractmethods__):
+        raise BadInput(f"{where}: {kind.__name__} has no {', no '.join(missing)}; write that method")
+    return kind
+
+
+def one_line(error: BaseException) -> str:
+    """An error as one line to read."""
     return f"{type(error).__name__}: {error}".splitlines()[0]

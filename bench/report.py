@@ -11,13 +11,13 @@ from markupsafe import Markup
 
 from bench.evidence import Evidence, gather
 from bench.figures import draw
-from bench.figures.style import FAINT, INK, MUTED, PAPER, png, svg
+from bench.figures.style import FAINT, INK, MUTED, PAPER, png, settle, svg
 from bench.results import Results, load_results
 from bench.roster import FLOOR, label
 from bench.store import write_atomically
 from bench.summary import Summary, summarise
-from bench.table_formats import Table, to_csv, to_markdown, to_tex, to_text
-from bench.tables import build_tables, comparison
+from bench.table_formats import Table, to_csv, to_markdown, to_tex
+from bench.tables import build_tables
 from bench.words import answer, certainty, headline
 
 FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
@@ -25,8 +25,11 @@ THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER:
 """Colours of the figures that follow the reader's light or dark setting; the estimators' own do not."""
 
 
-def write_report(out: Path) -> None:
+def write_report(out: Path) -> Table:
     """Write ``tables/``, ``figures/`` and ``report.html`` from ``scores.csv`` and its neighbours.
+
+    Returns:
+        The comparison of the estimators, for a terminal.
 
     Raises:
         BadInput: the folder holds no run, or cannot be written to.
@@ -40,12 +43,7 @@ def write_report(out: Path) -> None:
             _write(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
     figures = _write_figures(out / "figures", results, summary, evidence)
     _write(out / "report.html", _html(results, summary, tables, figures).encode())
-
-
-def terminal_table(out: Path, width: int = 80) -> str:
-    """The comparison table of a run for a terminal of that width."""
-    results = load_results(out)
-    return to_text(comparison(summarise(results.scores, results.failures), results.latency), width)
+    return tables[0]
 
 
 def _evidence(results: Results) -> Evidence:
@@ -63,6 +61,7 @@ def _write_figures(folder: Path, results: Results, summary: Summary, evidence: E
                 path.unlink(missing_ok=True)
             shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
             continue
+        settle(figure)
         drawn = svg(figure)
         _write(files["png"], png(figure))
         _write(files["svg"], drawn.encode())

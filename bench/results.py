@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from bench.cells import _load_split
+from bench.cells import load_split
 from bench.estimates import Estimates
 from bench.store import Store
 from data.batch import Batch
@@ -35,23 +35,24 @@ class Results:
 
     @property
     def failures(self) -> dict[str, str]:
-        """Per estimator with failed cells, which and why."""
+        """Per estimator whose estimates are incomplete, which cells failed and why."""
         said: dict[str, list[str]] = {}
         for estimator, seed, stage, reason in self.failed_cells.to_numpy():
-            said.setdefault(str(estimator), []).append(f"seed {seed}, {stage}: {reason}")
+            if stage != "latency":
+                said.setdefault(str(estimator), []).append(f"seed {seed}, {stage}: {reason}")
         return {estimator: "; ".join(reasons) for estimator, reasons in said.items()}
 
     def estimates(self) -> Iterator[Estimates]:
         """The run's stored estimates, one cell at a time; those no longer in the store are left out."""
         store = Store(self.out / "store")
         for key in self.manifest.get("estimates_keys", []):
-            if store.has("estimates", key):
-                yield Estimates.load(store.path("estimates", key))
+            if store.has("estimate", key):
+                yield Estimates.load(store.path("estimate", key))
 
     def truth(self) -> Batch | None:
         """The test recordings with their truth; None if they are no longer in the store."""
         store, key = Store(self.out / "store"), self.manifest.get("data_key", "")
-        return _load_split(store.path("data", key)).test if store.has("data", key) else None
+        return load_split(store, key).test if store.has("data", key) else None
 
 
 def load_results(out: Path) -> Results:

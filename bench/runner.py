@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import time
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import joblib
 import numpy as np
@@ -19,15 +19,25 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from bench import cells, latency
 from bench.cells import Cell, Outcome
-from bench.profile import Profile
+from bench.profile import KINDS, Profile, fits
 from bench.registry import discover, find
-from bench.roster import ordered
+from bench.report import write_report
+from bench.roster import label, ordered
 from bench.scores import DEFINITIONS, score
-from bench.store import Store, write_atomically, write_text
+from bench.store import Store, check_writable, write_atomically, write_text
+from bench.table_formats import Table
 from bench.versions import provenance
 from data.errors import BadInput
+from methods.estimator import Estimator
 
-Jobs = Callable[[list[Any]], Iterator[Any]]
+SCORES = ["estimator", "seed", "sequence", "metric", "value"]
+
+
+class Finished(NamedTuple):
+    """How a run ended: the cells that failed while the others went on, and how the estimators compare."""
+
+    failed: list[Outcome]
+    comparison: Table
 
 
 def run(
@@ -39,11 +49,8 @@ def run(
     scheduler: str = "",
     command: str = "",
     console: Console | None = None,
-) -> list[Outcome]:
+) -> Finished:
     """Run a profile into ``out``; finished cells of an earlier run are kept unless ``resume`` is False.
-
-    Returns:
-        The cells that failed; they are in ``failures.csv`` too, and the others went on.
 
     Raises:
         BadInput: an unknown estimator or setting, a folder that cannot be written to.
@@ -51,82 +58,79 @@ def run(
     console = console or Console(stderr=True)
     store = Store(out / "store")
     todo = plan(profile, only)
-    names = {c.estimator for c in todo}
-    if not resume:
-        store.clear()
-    write_text(out / ".writable", "")
-    (out / ".writable").unlink()
     walls: dict[str, float] = {}
+    with _workers(backend, scheduler) as processes:
+        check_writable(out)
+        store.sweep()
+        if not resume:
+            store.clear()
+        _say_plan(console, profile, todo, store, out)
+        with bars(console) as progress:
 
-    def timed(stage: str, work: Callable[[], Any]) -> Any:
-        start = time.perf_counter()
-        result = work()
-        walls[stage] = round(time.perf_counter() - start, 2)
-        return result
+            def stage(name: str, work: Any, *arguments: Any) -> list[Any]:
+                """``work`` on each of the last argument's items, as they finish."""
+                *common, items = arguments
+                start = time.perf_counter()
+                bar = progress.add_task(name, total=len(items))
+                results = []
+                parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered")
+                for result in parallel(joblib.delayed(work)(*common, item) for item in items):
+                    results.append(result)
+                    progress.advance(bar)
+                walls[name] = round(time.perf_counter() - start, 2)
+                return results
 
-    with _workers(backend, scheduler), _progress(console) as progress:
-
-        def stage(name: str, jobs: list[Any]) -> list[Any]:
-            bar = progress.add_task(name, total=len(jobs))
-            results = []
-            for result in joblib.Parallel(n_jobs=_processes(backend), return_as="generator_unordered")(jobs):
-                results.append(result)
-                progress.advance(bar)
-            return results
-
-        timed("data", lambda: stage("simulate", [joblib.delayed(cells.ensure_data)(store, profile)]))
-        fitted = timed("fit", lambda: stage("train", [joblib.delayed(cells.fit)(store, profile, c) for c in todo]))
-        ready = [c for c in todo if not any(o.cell == c and o.reason for o in fitted)]
-        done = timed(
-            "estimate", lambda: stage("estimate", [joblib.delayed(cells.estimate)(store, profile, c) for c in ready])
-        )
-        failed = sorted((o for o in fitted + done if o.reason), key=lambda o: (o.cell.estimator, o.cell.seed))
-        good = [c for c in ready if not any(o.cell == c for o in failed)]
-        tables = timed("score", lambda: stage("score", [joblib.delayed(_score)(store, profile, c) for c in good]))
-        _write_scores(out, tables, failed, store, profile)
-        in_order = sorted(good, key=lambda c: (ordered(names).index(c.estimator), c.seed))
-        # Serial, after everything else: timings are never taken beside other work.
-        first = [c for c in in_order if c.seed == profile.seeds[0]]
-        timed("latency", lambda: latency.measure(store, profile, first, out, progress))
-
-    from bench.report import write_report
-
-    manifest = {
-        "command": command,
-        "profile": asdict(profile),
-        "seeds": list(profile.seeds),
-        "estimators": ordered(names),
-        "specs": {c.estimator: c.spec for c in todo},
-        "data_key": cells.data_key(profile),
-        "estimates_keys": [[c.estimator, c.seed, cells.estimates_key(c, profile)] for c in in_order],
-        **provenance(),
-        "wall_s": walls,
-    }
-    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
-    timed("report", lambda: write_report(out))
-    manifest["wall_s"] = walls
-    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
-    return failed
+            stage("simulate", cells.ensure_data, store, profile, [todo[0].data])
+            failed = [o for o in stage("train", cells.fit, store, profile, todo) if o.reason]
+            ready = _without(todo, failed)
+            failed += [o for o in stage("estimate", cells.estimate, store, profile, ready) if o.reason]
+            good = _without(ready, failed)
+            tables = stage("score", _score, store, good)
+            # Serial, after everything else: timings are never taken beside other work.
+            start = time.perf_counter()
+            first = [c for c in good if c.seed == profile.seeds[0]]
+            timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
+            walls["latency"] = round(time.perf_counter() - start, 2)
+    failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
+    _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
+    _write_failures(out, failed)
+    latency.write(out, timings)
+    write_text(out / "manifest.json", json.dumps(_manifest(profile, todo, good, command, walls), indent=2) + "\n")
+    return Finished(failed, write_report(out))
 
 
 def plan(profile: Profile, only: tuple[str, ...]) -> list[Cell]:
     """The cells of a run, longest training first.
 
     Raises:
-        BadInput: an unknown estimator, or a setting that an estimator does not have.
+        BadInput: an unknown estimator, a setting that an estimator does not have, or two of one name.
     """
-    specs = only or tuple(discover())
-    planned = []
-    for spec in specs:
-        kind = find(spec)
-        try:
-            kind(**profile.settings.get(kind.name, {}))
-        except ValueError as error:
-            raise BadInput(f"profile {profile.name!r}, [settings.{kind.name}]: {error}") from error
-        planned += [Cell(_absolute(spec), kind.name, seed) for seed in profile.seeds]
-    if unknown := sorted(set(profile.settings) - set(discover()) - {c.estimator for c in planned}):
+    kinds = {_absolute(spec): find(spec) for spec in only or discover()}
+    names = [kind.name for kind in kinds.values()]
+    for kind in kinds.values():
+        if names.count(kind.name) > 1:
+            raise BadInput(f"two of the estimators are named {kind.name!r}; rename one of them")
+        _check_settings(kind, profile)
+    unplanned = set(profile.settings) - set(names)
+    if unplanned and (unknown := sorted(unplanned - set(discover()))):
         raise BadInput(f"profile {profile.name!r} has settings for {unknown[0]!r}, which is no estimator; remove them")
-    return sorted(planned, key=lambda c: -cells.settings_of(c, profile).get("iterations", 0))
+    planned = [cells.make_cell(spec, seed, profile) for spec in kinds for seed in profile.seeds]
+    work = {k.name: {**k.settings, **profile.settings.get(k.name, {})}.get("iterations", 0) for k in kinds.values()}
+    place = ordered(names)
+    return sorted(planned, key=lambda c: (-work[c.estimator], place.index(c.estimator), c.seed))
+
+
+def _check_settings(kind: type[Estimator], profile: Profile) -> None:
+    own = profile.settings.get(kind.name, {})
+    where = f"profile {profile.name!r}, [settings.{kind.name}]"
+    try:
+        kind(**own)
+    except ValueError as error:
+        raise BadInput(f"{where}: {error}") from error
+    for key, value in own.items():
+        expected = type(kind.settings[key])
+        if expected in KINDS and not fits(value, expected):
+            raise BadInput(f"{where}: {key} is {value!r}, must be {KINDS[expected]}")
 
 
 def _absolute(spec: str) -> str:
@@ -135,41 +139,76 @@ def _absolute(spec: str) -> str:
     return f"{Path(file).resolve()}{colon}{name}" if file.endswith(".py") else spec
 
 
-def _score(store: Store, profile: Profile, cell: Cell) -> pd.DataFrame:
-    table = score(cells.load_estimates(store, profile, cell), cells.load_split(store, profile).test)
+def _without(todo: list[Cell], failed: list[Outcome]) -> list[Cell]:
+    lost = {o.cell for o in failed}
+    return [c for c in todo if c not in lost]
+
+
+def _score(store: Store, cell: Cell) -> pd.DataFrame:
+    table = score(cells.load_estimates(store, cell), cells.load_split(store, cell.data).test)
     return table.assign(estimator=cell.estimator, seed=cell.seed)
 
 
-def _write_scores(
-    out: Path, tables: list[pd.DataFrame], failed: list[Outcome], store: Store, profile: Profile
-) -> None:
-    """``scores.csv`` in a fixed order, failed cells as NaN, and ``failures.csv`` with their reasons."""
-    names = cells.load_split(store, profile).test.names
+def _write_scores(out: Path, tables: list[pd.DataFrame], failed: list[Outcome], names: tuple[str, ...]) -> None:
+    """``scores.csv`` in a fixed order; cells that have no estimates as NaN."""
+    scored = {(e, seed) for table in tables for e, seed in table[["estimator", "seed"]].to_numpy()[:1].tolist()}
+    nothing = [(s, m, np.nan) for s in names for m in DEFINITIONS]
     for outcome in failed:
-        rows = [(s, m, np.nan) for s in names for m in DEFINITIONS]
-        frame = pd.DataFrame(rows, columns=["sequence", "metric", "value"])
-        tables.append(frame.assign(estimator=outcome.cell.estimator, seed=outcome.cell.seed))
-    columns = ["estimator", "seed", "sequence", "metric", "value"]
-    scores = pd.concat(tables, ignore_index=True)[columns]
-    scores = scores.sort_values(columns[:4], kind="stable")
+        if (outcome.cell.estimator, outcome.cell.seed) not in scored:
+            frame = pd.DataFrame(nothing, columns=["sequence", "metric", "value"])
+            tables.append(frame.assign(estimator=outcome.cell.estimator, seed=outcome.cell.seed))
+    scores = pd.concat(tables, ignore_index=True)[SCORES].sort_values(SCORES[:4], kind="stable")
     write_atomically(out / "scores.csv", lambda path: scores.to_csv(path, index=False))
-    failures = pd.DataFrame(
+
+
+def _write_failures(out: Path, failed: list[Outcome]) -> None:
+    table = pd.DataFrame(
         [(o.cell.estimator, o.cell.seed, o.stage, o.reason) for o in failed],
         columns=["estimator", "seed", "stage", "reason"],
     )
-    write_atomically(out / "failures.csv", lambda path: failures.to_csv(path, index=False))
+    write_atomically(out / "failures.csv", lambda path: table.to_csv(path, index=False))
 
 
-def _processes(backend: str) -> int:
-    return -1 if backend == "dask" else min(2, os.cpu_count() or 1)
+def _manifest(
+    profile: Profile, todo: list[Cell], good: list[Cell], command: str, walls: dict[str, float]
+) -> dict[str, Any]:
+    names = ordered({c.estimator for c in todo})
+    in_order = sorted(good, key=lambda c: (names.index(c.estimator), c.seed))
+    return {
+        "command": command,
+        "profile": asdict(profile),
+        "seeds": list(profile.seeds),
+        "estimators": names,
+        "specs": {c.estimator: c.spec for c in todo},
+        "data_key": todo[0].data,
+        "estimates_keys": [c.estimates for c in in_order],
+        **provenance(),
+        "wall_s": walls,
+    }
+
+
+def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path) -> None:
+    """What is about to happen, for whoever just pressed Enter."""
+    data = profile.data
+    names = ordered({c.estimator for c in todo})
+    done = sum(store.has("estimate", c.estimates) for c in todo)
+    console.print(
+        f"profile {profile.name}: {', '.join(map(label, names))}; seeds {', '.join(map(str, profile.seeds))}\n"
+        f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
+        f"tested on {data.n_test} others\n"
+        f"results in {out}" + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else ""),
+        highlight=False, markup=False, soft_wrap=True,
+    )  # fmt: skip
 
 
 @contextlib.contextmanager
-def _workers(backend: str, scheduler: str) -> Iterator[None]:
-    """joblib's own processes, or those of a Dask cluster."""
+def _workers(backend: str, scheduler: str) -> Iterator[int]:
+    """joblib's own processes, or those of a Dask cluster; yields how many for joblib."""
     if backend == "local":
-        with joblib.parallel_config(backend="loky"):
-            yield
+        with warnings.catch_warnings(), joblib.parallel_config(backend="loky"):
+            # loky starts a process anew once it holds much memory. Loaded sequences do that; nothing is lost.
+            warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
+            yield min(2, joblib.cpu_count())
         return
     if not scheduler:
         raise BadInput("--backend dask needs --scheduler ADDRESS, for example tcp://10.0.0.5:8786")
@@ -182,10 +221,11 @@ def _workers(backend: str, scheduler: str) -> Iterator[None]:
     except (OSError, ValueError) as error:
         raise BadInput(f"no Dask scheduler answers at {scheduler!r}; check the address and that it runs") from error
     with client, joblib.parallel_config(backend="dask"):
-        yield
+        yield -1
 
 
-def _progress(console: Console) -> Progress:
+def bars(console: Console) -> Progress:
+    """A progress bar per stage."""
     return Progress(
         TextColumn("{task.description:>9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
     )

@@ -6,6 +6,7 @@ written last, the same way. A part without a matching ``.done`` is as good as no
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -17,6 +18,8 @@ from typing import Any
 
 from data.errors import BadInput
 
+PARTIAL = ".part"
+
 
 def key_of(**axes: Any) -> str:
     """The name of a part: a hash of everything its content depends on."""
@@ -24,16 +27,21 @@ def key_of(**axes: Any) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+class CannotWrite(BadInput):
+    """The folder cannot be written to, or the disk is full."""
+
+
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Let ``write`` fill a file beside ``path``, then rename it there; nothing half-written is left.
 
     Raises:
-        BadInput: the folder cannot be written to, or the disk is full.
+        CannotWrite: the folder cannot be written to, or the disk is full.
     """
     beside: Path | None = None
     try:
+        made = [folder for folder in path.parents if not folder.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=PARTIAL)
         os.close(handle)
         beside = Path(name)
         write(beside)
@@ -41,25 +49,42 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
             os.fsync(file.fileno())
         os.chmod(beside, 0o644)
         os.replace(beside, path)
-    except OSError as error:
-        raise BadInput(
-            f"cannot write {path}: {error.strerror or error}; give --out a folder with room that you may write to"
-        ) from error
-    finally:
+    except BaseException as error:
         if beside is not None:
             beside.unlink(missing_ok=True)
+        for folder in made:
+            # Another process may have put something there by now.
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+        if isinstance(error, OSError):
+            raise CannotWrite(
+                f"cannot write {path}: {error.strerror or error}; give --out a folder with room that you may write to"
+            ) from error
+        raise
 
 
 def write_text(path: Path, text: str) -> None:
     """Write text atomically."""
-    write_atomically(path, lambda beside: beside.write_text(text) and None)
+    write_atomically(path, lambda beside: beside.write_text(text, encoding="utf-8"))
+
+
+def check_writable(folder: Path) -> None:
+    """Make a folder, and see that files can be made in it.
+
+    Raises:
+        CannotWrite: they cannot.
+    """
+    probe = folder / ".writable"
+    write_text(probe, "")
+    probe.unlink()
 
 
 class Store:
     """Parts under one folder."""
 
     def __init__(self, root: Path) -> None:
-        self.root = root
+        # Workers may have been started in another folder.
+        self.root = root.absolute()
 
     def path(self, kind: str, key: str, suffix: str = ".npz") -> Path:
         """Where a part lives, finished or not."""
@@ -80,6 +105,11 @@ class Store:
         write_atomically(part, write)
         write_text(part.with_name(".done"), _sha256(part))
         return part
+
+    def sweep(self) -> None:
+        """Remove what a killed run was writing. Not while another run writes to the same folder."""
+        for beside in self.root.glob(f"*/*/.*{PARTIAL}"):
+            beside.unlink(missing_ok=True)
 
     def clear(self) -> None:
         """Forget everything."""

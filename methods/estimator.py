@@ -159,7 +159,8 @@ def gaussian_state(mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = ())
     half = Z95 * np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
     bounds = np.full((2, len(ESTIMATED)), [[-np.inf], [np.inf]])
     bounds[:, len(STATES) :] = LOW, HIGH
-    mean, low, high = (np.clip(m, *bounds) for m in (mean, mean - half, mean + half))
+    mean = np.clip(mean, *bounds)
+    low, high = np.clip(mean - half, *bounds), np.clip(mean + half, *bounds)
     return State(mean, cov, low, high, memory)
 
 

@@ -17,6 +17,9 @@ from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array, Batch
 WINDOW = 11
 """Samples in the Hampel window, the present one included."""
 THRESHOLD = 6.0
+PLAUSIBLE = 10.0
+"""Training spreads around the training mean: what lies beyond is no reading, however long it lasts
+(a historian's -9999, an open circuit, another unit)."""
 
 
 class Memory(NamedTuple):
@@ -51,7 +54,7 @@ def _median(a, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _gate(recent, filled, age_s, outlier, measured, floor, accepted, spike):  # type: ignore[no-untyped-def]
+def _gate(recent, filled, age_s, outlier, measured, mean, scale, floor, accepted, spike):  # type: ignore[no-untyped-def]
     """Advance one tick in place."""
     batch, window, channels = recent.shape
     kept = np.empty(window)
@@ -65,6 +68,10 @@ def _gate(recent, filled, age_s, outlier, measured, floor, accepted, spike):  # 
             spike[b, c] = False
             age_s[b, c] += SAMPLE_PERIOD_S
             if np.isnan(value):
+                continue
+            if abs(value - mean[c]) > PLAUSIBLE * scale[c]:
+                recent[b, window - 1, c] = np.nan
+                spike[b, c] = True
                 continue
             n = 0
             for i in range(window):
@@ -89,11 +96,11 @@ def _gate(recent, filled, age_s, outlier, measured, floor, accepted, spike):  # 
 
 
 @njit(cache=True)
-def _gate_sequence(recent, filled, age_s, outlier, measured, floor, out, accepted, ages):  # type: ignore[no-untyped-def]
+def _gate_sequence(recent, filled, age_s, outlier, measured, mean, scale, floor, out, accepted, ages):  # type: ignore[no-untyped-def]
     ok = np.empty(filled.shape, np.bool_)
     spike = np.empty(filled.shape, np.bool_)
     for k in range(measured.shape[1]):
-        _gate(recent, filled, age_s, outlier, measured[:, k], floor, ok, spike)
+        _gate(recent, filled, age_s, outlier, measured[:, k], mean, scale, floor, ok, spike)
         out[:, k] = filled
         accepted[:, k] = ok
         ages[:, k] = age_s
@@ -144,7 +151,7 @@ class FrontEnd:
         after = Memory(*(part.copy() for part in memory))
         accepted = np.empty(measured.shape, dtype=np.bool_)
         spike = np.empty(measured.shape, dtype=np.bool_)
-        _gate(*after, np.asarray(measured, dtype=np.float64), self.floor, accepted, spike)
+        _gate(*after, np.asarray(measured, dtype=np.float64), self.mean, self.scale, self.floor, accepted, spike)
         return after, Clean(after.filled, accepted, spike, after.age_s)
 
     def run(self, measured: Array) -> tuple[Array, np.ndarray, Array]:
@@ -152,7 +159,7 @@ class FrontEnd:
         filled = np.empty(measured.shape)
         accepted = np.empty(measured.shape, dtype=np.bool_)
         ages = np.empty(measured.shape)
-        _gate_sequence(*self.init(len(measured)), measured, self.floor, filled, accepted, ages)
+        _gate_sequence(*self.init(len(measured)), measured, self.mean, self.scale, self.floor, filled, accepted, ages)
         return filled, accepted, ages
 
     def standardise(self, filled: Array) -> Array:

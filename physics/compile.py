@@ -33,6 +33,31 @@ def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     return function if hasattr(function, "py_func") else njit(error_model="numpy")(function)
 
 
+class _Argument(types.WrapperAddressProtocol):  # type: ignore[misc]
+    """A compiled equation that numba types by its signature alone."""
+
+    def __init__(self, equation: Any) -> None:
+        self._equation = equation  # keeps the machine code alive
+        made = equation.get_compile_result(EQUATION)
+        self._address = made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name)
+
+    def __wrapper_address__(self) -> int:
+        return int(self._address)
+
+    def signature(self) -> Any:
+        return EQUATION
+
+
+@functools.cache
+def as_argument(equation: Callable[..., Any]) -> Any:
+    """An equation of ``compiled`` as an argument for compiled loops without an explicit signature.
+
+    Passed as it is, every equation is a type of its own: each loop would compile again for it, in
+    every process.
+    """
+    return _Argument(equation) if hasattr(equation, "get_compile_result") else equation
+
+
 @functools.cache
 def compiled(simulator: Simulator) -> Compiled:
     """Compile ``rhs`` and ``output``; a function numba refuses still works, slowly, with a warning."""

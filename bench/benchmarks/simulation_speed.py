@@ -34,7 +34,7 @@ from bench.versions import provenance  # noqa: E402
 from data.batch import HEALTH, SAMPLE_PERIOD_S, Array  # noqa: E402
 from data.benchmark import design, simulate_benchmark  # noqa: E402
 from physics.compile import compiled  # noqa: E402
-from physics.compressor import PLANT  # noqa: E402
+from physics.compressor import PLANT, balance, flux  # noqa: E402
 from physics.integrate import simulate  # noqa: E402
 from physics.steady import steady_state  # noqa: E402
 
@@ -61,7 +61,8 @@ def held(rhs: Rhs) -> Rhs:
 
 def _plain(x: Array, u: Array, theta: Array) -> Array:
     """The plant's equations as Python runs them."""
-    return PLANT.balance.py_func(x, u, theta, PLANT.flux.py_func(x, u, theta))
+    f = flux.py_func(x, u, theta)
+    return np.asarray(balance.py_func(x, u, theta, f))
 
 
 COMPILED: Rhs = njit(error_model="numpy")(held(compiled(PLANT).rhs))

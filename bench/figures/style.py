@@ -143,6 +143,13 @@ def thin(count: int, most: int) -> np.ndarray:
 
 
 @styled
+def settle(figure: Figure) -> None:
+    """Lay the figure out once for all formats: each would do it again, and it takes longer than drawing."""
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
+
+
+@styled
 def png(figure: Figure) -> bytes:
     """The figure at 200 dpi; equal figures give equal bytes."""
     buffer = io.BytesIO()

@@ -55,5 +55,6 @@ def test_both_linear_filters_agree():
     arguments = (F, H, 0.1 * np.eye(3), np.diag([0.5, 0.2]), np.zeros(3), np.eye(3))
     measured = rng.normal(size=(50, 2))
     measured[10:15, 0] = np.nan
-    for ours, theirs in zip(linear_filter(*arguments)(measured), kalman.linear_filter(*arguments)(measured), strict=True):
+    by_points, by_matrices = linear_filter(*arguments)(measured), kalman.linear_filter(*arguments)(measured)
+    for ours, theirs in zip(by_points, by_matrices, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-9)

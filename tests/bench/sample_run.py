@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.cells import _save_split
+from bench.cells import save_split
 from bench.estimates import Estimates
 from bench.scores import score
 from bench.store import Store
@@ -85,14 +85,14 @@ def write_run(
     levels = LEVELS if levels is None else levels
     truth = make_truth(sequences, seconds)
     store, keys, scores = Store(out / "store"), [], []
-    store.put("data", "d0", lambda path: _save_split(Split(truth, truth, truth), path))
+    store.put("data", "d0", lambda path: save_split(Split(truth, truth, truth), path))
     for estimator, level in levels.items():
         for seed in seeds:
             if any((estimator, seed) == row[:2] for row in failed):
                 continue
             cell = make_estimates(truth, estimator, seed, level, too_sure=level**0.7)
             keys.append(f"{estimator}-{seed}")
-            store.put("estimates", keys[-1], cell.save)
+            store.put("estimate", keys[-1], cell.save)
             scores.append(score(cell, truth).assign(estimator=estimator, seed=seed))
     columns = ["estimator", "seed", "sequence", "metric", "value"]
     table = pd.concat([*scores, _failed_scores(failed, truth)], ignore_index=True)[columns]

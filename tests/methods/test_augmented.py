@@ -87,8 +87,10 @@ def test_correction_is_the_textbook(problem):
     K = P @ H.T @ np.linalg.inv(S)
     r = measured - np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) - coloured * z[NOISE : NOISE + 3]
     z1, P1, innovation, S1, nis = correct(model, z, P, measured, bias, slope, white, coloured, np.inf)
-    assert innovation == pytest.approx(r) and S1 == pytest.approx(S)
-    assert z1 == pytest.approx(z + K @ r) and P1 == pytest.approx((np.eye(SIZE) - K @ H) @ P, abs=1e-12)
+    assert innovation == pytest.approx(r)
+    assert S1 == pytest.approx(S)
+    assert z1 == pytest.approx(z + K @ r)
+    assert P1 == pytest.approx((np.eye(SIZE) - K @ H) @ P, abs=1e-12)
     assert nis == pytest.approx(r @ np.linalg.inv(S) @ r)
 
 

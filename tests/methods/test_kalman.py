@@ -45,7 +45,9 @@ def test_a_missing_channel_is_a_smaller_problem(missing):
 def test_nothing_measured_changes_nothing():
     z, P, r, H, R = random_problem(8)
     z1, P1, _, nis = update(z, P, np.full_like(r, np.nan), H, R, 6.0)
-    assert np.array_equal(z1, z) and np.array_equal(P1, P) and np.isnan(nis)
+    assert np.array_equal(z1, z)
+    assert np.array_equal(P1, P)
+    assert np.isnan(nis)
 
 
 def test_a_wild_sample_moves_no_more_than_the_clip_allows():

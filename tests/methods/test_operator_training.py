@@ -102,7 +102,8 @@ def test_plant_sensitivities_have_the_signs_of_the_machine(train):
     assert (G[:, 4, 0] > 0).all()  # more capacity, more flow
     assert (G[:, 4, 2] < 0).all()  # more leakage, less flow
     assert (G[:, 2, 1] < 0).mean() > 0.99  # more efficient, cooler gas
-    assert (F[:, 0, 0] < 1).all() and np.isfinite(F).all()
+    assert (F[:, 0, 0] < 1).all()
+    assert np.isfinite(F).all()
 
 
 def test_feasibility_is_zero_inside_and_grows_outside():

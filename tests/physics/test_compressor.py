@@ -112,7 +112,8 @@ def test_finite_and_bounded_from_corner_to_corner(simulator, health):
     x, y = simulate(simulator, u, x0, varying=[v.name for v in HEALTH], values=values)
     low, high = (np.array([getattr(v, side) for v in STATES]) for side in ("low", "high"))
     assert np.isfinite(y).all()
-    assert (x >= low).all() and (x <= high).all()
+    assert (x >= low).all()
+    assert (x <= high).all()
 
 
 def test_two_substeps_agree_with_sixteen():
@@ -162,7 +163,8 @@ def test_each_parameter_moves_the_readings_its_way(name, change, signs):
     step = (readings[1] - readings[0]) / np.array([0.03, 3.0, 0.0012])
     for moved, sign in zip(step, signs, strict=True):
         if sign:
-            assert np.sign(moved) == sign and abs(moved) > 0.3
+            assert np.sign(moved) == sign
+            assert abs(moved) > 0.3
         else:
             assert abs(moved) < 1.0
 

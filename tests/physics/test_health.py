@@ -23,7 +23,8 @@ def test_healthy_is_zero_and_one_unit_is_one_typical_change():
 def test_always_in_bounds_with_finite_slope(zeta):
     theta, slope = theta_and_slope(zeta)
     assert ((theta >= LOW) & (theta <= HIGH)).all()
-    assert np.isfinite(slope).all() and (slope >= 0).all()
+    assert np.isfinite(slope).all()
+    assert (slope >= 0).all()
 
 
 @given(worn)

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from physics.compile import compiled
+from physics.compressor import PLANT
 from physics.integrate import advance, simulate
 from physics.mechanisms import CATALOGUE
-from physics.compressor import PLANT
 from physics.simulator import Mechanism, Simulator, Variable
 
 
@@ -130,7 +130,8 @@ def cubic(x, u, theta):
 
 
 def test_a_balance_term_appends_its_parameter():
-    hard = SPRING.with_(Mechanism("hardening", "the spring stiffens", "balance:v_m_s", (variable("k3", 2.0),), term=cubic))
+    stiffens = Mechanism("hardening", "the spring stiffens", "balance:v_m_s", (variable("k3", 2.0),), term=cubic)
+    hard = SPRING.with_(stiffens)
     assert [v.name for v in hard.parameters] == ["k", "d", "k3"]
     assert hard.mechanisms == ("hardening",)
     x, u = np.array([0.7, 0.2]), np.array([0.1])

@@ -1,0 +1,107 @@
+"""Promises about what is reported when sensors fail."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.contract.promise import at_most, need, promise
+from bench.contract.subject import (
+    EXACT,
+    FAULTS,
+    JUDGED,
+    LONG,
+    SCALE,
+    Subject,
+    Trace,
+    finite,
+    recordings,
+    small_benchmark,
+)
+from data.batch import ESTIMATED, STATES, Array
+from physics.health import HIGH, LOW
+
+
+def _error(trace: Trace) -> Array:
+    """(B,) root mean square error of all estimates where recovery is judged, in typical changes."""
+    truth = small_benchmark().test.truth
+    assert truth is not None
+    gap = (trace.mean - truth.estimated[:, :LONG].swapaxes(0, 1)) / SCALE
+    return np.sqrt((gap[-JUDGED:] ** 2).mean(axis=(0, 2)))
+
+
+def _recovers(s: Subject, name: str) -> str:
+    """Finite throughout, and at the end hardly worse than without the fault."""
+    trace = s.trace(name)
+    finite(trace)
+    after, before = _error(trace), _error(s.trace("undisturbed"))
+    says = f"error afterwards {after.max():.2f} typical changes, undisturbed {before.max():.2f}"
+    need((after <= 1.5 * before + 0.5).all(), says)
+    return says
+
+
+@promise("survives missing channels")
+def _missing(s: Subject) -> str:
+    return _recovers(s, "missing")
+
+
+@promise("survives a beginning without readings")
+def _late(s: Subject) -> str:
+    finite(s.trace("late"))
+    return "finite from the first of 2 s without readings on"
+
+
+@promise("survives spikes")
+def _spiked(s: Subject) -> str:
+    return _recovers(s, "spiked")
+
+
+@promise("survives a stuck channel")
+def _stuck(s: Subject) -> str:
+    return _recovers(s, "stuck")
+
+
+@promise("health stays in its physical bounds, whatever is read")
+def _in_bounds(s: Subject) -> str:
+    nearest = np.inf
+    for name in recordings():
+        trace = s.trace(name)
+        finite(trace)
+        for part in ("mean", "low", "high"):
+            health = getattr(trace, part)[..., len(STATES) :]
+            inside = np.minimum(health - LOW, HIGH - health).min(axis=(0, 1))
+            worst = int(np.argmin(inside / (HIGH - LOW)))
+            what = f"{part} of {ESTIMATED[len(STATES) + worst]}"
+            need(inside[worst] >= 0.0, f"{what} is {-inside[worst]:.2g} outside ({name})")
+            nearest = min(nearest, float((inside / (HIGH - LOW)).min()))
+    return f"at least {100 * nearest:.2g} % of the range inside, readings up to a million spreads"
+
+
+@promise("the covariance is symmetric and positive semidefinite")
+def _covariance(s: Subject) -> str:
+    lowest, skew = np.inf, 0.0
+    for name in FAULTS:
+        cov = s.trace(name).cov
+        finite(s.trace(name))
+        variance = np.diagonal(cov, axis1=-2, axis2=-1)
+        need((variance >= 0.0).all(), f"a negative variance ({name})")
+        # As correlations, so that small units count as much as large ones; a zero variance stays a zero row.
+        sd = np.sqrt(np.maximum(variance, 1e-30))
+        correlation = cov / (sd[..., :, None] * sd[..., None, :])
+        skew = max(skew, float(np.abs(correlation - correlation.swapaxes(-1, -2)).max()))
+        lowest = min(lowest, float(np.linalg.eigvalsh(0.5 * (correlation + correlation.swapaxes(-1, -2))).min()))
+    at_most(skew, EXACT, "as correlations, asymmetric by")
+    at_most(-lowest, EXACT, "as correlations, an eigenvalue below zero by")
+    return f"as correlations, smallest eigenvalue {lowest:.2g}, asymmetric by {skew:.2g}"
+
+
+@promise("intervals are ordered and have width")
+def _intervals(s: Subject) -> str:
+    narrowest = np.inf
+    for name in FAULTS:
+        trace = s.trace(name)
+        finite(trace)
+        need(((trace.low <= trace.mean) & (trace.mean <= trace.high)).all(), f"low <= mean <= high fails ({name})")
+        narrow = ((trace.high - trace.low) / SCALE).min(axis=(0, 1))
+        need(narrow.min() > 0.0, f"an interval of {ESTIMATED[int(narrow.argmin())]} has no width ({name})")
+        narrowest = min(narrowest, float(narrow.min()))
+    return f"narrowest {narrowest:.2g} typical changes"

@@ -1,0 +1,57 @@
+"""Promises about the forecast."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.contract.promise import at_most, need, promise
+from bench.contract.subject import (
+    EXACT,
+    ROUND_OFF,
+    SHORT,
+    Subject,
+    future,
+    recordings,
+    same,
+    sample_at,
+    snapshot,
+    state_after,
+)
+from data.batch import OUTPUTS
+
+
+@promise("a forecast has its shape and is finite")
+def _forecast(s: Subject) -> str:
+    state = state_after(s.fitted, recordings()["undisturbed"][:, :SHORT])
+    for length in (1, 7, SHORT):
+        said = s.fitted.forecast(state, future(SHORT, length))
+        need(said.shape == (2, length, len(OUTPUTS)), f"shape {said.shape}, must be {(2, length, len(OUTPUTS))}")
+        need(said.dtype == np.float64, f"it is {said.dtype}, must be float64")
+        need(np.isfinite(said).all(), f"not finite within {length} ticks")
+    return f"from 1 to {SHORT} ticks ahead"
+
+
+@promise("a forecast leaves the state as it was")
+def _forecast_is_pure(s: Subject) -> str:
+    measured = recordings()["undisturbed"]
+    state, inputs = state_after(s.fitted, measured[:, :SHORT]), future(SHORT, 100)
+    given = snapshot((state, inputs))
+    before = snapshot(s.fitted.step(state, sample_at(measured, SHORT)))
+    first = s.fitted.forecast(state, inputs)
+    kept = first.copy()
+    need(same((state, inputs), given), "forecast changed the state or the inputs it was given")
+    need(same(s.fitted.step(state, sample_at(measured, SHORT)), before), "a step after a forecast gives something else")
+    need(same(s.fitted.forecast(state, inputs), kept), "the same forecast gave something else later")
+    return "health frozen with it: the step after a forecast is the step without"
+
+
+@promise("a forecast does not look at later inputs")
+def _forecast_is_causal(s: Subject) -> str:
+    state, inputs = state_after(s.fitted, recordings()["undisturbed"][:, :SHORT]), future(SHORT, 200)
+    other = inputs.copy()
+    other[:, 80:] = 1.1 * inputs[::-1, 80:]
+    long = s.fitted.forecast(state, inputs)
+    gaps = [np.abs(said[:, :80] - long[:, :80]).max() for said in
+            (s.fitted.forecast(state, inputs[:, :80]), s.fitted.forecast(state, other))]  # fmt: skip
+    at_most(float(gaps[1]), EXACT * np.abs(long).max(), "other inputs from tick 80 on change earlier ticks by")
+    return at_most(float(gaps[0]), ROUND_OFF, "the first 80 of 200 ticks differ from 80 alone by")

@@ -1,0 +1,105 @@
+"""Promises about settings, fit and storage."""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from bench.contract.promise import Broken, need, promise
+from bench.contract.subject import SEED, SHORT, Subject, future, record, recordings, same, small_benchmark, state_after
+from bench.evaluate import run
+from bench.profile import Evaluation
+from data.benchmark import fingerprint
+
+
+@promise("it declares itself consistently")
+def _declares(s: Subject) -> str:
+    kind, known = s.kind, set(s.kind.settings)
+    need(re.fullmatch(r"[\w.-]+", kind.name) is not None, f"the name {kind.name!r} cannot be a file name")
+    stray = {*kind.contract_settings, *kind.search_space, *(k for a in kind.ablations.values() for k in a)} - known
+    need(not stray, f"not among its settings: {', '.join(sorted(stray))}")
+    for key, (low, high) in kind.search_space.items():
+        need(low <= kind.settings[key] <= high, f"the default of {key}, {kind.settings[key]}, is not searched")
+    need(json.loads(json.dumps(dict(kind.settings))) == dict(kind.settings), "settings do not survive JSON")
+    need(len(kind.implementations) == 1 or "implementation" in known, "implementations without the setting for them")
+    return f"{len(known)} settings, {len(kind.search_space)} searched, {len(kind.ablations)} ablations"
+
+
+@promise("an unknown setting is refused")
+def _unknown_setting(s: Subject) -> str:
+    try:
+        s.kind(no_such_setting=1)
+    except ValueError as error:
+        need("no_such_setting" in str(error), f"the message does not name the setting: {error}")
+        return str(error).splitlines()[0]
+    raise Broken("no_such_setting=1 was taken without a ValueError")
+
+
+@promise("the same seed learns the same")
+def _same_seed(s: Subject) -> str:
+    first, second = s.fitted.arrays, s.again.estimator.arrays
+    need(first.keys() == second.keys(), "two fits learnt arrays of different names")
+    for name, array in first.items():
+        need(same(array, second[name]), f"two fits with seed {SEED} differ in {name}")
+    return f"{len(first)} arrays equal bit for bit"
+
+
+@promise("fit leaves the recordings as they were")
+def _fit_is_pure(s: Subject) -> str:
+    split = small_benchmark()
+    train, validation = s.again.fingerprints
+    need(train == fingerprint(split.train), "fit changed the training sequences")
+    need(validation == fingerprint(split.validation), "fit changed the validation sequences")
+    return "same fingerprints before and after"
+
+
+@promise("only fit reads the truth")
+def _no_truth(s: Subject) -> str:
+    measured = recordings()["undisturbed"][:, :SHORT]
+    before = record(s.again.estimator, measured)
+    for batch in s.again.copies:  # whatever is still tied to the sequences it was fitted to changes with them
+        assert batch.truth is not None
+        for array in (batch.measured, batch.truth.states, batch.truth.health, batch.truth.outputs, batch.truth.inputs):
+            array[:] = 0.0
+    s.again.estimator.restore()
+    need(same(record(s.again.estimator, measured), before), "its estimates change with the truth it was fitted to")
+    try:
+        run(s.fitted, small_benchmark().test, Evaluation(), SEED)
+    except ValueError:
+        return "refused where it comes along; what fit saw may be wiped afterwards"
+    raise Broken("the run did not refuse recordings that carry their truth")
+
+
+@promise("save and load, without pickle")
+def _save_and_load(s: Subject) -> str:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "estimator.npz"
+        s.fitted.save(path)
+        with np.load(path, allow_pickle=False) as stored:
+            size = sum(stored[name].nbytes for name in stored.files)
+        loaded = s.kind.load(path)
+    need(loaded.config == s.fitted.config, "the settings came back changed")
+    measured = recordings()["undisturbed"][:, :SHORT]
+    need(same(record(loaded, measured), record(s.fitted, measured)), "the loaded one estimates differently")
+    inputs = future(SHORT, 20)
+    forecasts = [e.forecast(state_after(e, measured), inputs) for e in (s.fitted, loaded)]
+    need(same(*forecasts), "the loaded one forecasts differently")
+    return f"{size / 1e3:.0f} kB, {SHORT} ticks and a forecast equal bit for bit"
+
+
+@promise("restore can be repeated")
+def _restore_twice(s: Subject) -> str:
+    estimator = s.kind(**s.fitted.config)
+    estimator.arrays = {name: array.copy() for name, array in s.fitted.arrays.items()}
+    estimator.restore()
+    measured = recordings()["undisturbed"][:, :SHORT]
+    once = record(estimator, measured)
+    estimator.restore()
+    need(same(record(estimator, measured), once), "it estimates differently after a second restore")
+    for name, array in s.fitted.arrays.items():
+        need(same(array, estimator.arrays[name]), f"restore changed the learnt array {name}")
+    return f"{SHORT} ticks equal bit for bit"

@@ -1,0 +1,128 @@
+"""Promises about one step and about the batch."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.contract.promise import at_most, need, promise
+from bench.contract.subject import (
+    EXACT,
+    FLOAT32,
+    ROUND_OFF,
+    SEED,
+    SHORT,
+    Subject,
+    Trace,
+    deviation,
+    record,
+    recordings,
+    same,
+    sample_at,
+    small_benchmark,
+    snapshot,
+)
+from bench.evaluate import run
+from bench.profile import Evaluation
+from data.batch import SAMPLE_PERIOD_S
+from methods.estimator import Info, State
+
+_SHAPES: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
+    "mean": ((10,), np.float64), "cov": ((10, 10), np.float64), "low": ((10,), np.float64), "high": ((10,), np.float64),
+    "innovation": ((3,), np.float64), "S": ((3, 3), np.float64), "nis": ((), np.float64),
+    "accepted": ((3,), np.bool_), "flags": ((), np.int64), "age_s": ((7,), np.float64),
+}  # fmt: skip
+
+
+def _shaped(said: State | Info, batch: int) -> None:
+    for name, array in said._asdict().items():
+        if name == "memory":
+            for i, part in enumerate(array):
+                plain = isinstance(part, np.ndarray) and part.dtype != object
+                need(plain and part.shape[:1] == (batch,), f"memory[{i}] is no array that leads with the machines")
+            continue
+        shape, dtype = (batch, *_SHAPES[name][0]), np.dtype(_SHAPES[name][1])
+        need(isinstance(array, np.ndarray), f"{name} is no NumPy array")
+        fits = array.shape == shape and array.dtype == dtype
+        need(fits, f"{name} is {array.dtype} {array.shape}, must be {dtype} {shape}")
+
+
+@promise("State and Info have their shapes and types")
+def _shapes(s: Subject) -> str:
+    for batch in (1, 2, 3):
+        state = s.fitted.init(batch)
+        _shaped(state, batch)
+        measured = np.repeat(recordings()["undisturbed"][:1], batch, axis=0)
+        for k in range(3):
+            state, info = s.fitted.step(state, sample_at(measured, k))
+            _shaped(state, batch)
+            _shaped(info, batch)
+    return "for 1, 2 and 3 machines"
+
+
+@promise("step is pure")
+def _step_is_pure(s: Subject) -> str:
+    measured = recordings()["late"]
+    tried = (0, 1, 39, 40, 41, 63, 64, 65, 200, 399)
+    state = s.fitted.init(2)
+    for k in range(measured.shape[1]):
+        if k not in tried:
+            state, _ = s.fitted.step(state, sample_at(measured, k))
+            continue
+        sample, other = sample_at(measured, k), sample_at(measured, (k + 200) % SHORT)
+        given = snapshot((state, sample))
+        after = s.fitted.step(state, sample)
+        kept = snapshot(after)
+        need(same((state, sample), given), f"step changed the state or the sample it was given (tick {k})")
+        s.fitted.step(after[0], other)
+        need(same(after, kept), f"the next step changed what this one had returned (tick {k})")
+        need(same(s.fitted.step(state, sample), kept), f"the same step gave something else later (tick {k})")
+        state = after[0]
+    return f"tried at {len(tried)} ticks, missing readings among them"
+
+
+@promise("a batch gives what single runs give")
+def _batch_equals_loop(s: Subject) -> str:
+    measured = recordings()["missing"][:, 300 : 300 + SHORT]
+    together = record(s.fitted, measured)
+    alone = [record(s.fitted, measured[b : b + 1]) for b in range(2)]
+    single = Trace(*(np.concatenate(parts, axis=1) for parts in zip(*alone, strict=True)))
+    return at_most(deviation(together, single), ROUND_OFF, "largest deviation in typical changes")
+
+
+@promise("machines do not touch each other")
+def _independent(s: Subject) -> str:
+    calm, wild = recordings()["undisturbed"][:, :SHORT].copy(), recordings()["absurd"]
+    mixed = calm.copy()
+    mixed[0] = wild[0]
+    a, b = record(s.fitted, calm), record(s.fitted, mixed)
+    second = [Trace(*(part[:, 1] for part in trace)) for trace in (a, b)]
+    return at_most(deviation(*second), EXACT, "absurd readings of one machine moved another by")
+
+
+@promise("the future does not reach the past")
+def _causal(s: Subject) -> str:
+    batch = small_benchmark().test.without_truth().select([0, 1], slice(0, 2 * SHORT))
+    cut, ahead_s = 520, 1.0
+    other = batch.measured.copy()
+    other[:, cut:] = other[::-1, : other.shape[1] - cut] * 1.05
+    other[:, cut + 50 : cut + 60] = np.nan
+    evaluation = Evaluation(stride=1, origin_every_s=2.0, leads_s=(ahead_s,))
+    a, b = (run(s.fitted, b, evaluation, SEED) for b in (batch, replace(batch, measured=other)))
+    past = a.forecast_time_s + ahead_s < cut * SAMPLE_PERIOD_S
+    for name in ("mean", "low", "high", "nis", "nis_dof", "flags"):
+        changed = [not same(x, y) for x, y in zip(getattr(a, name)[:, :cut].swapaxes(0, 1),
+                                                    getattr(b, name)[:, :cut].swapaxes(0, 1), strict=True)]  # fmt: skip
+        need(not any(changed), f"{name} changed at tick {np.argmax(changed)}, the readings only from tick {cut} on")
+    need(same(a.forecast[:, past], b.forecast[:, past]), "a forecast changed before the readings did")
+    return f"{cut} ticks and {past.sum()} forecasts equal bit for bit under another future"
+
+
+@promise("readings may come as float32")
+def _float32(s: Subject) -> str:
+    rounded = recordings()["undisturbed"][:, :SHORT].astype(np.float32)
+    narrow = record(s.fitted, rounded)  # type: ignore[arg-type]
+    for name in ("mean", "low", "high", "cov"):
+        need(getattr(narrow, name).dtype == np.float64, f"{name} is {getattr(narrow, name).dtype}, must be float64")
+    return at_most(deviation(narrow, record(s.fitted, rounded.astype(np.float64))), FLOAT32, "largest deviation")

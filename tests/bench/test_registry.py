@@ -1,0 +1,93 @@
+"""Which estimators there are, and one line for every way of naming none."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from tiny_run import write_estimator
+
+from bench.registry import discover, find
+from data.errors import BadInput
+from methods.estimator import REGISTRY, Estimator
+
+
+def refused(name: str) -> str:
+    with pytest.raises(BadInput) as caught:
+        find(name)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def entry_point(monkeypatch: pytest.MonkeyPatch, load) -> None:
+    """One installed plug-in, whose loading does this."""
+    entry = SimpleNamespace(name="theirs", value="their_package:Theirs", load=load)
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry])
+    monkeypatch.setattr("bench.registry.REGISTRY", dict(REGISTRY))
+
+
+def test_ours_are_found_by_name() -> None:
+    assert find("oracle").name == "oracle"
+    assert {"oracle", "nominal_ekf", "deeponet_kalman"} <= set(discover())
+
+
+def test_an_unknown_name_gets_a_suggestion() -> None:
+    assert "no estimator 'orcale'; did you mean 'oracle'?" in refused("orcale")
+    assert "give a path ending in .py" in refused("zzz")
+
+
+def test_a_file_is_read_anew_each_time_and_stays_out_of_the_registry(tmp_path: Path) -> None:
+    spec = write_estimator(tmp_path, "mine", scale=1.0)
+    assert find(spec).settings["scale"] == 1.0
+    write_estimator(tmp_path, "mine", scale=1.25)
+    assert find(spec).settings["scale"] == 1.25
+    assert find(f"{spec}:Constant").name == "mine"
+    assert "mine" not in REGISTRY
+
+
+@pytest.mark.parametrize(("text", "says"), [
+    ("import no_such_package", "fails to import: ModuleNotFoundError: No module named 'no_such_package'"),
+    ("def f(:", "fails to import: SyntaxError"),
+    ("raise SystemExit(3)", "fails to import: SystemExit: 3"),
+    ("x = 1", r"has 0 Estimator classes (none); decorate one with @register"),
+    ("from methods.estimator import Estimator\nclass A(Estimator):\n    name = 'a'\nclass B(A):\n    name = 'b'",
+     "has 2 Estimator classes (A, B)"),
+    ("from methods.estimator import Estimator\nclass A(Estimator):\n    name = 'a'", "A has no fit, no init, no step"),
+])  # fmt: skip
+def test_a_broken_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "broken.py"
+    path.write_text(text)
+    message = refused(str(path))
+    assert says in message
+    assert str(path) in message
+
+
+def test_a_file_that_is_not_there_or_lacks_the_class(tmp_path: Path) -> None:
+    assert "no file" in refused(str(tmp_path / "nowhere.py"))
+    assert "has no Estimator class 'Other'; it has: Constant" in refused(write_estimator(tmp_path, "mine") + ":Other")
+
+
+def test_a_file_may_not_take_one_of_our_names(tmp_path: Path) -> None:
+    assert "'oracle' is one of the benchmark's own names" in refused(write_estimator(tmp_path, "oracle"))
+
+
+def test_an_installed_plug_in_joins(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    theirs = find(write_estimator(tmp_path, "theirs"))
+    entry_point(monkeypatch, lambda: theirs)
+    assert find("theirs") is theirs
+
+
+def fails() -> type[Estimator]:
+    raise ImportError("numpy 1 wanted\nmore")
+
+
+@pytest.mark.parametrize(("load", "says"), [
+    (fails, "plug-in 'theirs' (their_package:Theirs) fails to load: ImportError: numpy 1 wanted; mend that package"),
+    (lambda: SimpleNamespace, "plug-in 'theirs' (their_package:Theirs) is no Estimator with a name"),
+    (lambda: Estimator, "plug-in 'theirs' (their_package:Theirs) is no Estimator with a name"),
+])  # fmt: skip
+def test_a_broken_plug_in_is_one_line(monkeypatch: pytest.MonkeyPatch, load, says: str) -> None:
+    entry_point(monkeypatch, load)
+    assert says in refused("oracle")

@@ -1,0 +1,200 @@
+"""The runner: the same tables however often it is killed, wherever it runs, and whoever fails."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+
+from bench.cells import make_cell
+from bench.profile import load_profile
+from bench.runner import run
+
+KILLER = """
+import glob, os, random, shutil, signal, sys, time
+import bench.report, bench.runner, torch  # before the forks: the kills shall fall into the work, not into imports
+from bench.cli import main
+
+bench.report.draw = lambda *_: iter(())  # nor into drawing, which takes longest
+
+out, arguments = sys.argv[1], sys.argv[2:]
+
+def start():
+    child = os.fork()
+    if child == 0:
+        os._exit(main(arguments))
+    return child
+
+main(arguments)  # compiles, so that what is timed is a run and no more
+shutil.rmtree(out)
+begun = time.monotonic()
+assert os.waitpid(start(), 0)[1] == 0
+lasts = time.monotonic() - begun
+shutil.rmtree(out)
+rng = random.Random(20240)
+depths = []
+for moment in sorted(rng.uniform(0, lasts) for _ in range(10)):
+    while True:
+        child = start()
+        time.sleep(moment)
+        os.kill(child, signal.SIGKILL)
+        if os.WIFSIGNALED(os.waitpid(child, 0)[1]):
+            break
+        shutil.rmtree(out)  # what was there already made it quicker than its killer
+    depths.append(len(glob.glob(out + "/store/*/*/.done")))
+print(*depths)
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quick() -> Iterator[None]:
+    """Cells one after the other in this process, as on a machine with one core, and no figures."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
+        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        yield
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """A profile, and two estimators that do not fail."""
+    folder = tmp_path_factory.mktemp("inputs")
+    return write_profile(folder), [write_estimator(folder, "steady"), write_estimator(folder, "wrong", scale=1.05)]
+
+
+@pytest.fixture(scope="module")
+def undisturbed(inputs: tuple[Path, list[str]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Their run in one go."""
+    out = tmp_path_factory.mktemp("undisturbed")
+    assert twinbench(*run_arguments(inputs[0], out, inputs[1])) == 0
+    return out
+
+
+def comparable(out: Path) -> dict[str, bytes]:
+    """What two runs of the same must agree on to the byte."""
+    files = [out / "scores.csv", out / "failures.csv", *(out / "tables").iterdir()]
+    return {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+
+def test_ten_kills_leave_the_tables_of_an_undisturbed_run(
+    inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
+) -> None:
+    profile, estimators = inputs
+    out = tmp_path / "out"
+    arguments = run_arguments(profile, out, estimators)
+    killer = subprocess.run(
+        [sys.executable, "-c", KILLER, str(out), *arguments], capture_output=True, text=True, timeout=400
+    )
+    assert killer.returncode == 0, killer.stderr
+    depths = killer.stdout.splitlines()[-1].split()
+    assert len(depths) == 10
+    assert len(set(depths)) > 1, "the kills all fell into the same stage"
+    # To the end with worker processes.
+    finish = subprocess.run(
+        [sys.executable, "-m", "bench", *arguments], capture_output=True, text=True, timeout=200,
+        env={**os.environ, "LOKY_MAX_CPU_COUNT": "2"},
+    )  # fmt: skip
+    assert finish.returncode == 0, finish.stderr
+    assert comparable(out) == comparable(undisturbed)
+    assert set(parts(out)) == set(parts(undisturbed))
+    assert not list((out / "store").rglob(".*.part"))
+
+
+def test_what_fails_is_told_and_the_others_go_on(
+    inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile, estimators = inputs
+    raises = write_estimator(tmp_path, "raises", fit='raise RuntimeError("did not converge\\n at all")')
+    nan = write_estimator(tmp_path, "blank", step="state = state._replace(mean=state.mean * np.nan)")
+    assert twinbench(*run_arguments(profile, tmp_path / "out", [*estimators, raises, nan])) == 1
+    failures = pd.read_csv(tmp_path / "out" / "failures.csv")
+    reason = "FloatingPointError: blank: the estimate or its interval is not finite at 0.00 s"
+    assert failures.to_numpy().tolist() == [
+        ["blank", 0, "estimate", reason],
+        ["raises", 0, "fit", "RuntimeError: did not converge"],
+    ]
+    scores = pd.read_csv(tmp_path / "out" / "scores.csv")
+    lost = scores["estimator"].isin(["raises", "blank"])
+    assert scores.loc[lost, "value"].isna().all()
+    assert lost.sum() == (~lost).sum()
+    pd.testing.assert_frame_equal(
+        scores[~lost].reset_index(drop=True), pd.read_csv(undisturbed / "scores.csv"), check_exact=True
+    )
+    for name in ("tables/comparison.md", "tables/comparison.csv", "tables/comparison.tex", "report.html"):
+        assert "did not converge" in (tmp_path / "out" / name).read_text(), name
+    assert "failed: raises, seed 0, fit: RuntimeError: did not converge" in capsys.readouterr().out
+
+
+def test_dask_workers_give_the_same_scores(
+    inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        profile = load_profile(str(inputs[0]))
+        run(profile, tmp_path, tuple(inputs[1]), backend="dask", scheduler=cluster.scheduler_address)
+    assert (tmp_path / "scores.csv").read_bytes() == (undisturbed / "scores.csv").read_bytes()
+
+
+def test_a_changed_setting_runs_again_only_what_depends_on_it(
+    inputs: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    profile, estimators = inputs
+    out = tmp_path / "out"
+    assert twinbench(*run_arguments(profile, out, estimators)) == 0
+    first = parts(out)
+    assert sorted(name.split("/")[1] for name in first) == ["data", "estimate", "estimate", "fit", "fit"]
+    changed = write_profile(tmp_path, more="[settings.wrong]\nscale = 1.1\n")
+    assert twinbench(*run_arguments(changed, out, estimators)) == 0
+    second = parts(out)
+    assert first.items() <= second.items()
+    assert sorted(name.split("/")[1] for name in set(second) - set(first)) == ["estimate", "fit"]
+    assert twinbench(*run_arguments(profile, out, estimators), "--no-resume") == 0
+    third = parts(out)
+    assert third.keys() == first.keys()
+    assert not third.items() & first.items()
+
+
+def test_keys_depend_on_what_the_part_depends_on(inputs: tuple[Path, list[str]]) -> None:
+    profile, (spec, _) = load_profile(str(inputs[0])), inputs[1]
+    cell = make_cell(spec, 0, profile)
+
+    def changed(seed: int = 0, **changes: object) -> tuple[bool, bool, bool]:
+        other = make_cell(spec, seed, dataclasses.replace(profile, **changes))
+        return other.data != cell.data, other.fit != cell.fit, other.estimates != cell.estimates
+
+    assert changed() == (False, False, False)
+    assert changed(name="other", latency=dataclasses.replace(profile.latency, updates=7)) == (False, False, False)
+    assert changed(evaluation=dataclasses.replace(profile.evaluation, stride=5)) == (False, False, True)
+    assert changed(settings={"wrong": {"scale": 1.2}}) == (False, False, False)
+    assert changed(settings={"steady": {"scale": 1.2}}) == (False, True, True)
+    assert changed(seed=1) == (False, True, True)
+    assert changed(corruption=dataclasses.replace(profile.corruption, noise=2.0)) == (True, True, True)
+    assert changed(data=dataclasses.replace(profile.data, seed=1)) == (True, True, True)
+
+
+def test_latency_times_every_implementation_and_says_who_cannot(tmp_path: Path) -> None:
+    profile = write_profile(tmp_path, updates=25)
+    good = write_estimator(tmp_path, "steady")
+    crowd = write_estimator(tmp_path, "crowd", step='assert len(state.mean) > 1, "needs company"')
+    assert twinbench(*run_arguments(profile, tmp_path / "out", [good, crowd])) == 1
+    latency = pd.read_csv(tmp_path / "out" / "latency.csv")
+    assert latency[["estimator", "mode", "implementation", "window"]].to_numpy().tolist() == [
+        ["steady", "back_to_back", "quick", 7], ["steady", "back_to_back", "slow", 7],
+    ]  # fmt: skip
+    quick, slow = latency["p50_us"]
+    assert slow > 2 * quick
+    assert (latency[["p50_us", "p95_us", "p99_us", "max_us"]].diff(axis=1).iloc[:, 1:] >= 0).all(axis=None)
+    failures = pd.read_csv(tmp_path / "out" / "failures.csv")
+    assert failures["stage"].tolist() == ["latency", "latency"]
+    assert failures["reason"].tolist() == [f"{i}: AssertionError: needs company" for i in ("quick", "slow")]
+    scores = pd.read_csv(tmp_path / "out" / "scores.csv")
+    assert scores.loc[scores["metric"] == "p_nrmse_pct", "value"].notna().all(), "its estimates stand"

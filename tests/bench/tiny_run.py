@@ -1,0 +1,75 @@
+"""A benchmark small enough for tests: short recordings, and estimators of a dozen lines."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.cli import main
+
+PROFILE = """
+[data]
+n_train = 2
+n_validation = 1
+n_test = 3
+minutes = 2.5
+warmup_minutes = 0.5
+[evaluation]
+origin_every_s = 20.0
+[latency]
+updates = {updates}
+"""
+ESTIMATOR = """
+import numpy as np
+from methods.estimator import Estimator, gaussian_state, no_info, register
+
+@register
+class Constant(Estimator):
+    name, says = "{name}", "whatever the machines, their mean in training"
+    settings = {{"scale": {scale}, "implementation": "quick"}}
+    implementations = ("quick", "slow")
+    window = 7
+
+    def fit(self, train, validation, seed):
+        truth = train.truth.estimated.reshape(-1, 10)
+        self.arrays = {{"mean": self.config["scale"] * truth.mean(axis=0), "cov": np.cov(truth[::50].T)}}
+        {fit}
+
+    def init(self, batch):
+        return gaussian_state(np.tile(self.arrays["mean"], (batch, 1)), self.arrays["cov"])
+
+    def step(self, state, sample):
+        if self.config["implementation"] == "slow":
+            sum(range(20_000))
+        {step}
+        return gaussian_state(state.mean, self.arrays["cov"]), no_info(len(state.mean))
+"""
+
+
+def write_profile(folder: Path, updates: int = 0, more: str = "") -> Path:
+    """The tiny profile, ``tiny.toml``."""
+    path = folder / "tiny.toml"
+    path.write_text(PROFILE.format(updates=updates) + more)
+    return path
+
+
+def write_estimator(folder: Path, name: str, scale: float = 1.0, fit: str = "", step: str = "") -> str:
+    """A file-based estimator with lines of its own in fit and step; its path."""
+    path = folder / f"{name}.py"
+    path.write_text(ESTIMATOR.format(name=name, scale=scale, fit=fit, step=step))
+    return str(path)
+
+
+def twinbench(*arguments: object) -> int:
+    """The command in this process, one cell at a time; the exit status."""
+    return main([str(a) for a in arguments])
+
+
+def parts(out: Path) -> dict[str, int]:
+    """Every finished part of a store and when it was written."""
+    return {str(p.relative_to(out)): p.stat().st_mtime_ns for p in out.glob("store/*/*/part.*")}
+
+
+def run_arguments(profile: Path, out: Path, estimators: Sequence[str]) -> list[str]:
+    """``twinbench run`` of the estimators."""
+    return ["run", "--profile", str(profile), "--out", str(out), "--only", *estimators]

@@ -1,0 +1,79 @@
+"""What the documentation shows is run: the example estimator, and every command line."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from bench.cli import _parser
+from bench.contract import run_battery
+from bench.registry import discover, find
+
+ROOT = Path(__file__).parents[1]
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+
+
+def example() -> str:
+    """The first Python block of the page on adding a baseline."""
+    block = re.search(r"```python\n(.*?)```", (ROOT / "docs/add_your_baseline.md").read_text(), re.DOTALL)
+    assert block is not None
+    return block[1]
+
+
+def commands() -> list[str]:
+    """Every twinbench command line: lines of shell blocks, and code within sentences."""
+    found = []
+    for page in PAGES:
+        blocks = re.findall(r"```(?:sh|bash|console)\n(.*?)```", page.read_text(), re.DOTALL)
+        lines = [line.removeprefix("$ ").strip() for block in blocks for line in block.splitlines()]
+        prose = re.sub(r"```.*?```", "", page.read_text(), flags=re.DOTALL)
+        lines += re.findall(r"`(twinbench [^`]+)`", prose)
+        found += [line for line in lines if line.startswith("twinbench ")]
+    return sorted(set(found))
+
+
+@pytest.fixture
+def added(tmp_path):
+    """The example's class, found by its path as the page says."""
+    path = tmp_path / "regression.py"
+    path.write_text(example())
+    return find(str(path))
+
+
+def test_adding_a_baseline_takes_fifteen_lines():
+    assert sum(bool(line.strip()) for line in example().splitlines()) <= 15
+
+
+def test_the_example_is_found_and_leaves_the_registry_alone(added):
+    assert added.name == "regression"
+    assert "@register\nclass Regression(Estimator)" in example()
+    assert "regression" not in discover()
+
+
+def test_the_example_keeps_the_contract(added):
+    results = run_battery(added)
+    assert [r for r in results if r.status == "fail"] == []
+    assert {r.name for r in results if r.status == "pass"} >= {"step is pure", "the future does not reach the past"}
+
+
+def test_the_example_file_is_the_example_on_the_page():
+    assert (ROOT / "examples/regression.py").read_text() == example()
+
+
+@pytest.mark.parametrize("line", commands())
+def test_every_command_line_shown_is_one(line):
+    arguments = _parser().parse_args(shlex.split(line, comments=True)[1:])
+    assert arguments.command == line.split()[1]
+
+
+def test_the_pages_show_the_commands_that_matter():
+    assert {line.split()[1] for line in commands()} >= {"run", "check", "list", "simulate", "estimate"}
+
+
+def test_a_command_line_that_is_none_would_be_noticed(capsys):
+    with pytest.raises(SystemExit):
+        _parser().parse_args(["run", "--no-such-option"])
+    assert "--no-such-option" in capsys.readouterr().err
