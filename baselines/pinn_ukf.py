@@ -175,7 +175,8 @@ class PINNUnscentedKalman(Estimator):
         z, P, started, u, *rest = state.memory
         front, clean = self._front_end.step(Memory(*rest), sample.measured)
         white, coloured = output_sd(clean.filled)
-        measured = np.where(clean.accepted, clean.filled, np.nan)[:, len(INPUTS) :]
+        outputs = slice(len(INPUTS), None)
+        measured = np.where(clean.accepted[:, outputs], clean.filled[:, outputs], np.nan)
         one_tick = self._tick_filterpy if self.config["implementation"] == "filterpy" else self._tick
         z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
         z[:, 4] = np.maximum(z[:, 4], 0.05)

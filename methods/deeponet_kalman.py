@@ -180,7 +180,7 @@ class DeepONetKalman(Estimator):
         """Roll the operator out, feeding its own readings back into the window."""
         z, _, _, stream = self._unpack(state)
         out = np.empty((*inputs.shape[:2], 3))
-        bias = to_theta(z[:, ZETA:NOISE])[:, 4]
+        bias = to_theta(z[:, ZETA:NOISE])[:, 4].copy()
         stream = Stream(*(part.copy() for part in stream))
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
         roll_out(self._weights, self._model, self._scaling, stream, z, inputs, bias, out)

@@ -159,6 +159,7 @@ class FrontEnd:
         filled = np.empty(measured.shape)
         accepted = np.empty(measured.shape, dtype=np.bool_)
         ages = np.empty(measured.shape)
+        measured = np.ascontiguousarray(measured)
         _gate_sequence(*self.init(len(measured)), measured, self.mean, self.scale, self.floor, filled, accepted, ages)
         return filled, accepted, ages
 

@@ -1,0 +1,48 @@
+"""Re-simulated training sequences: the same load, other wear, still what the plant does."""
+
+import numpy as np
+import pytest
+
+from data.batch import HEALTH
+from data.benchmark import DesignConfig, simulate_benchmark
+from methods.resimulate import resimulate
+from physics.compressor import PLANT
+from physics.health import HIGH, LOW
+from physics.integrate import simulate
+
+
+@pytest.fixture(scope="module")
+def both():
+    train = simulate_benchmark(DesignConfig(n_train=3, n_validation=1, n_test=1, minutes=3.0, warmup_minutes=0.5)).train
+    return train, resimulate(train, np.random.default_rng(0), copies=2)
+
+
+def test_the_originals_come_first_and_every_copy_keeps_the_inputs(both):
+    train, more = both
+    assert len(more) == 9
+    assert len(set(more.names)) == 9
+    assert np.array_equal(more.measured[:3], train.measured, equal_nan=True)
+    for copy in (slice(3, 6), slice(6, 9)):
+        assert np.array_equal(more.truth.inputs[copy], train.truth.inputs)
+
+
+def test_health_is_new_and_possible(both):
+    train, more = both
+    health = more.truth.health[3:]
+    assert ((health >= LOW) & (health <= HIGH)).all()
+    assert (health[:3].std(axis=1) != train.truth.health.std(axis=1)).any()
+    assert not np.array_equal(health[:3], health[3:])
+
+
+def test_truth_is_what_the_plant_does_under_that_health(both):
+    _, more = both
+    x, y = simulate(
+        PLANT, more.truth.inputs, more.truth.states[:, 0], varying=HEALTH, values=more.truth.health
+    )
+    assert np.array_equal(x, more.truth.states)
+    assert np.array_equal(y, more.truth.outputs)
+
+
+def test_without_truth_there_is_nothing_to_run_again(both):
+    with pytest.raises(ValueError, match="need"):
+        resimulate(both[0].without_truth(), np.random.default_rng(0), 1)
