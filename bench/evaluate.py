@@ -34,7 +34,7 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     samples = np.ascontiguousarray(batch.measured.transpose(1, 0, 2))
     at = 0
     for k in range(N):
-        state, info = estimator.step(state, Sample(float(batch.time_s[k]), samples[k]))
+        state, info = estimator.step(state, Sample(float(batch.time_s[k]), samples[k].copy()))
         if k % evaluation.stride == 0:
             i = k // evaluation.stride
             mean[:, i], low[:, i], high[:, i] = state.mean, state.low, state.high

@@ -24,7 +24,7 @@ from bench.registry import discover, find
 from bench.report import write_report
 from bench.roster import label, ordered
 from bench.scores import DEFINITIONS, score
-from bench.store import Store, check_writable, write_atomically, write_text
+from bench.store import Store, check_writable, sweep, write_atomically, write_text
 from bench.table_formats import Table
 from bench.versions import provenance
 from data.errors import BadInput
@@ -61,7 +61,7 @@ def run(
     walls: dict[str, float] = {}
     with _workers(backend, scheduler) as processes:
         check_writable(out)
-        store.sweep()
+        sweep(out)
         if not resume:
             store.clear()
         _say_plan(console, profile, todo, store, out)

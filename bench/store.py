@@ -79,6 +79,13 @@ def check_writable(folder: Path) -> None:
     probe.unlink()
 
 
+def sweep(out: Path) -> None:
+    """Remove what a killed run was writing into ``out``. Not while another run writes to the same folder."""
+    for folder in ("", "tables/", "figures/", "store/*/*/"):
+        for beside in out.glob(f"{folder}.*{PARTIAL}"):
+            beside.unlink(missing_ok=True)
+
+
 class Store:
     """Parts under one folder."""
 
@@ -105,11 +112,6 @@ class Store:
         write_atomically(part, write)
         write_text(part.with_name(".done"), _sha256(part))
         return part
-
-    def sweep(self) -> None:
-        """Remove what a killed run was writing. Not while another run writes to the same folder."""
-        for beside in self.root.glob(f"*/*/.*{PARTIAL}"):
-            beside.unlink(missing_ok=True)
 
     def clear(self) -> None:
         """Forget everything."""

@@ -18,7 +18,7 @@ from numba import njit
 
 from data.batch import SAMPLE_PERIOD_S, Array
 from methods.kalman import predict_covariance, update
-from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, heads, heads_with_jacobian, push
+from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, fill, heads, heads_with_jacobian, push
 from physics.compressor import M_REF_KG_S, PLANT
 
 PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
@@ -49,7 +49,7 @@ def probe_lag(mu):  # type: ignore[no-untyped-def]
     return 1.0 - keep, keep * SAMPLE_PERIOD_S / tau * TAU_PROBE_X / mu
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
 def _condition(model, z):  # type: ignore[no-untyped-def]
     condition = np.empty(N_STATES + N_ZETA, np.float32)
     for i in range(N_STATES):
@@ -59,7 +59,7 @@ def _condition(model, z):  # type: ignore[no-untyped-def]
     return condition
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
 def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
     """Eq. (6): states by the operator, probe by its lag, noise and slow error by their memory."""
     after = z.copy()
@@ -132,29 +132,8 @@ def correct(model, z, P, measured, bias_K, bias_slope, white_sd, coloured_sd, cl
     return z, P, innovation, S, nis
 
 
-@njit(cache=True, error_model="numpy")
-def tick(w, model, stream, z, P, sample, mask, query, measured, bias, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
-    """One tick of B machines, in place on ``stream``, ``z``, ``P`` and ``info``.
-
-    Args:
-        sample, mask, query: (B, 7), (B, 7), (B, 5) float32, what the operator's window takes in.
-        measured: (B, 3) outputs, NaN where missing or rejected.
-        bias: (B, 2) temperature bias in K and its slope to zeta.
-        white_sd, coloured_sd: (B, 3) present sd of the output noise.
-        info: innovation (B, 3), S (B, 3, 3), NIS (B,).
-    """
-    innovation, S, nis = info
-    for b in range(z.shape[0]):
-        if stream.ticks[b] > 0:
-            z[b], P[b] = predict(w, model, stream.base[b], z[b], P[b])
-        z[b], P[b], innovation[b], S[b], nis[b] = correct(
-            model, z[b], P[b], measured[b], bias[b, 0], bias[b, 1], white_sd[b], coloured_sd[b], clip
-        )
-        push_one(w, stream, b, sample[b], mask[b], query[b])
-
-
-@njit(cache=True, error_model="numpy")
-def push_one(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
+def _push(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
     """Let machine b's window take in one sample."""
     push(
         w,
@@ -173,6 +152,32 @@ def push_one(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def tick(w, model, stream, z, P, sample, mask, query, measured, bias, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
+    """One tick of B machines, in place on ``stream``, ``z``, ``P`` and ``info``.
+
+    Args:
+        sample, mask, query: (B, 7), (B, 7), (B, 5) float32, what the operator's window takes in.
+        measured: (B, 3) outputs, NaN where missing or rejected.
+        bias: (B, 2) temperature bias in K and its slope to zeta.
+        white_sd, coloured_sd: (B, 3) present sd of the output noise.
+        info: innovation (B, 3), S (B, 3, 3), NIS (B,).
+    """
+    innovation, S, nis = info
+    for b in range(z.shape[0]):
+        mean, cov = z[b], P[b]
+        if stream.ticks[b] > 0:
+            mean, cov = predict(w.heads, model, stream.base[b], mean, cov)
+        mean, cov, surprise, spread, nis[b] = correct(
+            model, mean, cov, measured[b], bias[b, 0], bias[b, 1], white_sd[b], coloured_sd[b], clip
+        )
+        fill(z[b], mean)
+        fill(P[b].ravel(), cov.ravel())
+        fill(innovation[b], surprise)
+        fill(S[b].ravel(), spread.ravel())
+        _push(w.encoder, stream, b, sample[b], mask[b], query[b])
+
+
+@njit(cache=True, error_model="numpy")
 def roll_out(w, model, scaling, stream, z, inputs, bias_K, out):  # type: ignore[no-untyped-def]
     """Open loop over inputs (B, L, 4): the window takes in the model's own readings, none measured.
 
@@ -188,11 +193,11 @@ def roll_out(w, model, scaling, stream, z, inputs, bias_K, out):  # type: ignore
     for b in range(z.shape[0]):
         state = z[b].copy()
         for k in range(inputs.shape[1]):
-            state = predict_mean(w, model, stream.base[b], state)
+            state = predict_mean(w.heads, model, stream.base[b], state)
             state[4] = max(state[4], 0.05)
             u = inputs[b, k]
             y = readings(state, bias_K[b])
-            out[b, k] = y
+            fill(out[b, k], y)
             for c in range(4):
                 sample[c] = (u[c] - mean[c]) / scale[c]
             for c in range(3):
@@ -200,4 +205,4 @@ def roll_out(w, model, scaling, stream, z, inputs, bias_K, out):  # type: ignore
             raw = (u[2], y[0] / u[0], u[1], u[0], u[3])
             for c in range(5):
                 query[c] = (raw[c] - query_mean[c]) / query_scale[c]
-            push_one(w, stream, b, sample, mask, query)
+            _push(w.encoder, stream, b, sample, mask, query)

@@ -40,8 +40,8 @@ _HEAD_OF_STATE = np.array(HEAD_OF_STATE)
 _SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S)).astype(np.float32)
 
 
-class Weights(NamedTuple):
-    """The operator's weights as float32 arrays, matrices as (out, in)."""
+class Encoder(NamedTuple):
+    """Weights of branch and trunk as float32 arrays, matrices as (out, in)."""
 
     block_1: np.ndarray
     block_1_bias: np.ndarray
@@ -65,11 +65,23 @@ class Weights(NamedTuple):
     trunk_project_bias: np.ndarray
     from_latent: np.ndarray
     from_latent_bias: np.ndarray
+
+
+class Heads(NamedTuple):
+    """Weights of the heads that meet state and health."""
+
     from_condition: np.ndarray
     hidden: np.ndarray
     hidden_bias: np.ndarray
     out: np.ndarray
     out_bias: np.ndarray
+
+
+class Weights(NamedTuple):
+    """The operator's weights. Compiled functions take the part that they need: each array costs compile time."""
+
+    encoder: Encoder
+    heads: Heads
 
 
 def pack(state: dict[str, np.ndarray]) -> Weights:
@@ -81,7 +93,7 @@ def pack(state: dict[str, np.ndarray]) -> Weights:
     def layer(name: str) -> tuple[np.ndarray, np.ndarray]:
         return get(name + ".weight"), get(name + ".bias")
 
-    return Weights(
+    encoder = Encoder(
         *layer("branch.block_1"),
         *layer("branch.block_2"),
         *layer("branch.mix_2"),
@@ -94,12 +106,15 @@ def pack(state: dict[str, np.ndarray]) -> Weights:
         *layer("trunk.hidden"),
         *layer("trunk.project"),
         *layer("heads.from_latent"),
+    )
+    heads = Heads(
         np.ascontiguousarray(get("heads.from_condition.weight").T),
         get("heads.hidden_weight"),
         get("heads.hidden_bias"),
         get("heads.out_weight"),
         get("heads.out_bias"),
     )
+    return Weights(encoder, heads)
 
 
 class Stream(NamedTuple):
@@ -117,7 +132,8 @@ class Stream(NamedTuple):
 
 def empty_stream(weights: Weights, batch: int) -> Stream:
     """Before the first sample."""
-    width_1, width_2 = len(weights.block_1_bias), len(weights.block_2_bias)
+    encoder = weights.encoder
+    width_1, width_2 = len(encoder.block_1_bias), len(encoder.block_2_bias)
     shapes = (
         (WINDOW, N_CHANNELS),
         (KERNEL, N_COLUMNS),
@@ -125,7 +141,7 @@ def empty_stream(weights: Weights, batch: int) -> Stream:
         (REACH_2, width_2),
         (REACH_2,),
         (N_SLOW,),
-        (len(weights.from_latent_bias),),
+        (len(encoder.from_latent_bias),),
     )
     parts = (np.zeros((batch, *shape), np.float32) for shape in shapes)
     return Stream(np.zeros(batch, np.int64), *parts)
@@ -146,13 +162,22 @@ def _normalise(v):  # type: ignore[no-untyped-def]
     return v / np.sqrt(np.mean(v * v) + np.float32(1e-6))
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, error_model="numpy")
+def fill(into, values):  # type: ignore[no-untyped-def]
+    """``into[:] = values`` for vectors. Numba takes seconds to compile each broadcast that a slice assignment may be."""
+    for i in range(into.size):
+        into[i] = values[i]
+
+
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
 def _shift(buffer, newest):  # type: ignore[no-untyped-def]
-    buffer[:-1] = buffer[1:]
-    buffer[-1] = newest
+    for i in range(buffer.shape[0] - 1):
+        for j in range(buffer.shape[1]):
+            buffer[i, j] = buffer[i + 1, j]
+    fill(buffer[-1], newest)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=FAST, error_model="numpy", no_cpython_wrapper=True)
 def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type: ignore[no-untyped-def]
     """Append one standardised sample and compute the newest column of each block."""
     column = np.empty(N_COLUMNS, np.float32)
@@ -166,14 +191,15 @@ def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type:
     width_1 = first.shape[1]
     reached = np.empty(KERNEL * width_1, np.float32)
     for i in range(KERNEL):
-        reached[i * width_1 : (i + 1) * width_1] = first[i * KERNEL]
+        fill(reached[i * width_1 : (i + 1) * width_1], first[i * KERNEL])
     second = _silu(np.dot(w.block_2, reached) + w.block_2_bias)
     token = second + _silu(np.dot(w.mix_2, second) + w.mix_2_bias)
     gated = np.tanh(np.dot(w.gate_tanh, token) + w.gate_tanh_bias) * _sigmoid(
         np.dot(w.gate_sigmoid, token) + w.gate_sigmoid_bias
     )
     _shift(tokens, token)
-    scores[:-1] = scores[1:]
+    for i in range(scores.size - 1):
+        scores[i] = scores[i + 1]
     scores[-1] = np.dot(w.score, gated)
 
 
@@ -188,8 +214,10 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     sample = np.minimum(np.maximum(sample, -LIMIT), LIMIT).astype(np.float32)
     temperature = sample[5]
     if ticks[0] == 0:
-        values[:] = sample
-        slow[:] = temperature
+        for k in range(WINDOW):
+            fill(values[k], sample)
+        for i in range(N_SLOW):
+            slow[i] = temperature
         for _ in range(WINDOW):
             _push_one(w, values, columns, first, tokens, scores, sample, mask)
     else:
@@ -208,7 +236,7 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     for i in range(TOKENS):
         for j in range(width_2):
             summary[j] += weight[i] * tokens[i * KERNEL**2, j]
-    summary[width_2 : 2 * width_2] = tokens[-1]
+    fill(summary[width_2 : 2 * width_2], tokens[-1])
     at = 2 * width_2
     for c in range(N_CHANNELS):
         mean = np.float32(0.0)
@@ -223,7 +251,7 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     for i in range(N_SLOW):
         summary[at + 2 * N_CHANNELS + i] = temperature - slow[i]
     branch = _normalise(np.dot(w.project, summary) + w.project_bias)
-    base[:] = np.dot(w.from_latent, branch * trunk(w, query, SAMPLE_PERIOD_S)) + w.from_latent_bias
+    fill(base, np.dot(w.from_latent, branch * trunk(w, query, SAMPLE_PERIOD_S)) + w.from_latent_bias)
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -233,8 +261,8 @@ def trunk(w, query, time_s):  # type: ignore[no-untyped-def]
     embedded = _silu(np.dot(w.embedding, query[:2].copy()) + w.embedding_bias)
     n = embedded.size
     entry = np.empty(N_QUERY + n + 1 + 2 * len(SINUSOIDS), np.float32)
-    entry[:N_QUERY] = query
-    entry[N_QUERY : N_QUERY + n] = embedded
+    fill(entry[:N_QUERY], query)
+    fill(entry[N_QUERY : N_QUERY + n], embedded)
     at = N_QUERY + n
     entry[at] = np.float32(time_s / SAMPLE_PERIOD_S)
     for i in range(len(SINUSOIDS)):
@@ -252,7 +280,7 @@ def heads(w, base, condition):  # type: ignore[no-untyped-def]
     first = _silu(base + np.dot(condition, w.from_condition))
     second = np.empty((N_HEADS, width), np.float32)
     for h in range(N_HEADS):
-        second[h] = _silu(np.dot(first[h * width : (h + 1) * width], w.hidden[h]) + w.hidden_bias[h])
+        fill(second[h], _silu(np.dot(first[h * width : (h + 1) * width], w.hidden[h]) + w.hidden_bias[h]))
     out = np.empty(N_STATES, np.float32)
     for s in range(N_STATES):
         out[s] = np.dot(second[_HEAD_OF_STATE[s]], w.out[s]) + w.out_bias[s]
@@ -277,7 +305,7 @@ def heads_with_jacobian(w, base, condition):  # type: ignore[no-untyped-def]
             for i in range(n):
                 rows[i, j] = w.from_condition[i, at + j] * slope[at + j]
             rows[n, j] = first[at + j]
-        second[h] = np.dot(rows, w.hidden[h])
+        np.dot(rows, w.hidden[h], second[h])
         for j in range(width):
             e = second[h, n, j] + w.hidden_bias[h, j]
             g = _sigmoid(e)
@@ -289,6 +317,6 @@ def heads_with_jacobian(w, base, condition):  # type: ignore[no-untyped-def]
     jacobian = np.empty((N_STATES, n), np.float32)
     for s in range(N_STATES):
         column = np.dot(second[_HEAD_OF_STATE[s]], w.out[s])
-        jacobian[s] = column[:n]
+        fill(jacobian[s], column[:n])
         out[s] = column[n] + w.out_bias[s]
     return out, jacobian

@@ -104,7 +104,7 @@ def test_ten_kills_leave_the_tables_of_an_undisturbed_run(
     assert finish.returncode == 0, finish.stderr
     assert comparable(out) == comparable(undisturbed)
     assert set(parts(out)) == set(parts(undisturbed))
-    assert not list((out / "store").rglob(".*.part"))
+    assert not list(out.rglob(".*.part"))
 
 
 def test_what_fails_is_told_and_the_others_go_on(

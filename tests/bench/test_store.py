@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.store import CannotWrite, Store, check_writable, key_of, write_atomically, write_text
+from bench.store import CannotWrite, Store, check_writable, key_of, sweep, write_atomically, write_text
 
 
 def full_disk(*_: object) -> None:
@@ -86,11 +86,16 @@ def test_check_writable_leaves_the_empty_folder(tmp_path: Path) -> None:
 
 
 def test_sweep_takes_what_a_kill_left_and_no_more(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+    store = Store(tmp_path / "store")
     part = store.put("fit", "k", write_hello)
-    (part.parent / ".part.npz.abc.part").write_text("half")
-    store.sweep()
-    assert listing(tmp_path) == ["fit", "fit/k", "fit/k/.done", "fit/k/part.npz"]
+    write_text(tmp_path / "tables" / "comparison.md", "")
+    write_text(tmp_path / "figures" / "bars.svg", "")
+    write_text(tmp_path / "elsewhere" / ".theirs.part", "")
+    whole = listing(tmp_path)
+    for folder in (part.parent, tmp_path, tmp_path / "tables", tmp_path / "figures"):
+        (folder / ".part.npz.abc.part").write_text("half")
+    sweep(tmp_path)
+    assert listing(tmp_path) == whole
     store.clear()
     assert not store.has("fit", "k")
 

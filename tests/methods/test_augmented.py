@@ -32,7 +32,7 @@ def problem():
     )
     z = np.concatenate([model.state_mean, [435.0], rng.normal(size=SIZE - 6) * 0.1])
     B = rng.normal(size=(SIZE, SIZE))
-    base = rng.normal(size=weights.from_latent_bias.size).astype(np.float32)
+    base = rng.normal(size=weights.encoder.from_latent_bias.size).astype(np.float32)
     return weights, model, base, z, B @ B.T * 1e-4
 
 
@@ -45,10 +45,10 @@ def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
         ahead, behind = z.copy(), z.copy()
         ahead[j] += size[j]
         behind[j] -= size[j]
-        ends = [predict_mean(weights, model, base, at) for at in (ahead, behind)]
+        ends = [predict_mean(weights.heads, model, base, at) for at in (ahead, behind)]
         F[:, j] = (ends[0] - ends[1]) / (2 * size[j])
-    after, P_after = predict(weights, model, base, z, P)
-    assert after == pytest.approx(predict_mean(weights, model, base, z), abs=1e-6)
+    after, P_after = predict(weights.heads, model, base, z, P)
+    assert after == pytest.approx(predict_mean(weights.heads, model, base, z), abs=1e-6)
     expected = F @ P @ F.T + model.Q
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((P_after - expected) / scale).max() < 2e-3
@@ -59,18 +59,18 @@ def test_the_probe_is_a_first_order_lag_that_quickens_with_flow(problem):
     z = z.copy()
     for flow in (0.5, 1.0, 1.5):
         z[4] = flow
-        share = (predict_mean(weights, model, base, z)[PROBE] - z[PROBE]) / (z[2] - z[PROBE])
+        share = (predict_mean(weights.heads, model, base, z)[PROBE] - z[PROBE]) / (z[2] - z[PROBE])
         assert share == pytest.approx(1 - np.exp(-SAMPLE_PERIOD_S / (5.0 * flow**-0.5)))
 
 
 def test_health_stays_and_slow_errors_act(problem):
     weights, model, base, z, _ = problem
-    after = predict_mean(weights, model, base, z)
+    after = predict_mean(weights.heads, model, base, z)
     assert np.array_equal(after[ZETA:NOISE], z[ZETA:NOISE])
     assert after[ERROR:] == pytest.approx(model.error_keep * z[ERROR:])
     without = z.copy()
     without[ERROR:] = 0.0
-    assert after[:5] - predict_mean(weights, model, base, without)[:5] == pytest.approx(z[ERROR:])
+    assert after[:5] - predict_mean(weights.heads, model, base, without)[:5] == pytest.approx(z[ERROR:])
 
 
 def test_correction_is_the_textbook(problem):

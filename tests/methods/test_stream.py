@@ -34,7 +34,7 @@ def streamed(operator: Operator, samples, ticks: int) -> tuple[Stream, object]:
     weights = pack(weights_of(operator))
     stream = empty_stream(weights, 1)
     for k in range(ticks):
-        push(weights, *(part[0] if part.ndim > 1 else part for part in stream), *(s[k] for s in samples))
+        push(weights.encoder, *(part[0] if part.ndim > 1 else part for part in stream), *(s[k] for s in samples))
     return stream, weights
 
 
@@ -66,16 +66,16 @@ def test_jacobian_equals_autograd_and_central_differences(operator, samples):
     latent, _ = windowed_base(operator, samples, stream, 100)
     for seed in range(5):
         c = np.random.default_rng(seed).normal(size=N_STATES + N_ZETA).astype(np.float32)
-        out, jacobian = heads_with_jacobian(weights, stream.base[0], c)
+        out, jacobian = heads_with_jacobian(weights.heads, stream.base[0], c)
         plain = torch.func.jacrev(lambda at: operator(latent, at[None], TIME)[0])(torch.from_numpy(c))
         assert jacobian == pytest.approx(plain.detach().numpy(), abs=1e-5)
-        assert out == pytest.approx(heads(weights, stream.base[0], c), abs=1e-6)
+        assert out == pytest.approx(heads(weights.heads, stream.base[0], c), abs=1e-6)
         step = 0.05
         for j in range(len(c)):
             ahead, behind = c.copy(), c.copy()
             ahead[j] += step
             behind[j] -= step
-            slope = (heads(weights, stream.base[0], ahead) - heads(weights, stream.base[0], behind)) / (2 * step)
+            slope = (heads(weights.heads, stream.base[0], ahead) - heads(weights.heads, stream.base[0], behind)) / (2 * step)
             assert jacobian[:, j] == pytest.approx(slope, abs=5e-4)
 
 
