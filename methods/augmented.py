@@ -49,7 +49,7 @@ def probe_lag(mu):  # type: ignore[no-untyped-def]
     return 1.0 - keep, keep * SAMPLE_PERIOD_S / tau * TAU_PROBE_X / mu
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
+@njit(cache=True, error_model="numpy")
 def _condition(model, z):  # type: ignore[no-untyped-def]
     condition = np.empty(N_STATES + N_ZETA, np.float32)
     for i in range(N_STATES):
@@ -59,7 +59,7 @@ def _condition(model, z):  # type: ignore[no-untyped-def]
     return condition
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
+@njit(cache=True, error_model="numpy")
 def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
     """Eq. (6): states by the operator, probe by its lag, noise and slow error by their memory."""
     after = z.copy()
@@ -132,7 +132,7 @@ def correct(model, z, P, measured, bias_K, bias_slope, white_sd, coloured_sd, cl
     return z, P, innovation, S, nis
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
+@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)  # type: ignore[call-overload]
 def _push(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
     """Let machine b's window take in one sample."""
     push(

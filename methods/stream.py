@@ -164,12 +164,12 @@ def _normalise(v):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def fill(into, values):  # type: ignore[no-untyped-def]
-    """``into[:] = values`` for vectors. Numba takes seconds to compile each broadcast that a slice assignment may be."""
+    """``into[:] = values`` for vectors, spared the broadcasting that numba takes seconds to compile."""
     for i in range(into.size):
         into[i] = values[i]
 
 
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
+@njit(cache=True, error_model="numpy")
 def _shift(buffer, newest):  # type: ignore[no-untyped-def]
     for i in range(buffer.shape[0] - 1):
         for j in range(buffer.shape[1]):
@@ -177,7 +177,7 @@ def _shift(buffer, newest):  # type: ignore[no-untyped-def]
     fill(buffer[-1], newest)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy", no_cpython_wrapper=True)
+@njit(cache=True, fastmath=FAST, error_model="numpy", no_cpython_wrapper=True)  # type: ignore[call-overload]
 def _push_one(w, values, columns, first, tokens, scores, sample, mask):  # type: ignore[no-untyped-def]
     """Append one standardised sample and compute the newest column of each block."""
     column = np.empty(N_COLUMNS, np.float32)
