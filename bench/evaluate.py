@@ -34,6 +34,7 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     samples = np.ascontiguousarray(batch.measured.transpose(1, 0, 2))
     at = 0
     for k in range(N):
+        # Copies: a view would lead to the rest of the recording.
         state, info = estimator.step(state, Sample(float(batch.time_s[k]), samples[k].copy()))
         if k % evaluation.stride == 0:
             i = k // evaluation.stride
@@ -42,7 +43,7 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
             dof[:, i] = info.accepted.sum(axis=1)
         if at < len(origins) and k == origins[at]:
             _check_finite(estimator, batch.time_s[stored[: k // evaluation.stride + 1]], mean, low, high)
-            future = inputs[:, k + 1 : k + 1 + leads.max()]
+            future = inputs[:, k + 1 : k + 1 + leads.max()].copy()
             forecast[:, at] = estimator.forecast(state, future)[:, leads - 1]
             origin_mean[:, at], origin_cov[:, at] = state.mean, state.cov
             at += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import cache
 
 import numpy as np
@@ -180,11 +181,11 @@ class AveragesOverMachines(Good):
 
 
 class LooksAhead(Good):
-    """NumPy lets a view's owner be reached, and with it whatever else is stored there."""
+    """Python lets a caller's variables be reached, and with them whatever is stored there."""
 
     def step(self, state, sample):
         after, info = super().step(state, sample)
-        whole = sample.measured.base
+        whole = sys._getframe(1).f_locals.get("samples")
         peek = 0.0 if whole is None else np.nanmean(whole)
         return self.reported(after.mean + 1e-3 * peek, after.memory), info
 
