@@ -6,11 +6,13 @@ import re
 import shlex
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from bench.cli import _parser
 from bench.contract import run_battery
 from bench.registry import discover, find
+from bench.roster import label
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -33,6 +35,16 @@ def commands() -> list[str]:
         lines += re.findall(r"`(twinbench [^`]+)`", prose)
         found += [line for line in lines if line.startswith("twinbench ")]
     return sorted(set(found))
+
+
+def test_the_comparison_in_the_readme_is_the_reference_run():
+    rows = re.findall(r"^\| (.+?) \| (.+\(.+) \|$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    table = pd.read_csv(ROOT / "results/reference/quick/tables/comparison.csv")
+    metrics = ("parameter_error_pct", "T_nrmse_pct", "p_open60_pct", "m_open60_pct", "coverage95_pct")
+    assert [name for name, _ in rows] == [label(name) for name in table.estimator]
+    for (_, cells), (_, row) in zip(rows, table.iterrows(), strict=True):
+        shown = [[row[m], row[f"{m}_low"], row[f"{m}_high"]] for m in metrics]
+        assert cells.split(" | ") == ["{:.3g} ({:.3g} to {:.3g})".format(*values) for values in shown]
 
 
 @pytest.fixture
