@@ -22,7 +22,11 @@ EPILOG = """examples:
   twinbench simulate --out recordings              the benchmark's recordings as CSV
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
   twinbench list mechanisms                        what a compressor model can leave out
+  twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
+                                                   what your simulator leaves out, and proof of it
+  twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
 exit status: 0 done, 1 a method or a check failed, 2 bad input"""
+_SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -70,8 +74,18 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
     check.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
-    simulate = command("simulate", "write the benchmark's recordings", "twinbench simulate --out recordings")
+    simulate = command(
+        "simulate", "write the benchmark's recordings, or what a simulator of yours makes of recorded inputs",
+        "twinbench simulate --out recordings\n"
+        "  twinbench simulate --simulator tanks.py --inputs day4.csv --out replayed",
+    )  # fmt: skip
     simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
+    simulate.add_argument("--simulator", metavar="SIMULATOR", help=_SIMULATOR_HELP)
+    simulate.add_argument(
+        "--inputs", nargs="+", default=(), type=Path, metavar="RECORDING",
+        help="recordings whose inputs drive --simulator; it starts from their first readings",
+    )  # fmt: skip
+    simulate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
     simulate.add_argument("--profile", default="quick", help="whose data (default: quick)")
     simulate.add_argument("--part", choices=("train", "validation", "test"), default="test")
     simulate.add_argument("--format", choices=("csv", "parquet"), default="csv")
@@ -88,6 +102,34 @@ def _parser() -> argparse.ArgumentParser:
     estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
     estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
     estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
+
+    mismatch = command(
+        "mismatch", "find what a simulator leaves out, name it, model it, and prove it on held-out recordings",
+        "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
+        "writes verdict.json, report.html and model.toml, the mended simulator, into DIR",
+    )  # fmt: skip
+    mismatch.add_argument("simulator", metavar="SIMULATOR", help=_SIMULATOR_HELP)
+    mismatch.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    mismatch.add_argument("--out", type=Path, required=True, metavar="DIR")
+    mismatch.add_argument(
+        "--hold-out", nargs="+", default=(), type=Path, metavar="RECORDING",
+        help="recordings for the proof alone, best in another regime; never fitted",
+    )  # fmt: skip
+    mismatch.add_argument(
+        "--catalogue", default="", metavar="FILE",
+        help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
+    )  # fmt: skip
+    mismatch.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    mismatch.add_argument("--json", action="store_true", help="the verdict as JSON, alone on stdout")
+
+    prove = command(
+        "prove", "hide effects in simulated machines and see whether mismatch finds them",
+        "twinbench prove --cases 40 --out results/prove\n\n"
+        "draws each case from the seed, seals the truth, asks the engine blindly and judges; resumes where it stopped",
+    )  # fmt: skip
+    prove.add_argument("--cases", type=int, default=40, metavar="N", help="how many (default: 40)")
+    prove.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
+    prove.add_argument("--out", type=Path, default=Path("results/prove"), metavar="DIR")
 
     report = command("report", "draw tables, figures and report again", "twinbench report results/quick")
     report.add_argument("results", type=Path, metavar="DIR")
@@ -220,6 +262,20 @@ def _check(a: argparse.Namespace) -> int:
 
 
 def _simulate(a: argparse.Namespace) -> int:
+    from data.errors import BadInput
+
+    if bool(a.simulator) != bool(a.inputs):
+        raise BadInput("--simulator and --inputs go together; give the recordings that drive it with --inputs")
+    if a.simulator:
+        from bench.replay import replay
+
+        for path in replay(a.simulator, a.inputs, a.out, a.map, a.format):
+            print(path)
+        return 0
+    return _simulate_benchmark(a)
+
+
+def _simulate_benchmark(a: argparse.Namespace) -> int:
     from functools import partial
 
     from bench.profile import load_profile
@@ -247,6 +303,31 @@ def _estimate(a: argparse.Namespace) -> int:
     else:
         for summary in summaries:
             print(summary["says"])
+    return 0
+
+
+def _mismatch(a: argparse.Namespace) -> int:
+    from bench.explain import explain
+
+    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map)
+    if a.json:
+        from bench.mismatch_report import to_json
+
+        print(to_json(verdict))
+    else:
+        print(verdict.says)
+        print(f"report: {(a.out / 'report.html').resolve()}")
+    return 0
+
+
+def _prove(a: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from bench.prove.gates import as_markdown
+    from bench.prove.suite import run
+
+    command = "twinbench " + shlex.join(sys.argv[1:])
+    print(as_markdown(run(a.cases, a.seed, a.out, Console(stderr=True), command=command)))
     return 0
 
 
@@ -295,6 +376,8 @@ _COMMANDS = {
     "check": _check,
     "simulate": _simulate,
     "estimate": _estimate,
+    "mismatch": _mismatch,
+    "prove": _prove,
     "report": _report,
     "latency": _latency,
 }

@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
-import jinja2
-from markupsafe import Markup
-
 from bench.evidence import Evidence, gather
 from bench.figures import draw
-from bench.figures.style import FAINT, INK, MUTED, PAPER, png, settle, svg
+from bench.page import render, write_bytes, write_figures
 from bench.results import Results, load_results
 from bench.roster import FLOOR, label
-from bench.store import write_atomically
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
 from bench.tables import build_tables
 from bench.words import answer, certainty, headline
 
 FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
-THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER: "var(--paper)"}
-"""Colours of the figures that follow the reader's light or dark setting; the estimators' own do not."""
 
 
 def write_report(out: Path) -> Table:
@@ -40,9 +33,9 @@ def write_report(out: Path) -> Table:
     tables = build_tables(summary, evidence.coverage, results.latency)
     for table in tables:
         for suffix, text in FORMATS.items():
-            _write(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
-    figures = _write_figures(out / "figures", results, summary, evidence)
-    _write(out / "report.html", _html(results, summary, tables, figures).encode())
+            write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
+    figures = write_figures(out / "figures", draw(summary, evidence, results.latency))
+    write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
     return tables[0]
 
 
@@ -51,45 +44,9 @@ def _evidence(results: Results) -> Evidence:
     return Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
 
 
-def _write_figures(folder: Path, results: Results, summary: Summary, evidence: Evidence) -> list[dict[str, Any]]:
-    """Write each figure twice and return what the report shows of it."""
-    shown = []
-    for name, caption, figure, missing in draw(summary, evidence, results.latency):
-        files = {suffix: folder / f"{name}.{suffix}" for suffix in ("png", "svg")}
-        if figure is None:
-            for path in files.values():
-                path.unlink(missing_ok=True)
-            shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
-            continue
-        settle(figure)
-        drawn = svg(figure)
-        _write(files["png"], png(figure))
-        _write(files["svg"], drawn.encode())
-        shown.append({"name": name, "caption": caption, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
-    return shown
-
-
-def inline_svg(drawn: str, name: str) -> str:
-    """An SVG file's text made fit to stand in an HTML page: no prologue, names of its own, themed colours."""
-    drawn = drawn[drawn.index("<svg") :]
-    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
-    drawn = re.sub(r'\b(id=")', rf"\g<1>{name}-", drawn)
-    drawn = re.sub(r'((?:xlink:href="|url\()#)', rf"\g<1>{name}-", drawn)
-    for colour, themed in THEMED.items():
-        drawn = drawn.replace(colour, themed)
-    # Sized by the page, not by the paper.
-    width = re.search(r'\bwidth="([\d.]+)pt"', drawn)
-    drawn = re.sub(r'\b(?:width|height)="[\d.]+pt" ?', "", drawn, count=2)
-    size = f'style="width: {float(width.group(1)) * 4 / 3:.0f}px" ' if width else ""
-    return drawn.replace("<svg ", f'<svg {size}role="img" aria-labelledby="{name}-caption" ', 1)
-
-
 def _html(results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]]) -> str:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
-    )  # fmt: skip
-    return environment.get_template("report.html.j2").render(
+    return render(
+        "report.html.j2",
         headline=headline(summary),
         answer=answer(summary),
         certainty=certainty(summary),
@@ -122,10 +79,3 @@ def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _joined(values: Any) -> str:
     return ", ".join(str(value) for value in values or ())
-
-
-def _write(path: Path, content: bytes) -> None:
-    def fill(beside: Path) -> None:
-        beside.write_bytes(content)
-
-    write_atomically(path, fill)

@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("physics", "data", "methods", "baselines", "bench")
+PACKAGES = ("physics", "data", "methods", "baselines", "mismatch", "bench")
 LIBRARIES = ("numpy", "scipy", "numba", "torch", "filterpy", "scikit-learn", "pandas")
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
 from data.errors import BadInput
-from data.units import UNITS, check_plausible, convert
+from data.units import PLAUSIBLE, UNITS, Limits, check_plausible, convert
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -66,6 +66,9 @@ def read_recording(
     mapping: Sequence[str] = (),
     units: Mapping[str, str] = UNITS,
     must_vary: Sequence[str] = (),
+    limits: Mapping[str, Limits] = PLAUSIBLE,
+    may_lack: Sequence[str] = (),
+    longest_s: float = LONGEST_S,
 ) -> Recording:
     """Read a recording and check it.
 
@@ -74,6 +77,9 @@ def read_recording(
         mapping: ``COLUMN=channel`` or ``COLUMN[unit]=channel``, each over a TOML sidecar's.
         units: the channels to read and their units; the compressor's by default.
         must_vary: channels that must not be constant, because something is learnt from them.
+        limits: where a channel's median has to lie; outside it is taken for another unit.
+        may_lack: channels that are missing throughout where the file has no column for them.
+        longest_s: the longest time span that is no mistake in the unit of time.
 
     Raises:
         BadInput: one line that says what is wrong, where, and how to mend it.
@@ -92,14 +98,17 @@ def read_recording(
         raise BadInput(f"{path}, row {_row(np.isnan(time_s))}: {TIME} is missing; every row needs its time")
     if (np.diff(time_s) <= 0).any():
         raise BadInput(f"{path}, row {_row(np.diff(time_s) <= 0) + 1}: {TIME} does not increase; sort the rows by time")
-    if time_s[-1] - time_s[0] > LONGEST_S:
+    if time_s[-1] - time_s[0] > longest_s:
         raise BadInput(
-            f"{path}: {TIME} spans {time_s[-1] - time_s[0]:.3g} s, at most {LONGEST_S:.3g} s can be read; "
+            f"{path}: {TIME} spans {time_s[-1] - time_s[0]:.3g} s, at most {longest_s:.3g} s can be read; "
             f"is it in ms? Say so with --map '{clock.column}[ms]={TIME}', or split the recording"
         )
     columns = []
     for channel, unit in units.items():
         source = sources.get(channel, Source(channel, unit))
+        if source.column not in table.columns and channel in may_lack and channel not in sources:
+            columns.append(np.full(len(time_s), np.nan))
+            continue
         if source.column not in table.columns:
             offered = ", ".join(c for c in table.columns if c != TIME)
             raise BadInput(
@@ -107,7 +116,10 @@ def read_recording(
                 f"Name the right one with --map COLUMN={channel}"
             )
         values = _channel(table, source, unit, path)
-        check_plausible(values, unit, f"{path}, column {source.column}", source.column, channel)
+        if channel in limits:
+            check_plausible(
+                values, limits[channel], unit, f"{path}, column {source.column}", source.column, channel
+            )
         if channel in must_vary and len(np.unique(values[~np.isnan(values)])) < 2:
             raise BadInput(f"{path}: channel {channel} is constant; record the machine while its load changes")
         columns.append(values)

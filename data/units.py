@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from typing import Any
 
 import numpy as np
@@ -22,14 +23,19 @@ UNITS = {
 """The compressor's channels and their units, in pint's words."""
 assert tuple(UNITS) == CHANNELS
 
-PLAUSIBLE = {
+Limits = tuple[float, float, str]
+_IN_UNIT: dict[str, Limits] = {
     "bar": (0.05, 60.0, "is it kPa, psi or MPa?"),
     "kelvin": (200.0, 1200.0, "is it degC or degF?"),
     "rpm": (30.0, 60_000.0, "is it Hz or rad/s?"),
     "dimensionless": (-0.05, 1.5, "is it per cent?"),
     "kg/s": (0.0, 50.0, "is it kg/h, or g/s?"),
 }
-"""Where the median of a channel in a unit has to lie, and what it may be otherwise."""
+PLAUSIBLE = {channel: _IN_UNIT[unit] for channel, unit in UNITS.items()}
+"""Where the median of each of the compressor's channels has to lie, and what it may be otherwise."""
+
+_POWER = re.compile(r"(?<=[A-Za-z])(?=\d)")
+_TORQUE = re.compile(r"\b([kmM]?)Nm\b")
 
 
 @functools.cache
@@ -49,31 +55,43 @@ def convert(values: Array, given: str, wanted: str, where: str) -> Array:
         return values
     import pint
 
+    ours, theirs = _unit(wanted, where), _unit(given, where)
     try:
-        quantity = _registry().Quantity(values, given)
+        quantity = _registry().Quantity(values, theirs)
         if quantity.check("1/[time]"):  # 25 Hz of a shaft are 25 turns a second; to pint they are 25 radians
-            quantity = quantity * _registry().revolution ** (_counts_turns(given) - _counts_turns(wanted))
-        return np.asarray(quantity.to(wanted).magnitude)
+            quantity = quantity * _registry().revolution ** (_counts_turns(theirs) - _counts_turns(ours))
+        return np.asarray(quantity.to(ours).magnitude)
     except pint.DimensionalityError as error:
         raise BadInput(f"{where}: unit {given!r} cannot be turned into {wanted!r}; give a unit of that kind") from error
-    except Exception as error:  # pint's parser lets its tokenizer's errors and bare assertions through
-        raise BadInput(f"{where}: unknown unit {given!r}; try bar, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h") from error
 
 
-def _counts_turns(unit: str) -> bool:
+def _unit(text: str, where: str) -> Any:
+    """pint's unit; ``m3`` and ``s2`` are powers, ``Nm`` is a torque, nothing or a dash has no dimension."""
+    if text in ("", "-"):
+        return _registry().dimensionless
+    torque = _TORQUE.sub(r"\1N*m", text)
+    for spelt in (torque, _POWER.sub("**", torque)):  # as it is first: cmH2O holds no power
+        try:
+            return _registry().parse_units(spelt)
+        except Exception:  # pint lets its tokenizer's errors and bare assertions through
+            continue
+    raise BadInput(f"{where}: unknown unit {text!r}; try bar, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
+
+
+def _counts_turns(unit: Any) -> bool:
     """Hz and 1/min count turns; rpm and rad/s are angles over time."""
     return "radian" not in str(_registry().Quantity(1.0, unit).to_root_units().units)
 
 
-def check_plausible(values: Array, unit: str, where: str, column: str, channel: str) -> None:
+def check_plausible(values: Array, limits: Limits, unit: str, where: str, column: str, channel: str) -> None:
     """Refuse a channel whose magnitude says that it is in another unit.
 
     Raises:
-        BadInput: its median lies outside what the unit allows.
+        BadInput: its median lies outside the limits.
     """
-    if unit not in PLAUSIBLE or np.isnan(values).all():
+    low, high, hint = limits
+    if np.isnan(values).all():
         return
-    low, high, hint = PLAUSIBLE[unit]
     median = float(np.nanmedian(values))
     if not low <= median <= high:
         raise BadInput(

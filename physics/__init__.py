@@ -20,7 +20,7 @@ def _settle_compiled_code() -> None:
         return
     root = Path(__file__).parent.parent
     digest = hashlib.sha256()
-    for package in ("physics", "data", "methods", "baselines"):  # where compiled code lives
+    for package in ("physics", "data", "methods", "baselines", "mismatch"):  # where compiled code lives
         for source in sorted((root / package).glob("*.py")):
             digest.update(source.read_bytes())
     base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "twinbench"

@@ -13,6 +13,8 @@ from numba.core.errors import NumbaError
 
 from physics.simulator import Simulator
 
+USER_FILE = "twinbench_file_"
+"""Modules of users' files are named so."""
 VECTOR = types.Array(types.float64, 1, "C")
 EQUATION = VECTOR(VECTOR, VECTOR, VECTOR)
 FUNCTION = types.FunctionType(EQUATION)
@@ -30,6 +32,7 @@ class Compiled(NamedTuple):
 @functools.cache
 def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function compiled on first call; the same function twice compiles once."""
+    function = getattr(function, "native", function)
     return function if hasattr(function, "py_func") else njit(error_model="numpy")(function)
 
 
@@ -78,9 +81,12 @@ def compiled(simulator: Simulator) -> Compiled:
 
 def _equation(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile to the one signature; a tuple as the result is accepted too."""
-    source = getattr(function, "py_func", function)
+    source = getattr(function, "native", function)
+    source = getattr(source, "py_func", source)
     # Closures made by Simulator.with_ hold other compiled functions, which the disk cache cannot key.
-    cache = source.__closure__ is None and not source.__code__.co_filename.startswith("<")
+    # A user's file goes by a name of ours here, under which another process would look for it in vain.
+    own_file = (source.__module__ or "").startswith(USER_FILE)
+    cache = source.__closure__ is None and not source.__code__.co_filename.startswith("<") and not own_file
     try:
         return njit(EQUATION, error_model="numpy", cache=cache)(source)
     except NumbaError:

@@ -269,5 +269,7 @@ PLANT = Simulator(
     fluxes=FLUXES,
     flux=flux,
     balance=balance,
+    calibrate=("V_d_m3", "eta_0", "UA_gw_W_K"),
+    drifts=tuple(v.name for v in HEALTH),
     says="variable-speed single-stage reciprocating air compressor: the benchmark's plant",
 )

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +16,24 @@ Equation = Callable[[Array, Array, Array], Array]
 
 @dataclass(frozen=True)
 class Variable:
-    """A state, input, output or parameter. ``scale`` is a typical size of change, in ``unit``."""
+    """A state, input, output or parameter. ``scale`` is a typical size of change, in ``unit``.
+
+    Left out, the scale is a sixth of the range, or a fifth of the nominal value where a bound is infinite.
+    """
 
     name: str
     unit: str
     low: float
     high: float
     nominal: float
-    scale: float = 1.0
+    scale: float = 0.0
     says: str = ""
 
     def __post_init__(self) -> None:
+        if not self.scale:
+            span = self.high - self.low
+            default = span / 6.0 if math.isfinite(span) and span > 0.0 else abs(self.nominal) / 5.0
+            object.__setattr__(self, "scale", default or 1.0)
         if not self.low <= self.nominal <= self.high:
             raise ValueError(
                 f"variable {self.name!r}: nominal {self.nominal} is outside [{self.low}, {self.high}]"
@@ -36,21 +44,30 @@ class Variable:
 class Mechanism:
     """Physics that a model can leave out.
 
-    It acts in one of three ways, told by ``port`` and ``term``:
+    It acts in one of four ways, told by ``port``, ``term`` and ``series``:
 
     - ``balance:STATE``, ``output:NAME`` or ``input:NAME`` with a ``term``: added there;
     - ``flux:NAME`` with a ``term``: added to a flux that several balances share;
-    - any port without a ``term``: the parameters are amplitudes inside the simulator's own
+    - ``output:NAME`` or ``input:NAME`` with a ``series``: a fault of that sensor, which needs its
+      whole record (a delay, a stuck reading);
+    - any port with neither: the parameters are amplitudes inside the simulator's own
       equations, ``absent`` when the mechanism is switched off.
 
     Attributes:
-        parameters: for a term its own, appended to the simulator's; for amplitudes those of the
-            simulator by name. ``nominal`` is the typical value when the mechanism is present.
-        absent: the amplitudes' values that switch it off, in the order of ``parameters``.
+        parameters: for a term or series its own, appended to the simulator's; for amplitudes those
+            of the simulator by name. The first is the size, others shape it (a threshold, an
+            exponent, a time constant). ``nominal`` is the typical value when the mechanism is present.
+        absent: the values that switch it off, in the order of ``parameters``; for a term or series
+            that of the first parameter alone, 0 if left out.
         states: the mechanism's own states (a lag, a second thermal mass), appended.
         term: ``term(x, u, theta) -> float``; x and theta are the whole vectors, the mechanism's own
             entries last.
         derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if ``states``.
+        series: ``series(time_s, values, theta) -> values``, all (N,) but its own theta; at an output
+            what the sensor makes of the clean reading, at an input what the machine got where
+            ``values`` were recorded.
+        formula: the term for people, its parameters in braces: ``"-{b_Nms} omega"``.
+        kind: "physics", "sensor" or "input": what is to blame.
     """
 
     name: str
@@ -61,6 +78,9 @@ class Mechanism:
     states: tuple[Variable, ...] = ()
     term: Callable[[Array, Array, Array], float] | None = None
     derivative: Equation | None = None
+    series: Callable[[Array, Array, Array], Array] | None = None
+    formula: str = ""
+    kind: str = "physics"
 
 
 @dataclass(frozen=True)
@@ -74,6 +94,9 @@ class Simulator:
         fluxes, flux, balance: optionally the same rhs in two steps, ``flux(x, u, theta) -> f`` and
             ``balance(x, u, theta, f) -> dx``, so that a mechanism can act on a shared flux. ``rhs``
             is then made from them and may be left out.
+        calibrate: parameters that a fit may move; all of them if left out.
+        drifts: those of the parameters that may change while the machine runs (its health).
+        mechanisms: names of the mechanisms that were switched on.
     """
 
     name: str
@@ -88,7 +111,9 @@ class Simulator:
     flux: Equation | None = None
     balance: Callable[[Array, Array, Array, Array], Array] | None = None
     says: str = ""
-    mechanisms: tuple[str, ...] = field(default=())
+    calibrate: tuple[str, ...] = ()
+    drifts: tuple[str, ...] = ()
+    mechanisms: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if (self.flux is None) != (self.balance is None):
@@ -100,6 +125,8 @@ class Simulator:
             twice = {n for n in names if names.count(n) > 1}
             if twice:
                 raise ValueError(f"simulator {self.name!r}: {kind} named twice: {sorted(twice)}")
+        for name in (*self.calibrate, *self.drifts):
+            self.index(name)
 
     def theta(self) -> Array:
         """The parameters' nominal values, (np,)."""
@@ -125,9 +152,9 @@ class Simulator:
         named = replace(self, mechanisms=(*self.mechanisms, mechanism.name))
         if mechanism.term is None:
             return named.with_values(**{v.name: v.nominal for v in mechanism.parameters})
-        from physics.compose import with_term  # it compiles, which needs the records above
+        from physics.compose import compose  # it compiles, which needs the records above
 
-        return with_term(named, mechanism)
+        return compose(named, (mechanism,))
 
 
 def index_of(variables: tuple[Variable, ...], name: str, complaint: str) -> int:

@@ -1,0 +1,78 @@
+"""Why simulator and recordings differ, drawn: the fit before and after, where the mismatch lives, what explains it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bench.figures import Drawing
+from bench.figures.mismatch_fit import fit_over_time
+from bench.figures.mismatch_rank import explanations, ports
+from bench.figures.mismatch_where import over_regime, over_time
+from bench.replays import Replay, deviation, most_telling, replays
+from mismatch.verdict import Verdict
+
+NOTHING_TO_LOCATE = "the residual is noise, so there is nothing to locate"
+
+
+def draw(verdict: Verdict) -> Iterator[Drawing]:
+    """All figures of a verdict, one at a time; held-out recordings first."""
+    d, located = verdict.diagnosis, verdict.located
+    shown = replays(d)
+    sd = deviation(d)
+    for name, held_out in (("fit_held_out", True), ("fit_learnt", False)):
+        some = [r for r in shown if r.held_out == held_out]
+        if not some:
+            yield Drawing(name, "Held-out recordings.", None, "no recording was held out")
+            continue
+        replay, channels = most_telling(some, sd)
+        yield Drawing(
+            name,
+            _fit_caption(replay, len(some)),
+            fit_over_time(replay, channels, d.simulator.outputs, sd) if channels else None,
+            "no output was measured in it",
+        )
+    yield Drawing(
+        "where_in_time",
+        "When. " + (
+            f"Top: the free force at {located.ports[0][0]} that would explain the recordings best, per recording that "
+            "was learnt from. Bottom: e" if located else "E"
+        ) + "rror of all outputs in units of the noise; at the thin line nothing but noise is left."
+        + (" Dotted: when it began." if any(f.since_s is not None for f in verdict.findings) else ""),
+        over_time([r for r in shown if not r.held_out], verdict, sd),
+        "",
+    )  # fmt: skip
+    yield Drawing(
+        "where_in_regime",
+        "In which regime. Error of all outputs in all recordings, in units of the noise, over what drives the machine: "
+        "one point per equal share of the time."
+        + (" Dotted: the bounds of the regime that is named above." if any(f.regime for f in verdict.findings) else ""),
+        over_regime(shown, verdict, sd) if d.simulator.inputs else None,
+        "the simulator has no inputs",
+    )
+    yield Drawing(
+        "where_by_port",
+        "At which port. Probability that the mismatch enters there, from how much a free force at each port alone "
+        "would explain. Below 1 %: not shown.",
+        ports(located.ports) if located else None,
+        NOTHING_TO_LOCATE,
+    )
+    yield Drawing(
+        "explanations",
+        "Explanations that were fitted in full, by what they gain over the calibrated simulator (twice the "
+        "log-likelihood). The tick is what noise alone could gain with as many effects: an explanation has to pass it. "
+        "Those that only add to the accepted one are in the table alone.",
+        explanations(d) if d.tried or d.best else None,
+        "no candidate promised enough to be fitted",
+    )
+
+
+def _fit_caption(replay: Replay, count: int) -> str:
+    which = "Held out, never learnt from" if replay.held_out else "Learnt from"
+    of = f", the most telling of {count}" if count > 1 else ""
+    after = "before and after what was found is added" if replay.after is not None else "calibrated; nothing was added"
+    return (
+        f"{which}: recording {replay.track.name}{of}. Measured and simulated open loop, {after}. Left: the whole "
+        "recording; right: the shaded window, where "
+        + ("the two differ most" if replay.after is not None else "the error is largest")
+        + ". Beneath each: measured minus simulated, with two standard deviations of the noise in grey."
+    )

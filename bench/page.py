@@ -1,0 +1,68 @@
+"""What every report is made of: figures written twice and set into one page that needs nothing but itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from bench.figures import Drawing
+from bench.figures.style import FAINT, INK, MUTED, PAPER, png, settle, svg
+from bench.store import write_atomically
+
+THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER: "var(--paper)"}
+"""Colours of the figures that follow the reader's light or dark setting; the data's own do not."""
+
+
+def render(template: str, **values: Any) -> str:
+    """A page from one of ``templates/``; a value that it asks for and does not get is an error."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined,
+    )  # fmt: skip
+    return environment.get_template(template).render(**values)
+
+
+def write_figures(folder: Path, drawings: Iterable[Drawing]) -> list[dict[str, Any]]:
+    """Write each figure as PNG and SVG, and return what a page shows of it: name, caption, svg, missing.
+
+    Files of a figure that could not be drawn this time are removed.
+    """
+    shown = []
+    for name, caption, figure, missing in drawings:
+        files = {suffix: folder / f"{name}.{suffix}" for suffix in ("png", "svg")}
+        if figure is None:
+            for path in files.values():
+                path.unlink(missing_ok=True)
+            shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
+            continue
+        settle(figure)
+        drawn = svg(figure)
+        write_bytes(files["png"], png(figure))
+        write_bytes(files["svg"], drawn.encode())
+        shown.append({"name": name, "caption": caption, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
+    return shown
+
+
+def inline_svg(drawn: str, name: str) -> str:
+    """An SVG file's text made fit to stand in an HTML page: no prologue, names of its own, themed colours."""
+    drawn = drawn[drawn.index("<svg") :]
+    drawn = re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
+    drawn = re.sub(r'\b(id=")', rf"\g<1>{name}-", drawn)
+    drawn = re.sub(r'((?:xlink:href="|url\()#)', rf"\g<1>{name}-", drawn)
+    for colour, themed in THEMED.items():
+        drawn = drawn.replace(colour, themed)
+    # Sized by the page, not by the paper.
+    width = re.search(r'\bwidth="([\d.]+)pt"', drawn)
+    drawn = re.sub(r'\b(?:width|height)="[\d.]+pt" ?', "", drawn, count=2)
+    size = f'style="width: {float(width.group(1)) * 4 / 3:.0f}px" ' if width else ""
+    return drawn.replace("<svg ", f'<svg {size}role="img" aria-labelledby="{name}-caption" ', 1)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write bytes atomically."""
+    write_atomically(path, lambda beside: beside.write_bytes(content))

@@ -1,0 +1,123 @@
+"""What must be reached, what was, and how sure that is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.stats import norm
+
+from bench.prove.judge import COLUMNS
+from bench.prove.marks import DETECTABLE, NEAR, SOUND, UNKNOWN, marks, miss
+
+TEXTS = ("truth", "verdict", "named", "set", "port_truth", "ports_named")
+
+
+def read_cases(path: Path) -> pd.DataFrame:
+    """``cases.csv``, empty texts as such."""
+    return pd.read_csv(path, dtype=dict.fromkeys(("case", *TEXTS), str), keep_default_na=False, na_values={
+        c: [""] for c in COLUMNS if c not in ("case", *TEXTS)})  # fmt: skip
+
+
+def wilson(hits: int, cases: int, level: float = 0.95) -> tuple[float, float]:
+    """Wilson's score interval of a rate; (0, 1) without cases."""
+    if cases == 0:
+        return 0.0, 1.0
+    z2 = float(norm.ppf(0.5 + level / 2.0)) ** 2
+    middle = (hits + z2 / 2.0) / (cases + z2)
+    half = np.sqrt(z2 * (hits * (cases - hits) / cases + z2 / 4.0)) / (cases + z2)
+    return max(0.0, float(middle - half)), min(1.0, float(middle + half))
+
+
+def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """The gates of one engine's rows: gate, required, measured, low, high, cases, met.
+
+    Rates come with Wilson's 95 % interval, medians and quantiles with that of their order statistics.
+    ``met`` is None where there is no case.
+    """
+    marked = pd.DataFrame([marks(row) for _, row in rows.iterrows()], index=rows.index)
+    detectable = rows["severity"] >= NEAR * DETECTABLE
+    named = marked["confidently_wrong"].eq(False) & detectable & (rows["named"] != "") & ~rows["cell"].isin(SOUND)
+    sized = rows.loc[detectable & marked["named_right"].eq(True)]
+    gains = rows.loc[named & ~rows["cell"].isin([*UNKNOWN, "sensor"])]
+    table = [
+        _rate("right name, single detectable effect", ">=", 0.85, marked["named_right"]),
+        _rate("right name, alone or in a set of at most three", "", np.nan, marked["set_right"]),
+        _rate("both of two effects", ">=", 0.75, marked["pair_right"]),
+        _rate("false name: clean, parameters, poor excitation", "<=", 0.02, marked["false_name"]),
+        _rate("sensor fault called physics", "<=", 0.02, marked["physics_for_sensor"]),
+        _rate("sensor or input fault named", "", np.nan, marked["fault_right"]),
+        _rate("confidently wrong", "<=", 0.03, marked["confidently_wrong"]),
+        _rate("truth not in the catalogue: abstains or a right set", ">=", 0.85, marked["abstained_right"]),
+        _rate("located within two ports", ">=", 0.90, marked["located"]),
+        _quantile("onset error, median, s", "<=", 10.0, rows.loc[detectable, "onset_error_s"]),
+        _quantile("error of the size, median, %", "<=", 5.0, sized["size_error_pct"]),
+        _rate("90 % interval covers the size", "in", (0.85, 0.95), sized["size_covered"].dropna() > 0.5),
+        _quantile("held-out gain, median", ">=", 0.9, gains["gain"]),
+        _quantile("held-out gain, 5 % quantile", ">=", 0.5, gains["gain"], 0.05),
+        _quantile("share of the oracle's gain, median", ">=", 0.95, gains["gain"] / gains["oracle_gain"]),
+    ]
+    return pd.DataFrame(table)
+
+
+def misses(rows: pd.DataFrame) -> pd.DataFrame:
+    """Every row that missed something, with ``miss``: what."""
+    said = rows.assign(miss=[miss(row) for _, row in rows.iterrows()])
+    columns = ["miss", "case", "machine", "cell", "severity", "background_pct", "truth", "named", "set", "ports_named"]
+    return said.loc[said["miss"] != "", columns].sort_values(["miss", "machine", "case"], ignore_index=True)
+
+
+def _rate(gate: str, sense: str, required: Any, hits: pd.Series) -> dict[str, Any]:
+    asked = hits.dropna().astype(bool)
+    low, high = wilson(int(asked.sum()), len(asked))
+    return _line(gate, sense, required, float(asked.mean()) if len(asked) else np.nan, low, high, len(asked))
+
+
+def _quantile(gate: str, sense: str, required: float, values: pd.Series, share: float = 0.5) -> dict[str, Any]:
+    known = np.sort(values.dropna().to_numpy(dtype=float))
+    n = len(known)
+    if n == 0:
+        return _line(gate, sense, required, np.nan, np.nan, np.nan, 0)
+    low, high = wilson(round(share * n), n)
+    ends = np.quantile(known, [share, low, high])
+    return _line(gate, sense, required, float(ends[0]), float(ends[1]), float(ends[2]), n)
+
+
+def _line(
+    gate: str, sense: str, required: Any, measured: float, low: float, high: float, cases: int
+) -> dict[str, Any]:
+    met: bool | None = None
+    if cases and sense:
+        met = {
+            ">=": lambda: measured >= required, "<=": lambda: measured <= required,
+            "in": lambda: required[0] <= measured <= required[1],
+        }[sense]()  # fmt: skip
+    said = f"{required[0]:g} to {required[1]:g}" if sense == "in" else f"{sense} {required:g}" if sense else ""
+    return {"gate": gate, "required": said, "measured": measured, "low": low, "high": high, "cases": cases, "met": met}
+
+
+def by(rows: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    """The rate of right names over some columns, such as severity, background or machine, with intervals."""
+    right = pd.Series([marks(row).set_right for _, row in rows.iterrows()], index=rows.index, dtype=object)
+    marked = rows.assign(right=right)
+    table = []
+    for key, group in marked.dropna(subset="right").groupby(list(columns)):
+        hits, n = int(group["right"].astype(bool).sum()), len(group)
+        low, high = wilson(hits, n)
+        table.append(dict(zip(columns, key, strict=True)) | {"right": hits / n, "low": low, "high": high, "cases": n})
+    return pd.DataFrame(table)
+
+
+def as_markdown(gates: pd.DataFrame) -> str:
+    """A gate table to read."""
+    lines = ["| gate | required | measured | 95 % interval | cases | met |", "|---|---|---|---|---|---|"]
+    for _, g in gates.iterrows():
+        met = "" if g["met"] is None else "yes" if g["met"] else "**no**"
+        measured, interval = "-", "-"
+        if g["cases"]:
+            measured, interval = f"{g['measured']:.3g}", f"{g['low']:.3g} to {g['high']:.3g}"
+        lines.append(f"| {g['gate']} | {g['required']} | {measured} | {interval} | {g['cases']} | {met} |")
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,38 @@
+"""Simulator against recordings: calibrate, test, locate, name, model, prove. Knows no compressor.
+
+    from mismatch import diagnose
+    verdict = diagnose(simulator, recordings, hold_out=others)
+    print(verdict.says)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from data.recording import Recording
+from mismatch.verdict import Finding, Verdict, conclude
+from mismatch.walk import examine
+from physics.simulator import Mechanism, Simulator
+
+__all__ = ["Finding", "Verdict", "diagnose"]
+
+
+def diagnose(
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> Verdict:
+    """Where a simulator and recordings of its machine disagree, and what was left out.
+
+    Args:
+        hold_out: recordings of another operating regime, never learnt from; without any, the last
+            recording is held out, or the last third of the only one.
+        catalogue: what may be missing; everything that we know of if left out.
+        progress: told the stage's name and the share of it that is done.
+
+    Raises:
+        BadInput: recordings too short, a simulator that diverges.
+    """
+    return conclude(examine(simulator, recordings, hold_out, catalogue, progress))

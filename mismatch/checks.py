@@ -1,0 +1,94 @@
+"""Before and after a fit: are the recordings fit to learn from, and is what is left nothing but noise?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2, norm
+
+from mismatch.noise import Whitener
+from mismatch.tracks import Track
+from physics.simulator import Array, Simulator
+
+LAGS = 20
+
+
+class Test(NamedTuple):
+    """One test of whitened residuals; ``p`` after Holm's correction over its family."""
+
+    what: str  # "level", "whiteness" or "input"
+    recording: str
+    channel: str
+    statistic: float
+    p: float
+    says: str
+
+
+def audit(tracks: Sequence[Track], simulator: Simulator) -> list[str]:
+    """What is remarkable about the recordings, in words."""
+    remarks = []
+    for track in tracks:
+        for variable, y in zip(simulator.outputs, track.y.T, strict=True):
+            missing = float(np.isnan(y).mean())
+            if missing == 1.0:
+                remarks.append(f"{track.name}: {variable.name} was not recorded")
+                continue
+            if missing > 0.05:
+                remarks.append(f"{track.name}: {variable.name} is missing {100 * missing:.0f} % of the time")
+            seen = y[~np.isnan(y)]
+            ends = np.mean((seen == seen.max()) | (seen == seen.min()))
+            if len(np.unique(seen)) < 3:
+                remarks.append(f"{track.name}: {variable.name} does not move; it may be stuck")
+            elif ends > 0.02:
+                share = f"{100 * ends:.0f} %"
+                remarks.append(f"{track.name}: {variable.name} is at an end of its range {share} of the time")
+        for variable, u in zip(simulator.inputs, track.u.T, strict=True):
+            if np.ptp(u) == 0.0:
+                remarks.append(f"{track.name}: input {variable.name} is constant; what needs it to move stays hidden")
+    return remarks
+
+
+def residual_tests(
+    tracks: Sequence[Track], residuals: Sequence[Array], whitener: Whitener, floor: Array, simulator: Simulator
+) -> list[Test]:
+    """Level against the noise floor, whiteness (Ljung-Box) and correlation with inputs, Holm-corrected.
+
+    Args:
+        residuals: block means measured minus simulated, (B, ny) per recording.
+        floor: (ny,) noise of block means by second differences.
+    """
+    found: list[Test] = []
+    for track, residual in zip(tracks, residuals, strict=True):
+        white = whitener(residual)
+        for c, variable in enumerate(simulator.outputs):
+            e = white[:, c][np.isfinite(white[:, c])]
+            if len(e) < 2 * LAGS:
+                continue
+            ratio = float(np.nanmean(residual[:, c] ** 2) / max(floor[c], 1e-300) ** 2)
+            rho = np.array([np.mean(e[k:] * e[:-k]) for k in range(1, LAGS + 1)]) / np.mean(e**2)
+            box = float(len(e) * np.sum(rho**2))
+            found.append(
+                Test("whiteness", track.name, variable.name, box, float(chi2.sf(box, LAGS)),
+                     f"residual of {variable.name} remembers itself; {ratio:.3g} times the noise floor's variance")
+            )  # fmt: skip
+            for i, source in enumerate(simulator.inputs):
+                u = np.array([track.u[k, i] for k in track.starts])[np.isfinite(white[:, c])]
+                if np.ptp(u) == 0.0:
+                    continue
+                r = float(np.corrcoef(u, e)[0, 1])
+                p = float(2.0 * norm.sf(abs(r) * np.sqrt(len(e))))
+                found.append(
+                    Test("input", track.name, variable.name, r, p, f"residual of {variable.name} follows {source.name}")
+                )
+    return _holm(found)
+
+
+def _holm(tests: list[Test]) -> list[Test]:
+    order = np.argsort([t.p for t in tests])
+    worst, corrected = 0.0, list(tests)
+    for rank, i in enumerate(order):
+        worst = max(worst, min(1.0, tests[i].p * (len(tests) - rank)))
+        corrected[i] = tests[i]._replace(p=worst)
+    return corrected

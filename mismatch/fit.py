@@ -1,0 +1,279 @@
+"""Fit by forward runs: Gauss-Newton within bounds and priors, whitened residuals, all recordings at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from mismatch.machine import Machine
+from mismatch.noise import Whitener
+from mismatch.tracks import Track
+from physics.simulator import Array
+
+KNOTS = 5
+"""Knots of a parameter that drifts, per recording."""
+ENOUGH = 0.05
+"""A fit is done when a step gains less than this, in units of twice the log-likelihood."""
+STEP = 0.02
+"""Forward-difference step, in scales of an unknown."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number to be found.
+
+    Attributes:
+        at: its place: in theta (shared by all recordings, or drifting), or in the start state.
+        recording: -1 for what all recordings share.
+        knot: which knot of a drift; -1 for what is constant.
+        mean, sd: prior, Gaussian; an infinite sd is none.
+        scale: typical size of change.
+    """
+
+    name: str
+    kind: str  # "parameter", "mechanism", "start" or "drift"
+    at: int
+    low: float
+    high: float
+    mean: float
+    sd: float
+    scale: float
+    recording: int = -1
+    knot: int = -1
+
+
+@dataclass
+class Problem:
+    """A machine, its recordings, and what is unknown about them.
+
+    ``z`` (K,) holds the unknowns' values. Residuals are measured minus simulated, whitened block means.
+    ``theta`` is what the parameters are that are no unknowns; the machine's own if left out. ``since`` is
+    the time from which candidates are there, per recording, s; from the beginning if left out.
+    """
+
+    machine: Machine
+    tracks: Sequence[Track]
+    unknowns: tuple[Unknown, ...]
+    whitener: Whitener
+    starts: Sequence[Array] = field(default_factory=list)
+    theta: Array = field(default_factory=lambda: np.empty(0))
+    since: tuple[float, ...] = ()
+    _last: tuple[Array, list[Array]] | None = field(default=None, init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if not len(self.theta):
+            self.theta = self.machine.theta
+        if not self.starts:
+            self.starts = [self.machine.start(track) for track in self.tracks]
+
+    @property
+    def z0(self) -> Array:
+        return np.array([u.mean for u in self.unknowns])
+
+    def affecting(self, r: int) -> list[int]:
+        """Unknowns that recording r depends on."""
+        return [k for k, u in enumerate(self.unknowns) if u.recording in (-1, r)]
+
+    def readings(self, r: int, z: Array, theta: Array | None = None) -> Array:
+        """Simulated readings (N, ny) of recording r."""
+        track = self.tracks[r]
+        theta = (self.theta if theta is None else theta).copy()
+        x0 = self.starts[r].copy()
+        drifts: dict[int, dict[int, float]] = {}
+        for value, unknown in zip(z, self.unknowns, strict=True):
+            if unknown.kind in ("parameter", "mechanism"):
+                theta[unknown.at] = value
+            elif unknown.recording == r and unknown.kind == "start":
+                x0[unknown.at] += value
+            elif unknown.recording == r:
+                drifts.setdefault(unknown.at, {})[unknown.knot] = value
+        varying = np.array(sorted(drifts), dtype=np.int64)
+        values = np.stack(
+            [theta[at] + _hats(track.time_s, [drifts[at][k] for k in sorted(drifts[at])]) for at in varying], axis=-1
+        ) if len(varying) else None
+        since = self.since[r] if self.since else -np.inf
+        return self.machine.run(track, theta, x0, varying, values, since)
+
+    def residual(self, r: int, z: Array, theta: Array | None = None) -> Array:
+        """Block means measured minus simulated, (B, ny)."""
+        track = self.tracks[r]
+        return track.means - track.block_means(self.readings(r, z, theta))
+
+    def squares(self, r: int, z: Array) -> Array:
+        """Mean square error (ny,) of recording r sample by sample, not in blocks."""
+        track = self.tracks[r]
+        with np.errstate(invalid="ignore"):
+            e2 = (track.y - self.readings(r, z)) ** 2
+        return np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in e2.T])
+
+    def residuals(self, z: Array) -> list[Array]:
+        """Of all recordings; those of the last point asked for are kept, a fit asks twice."""
+        if self._last is None or not np.array_equal(self._last[0], z):
+            found = parallel([lambda r=r: self.residual(r, z) for r in range(len(self.tracks))])
+            self._last = (z.copy(), found)
+        return self._last[1]
+
+    def cost(self, z: Array) -> float:
+        """Whitened sum of squares plus prior; infinite where the machine diverges."""
+        total = float(np.sum(self._prior(z) ** 2))
+        for r, residual in enumerate(self.residuals(z)):
+            if np.isnan(residual[np.isfinite(self.tracks[r].means)]).any():
+                return np.inf
+            total += float(np.nansum(self.whitener(residual) ** 2))
+        return total
+
+    def recording_cost(self, r: int, z: Array) -> float:
+        """Whitened sum of squares of one recording."""
+        return float(np.nansum(self.whitener(self.residual(r, z)) ** 2))
+
+    def _prior(self, z: Array) -> Array:
+        return np.array([(v - u.mean) / u.sd for v, u in zip(z, self.unknowns, strict=True)])
+
+    def columns(self, z: Array, residuals: Sequence[Array], which: Sequence[int] | None = None) -> list[Array]:
+        """d(simulated block means)/dz per recording, (B, ny, K); zero for unknowns of other recordings."""
+        chosen = range(len(self.unknowns)) if which is None else which
+        out = [np.zeros((*track.means.shape, len(chosen))) for track in self.tracks]
+
+        def column(r: int, place: int, k: int) -> None:
+            u = self.unknowns[k]
+            step = STEP * u.scale
+            if z[k] + step > u.high:
+                step = -step
+            ahead = z.copy()
+            ahead[k] += step
+            out[r][:, :, place] = (residuals[r] - self.residual(r, ahead)) / step
+
+        parallel([
+            lambda r=r, place=place, k=k: column(r, place, k)
+            for r in range(len(self.tracks)) for place, k in enumerate(chosen)
+            if self.unknowns[k].recording in (-1, r)
+        ])  # fmt: skip
+        return out
+
+    def normal(
+        self, z: Array, residuals: Sequence[Array], known: Sequence[Array] | None = None
+    ) -> tuple[Array, Array, list[Array]]:
+        """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns."""
+        whitened = [self.whitener(c) for c in self.columns(z, residuals)] if known is None else list(known)
+        precision = np.array([u.sd**-2 for u in self.unknowns])
+        G, b = np.diag(precision), precision * (self.z0 - z)
+        for column, residual in zip(whitened, residuals, strict=True):
+            r = self.whitener(residual)
+            seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
+            J = column[seen]
+            G += J.T @ J
+            b += J.T @ r[seen]
+        return G, b, whitened
+
+
+    def projected(
+        self, z: Array, residuals: Sequence[Array], nuisance: Sequence[Array], columns: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """Normal matrix (V, V) and right-hand side (V,) of further columns, what the unknowns can imitate taken out.
+
+        Args:
+            nuisance: whitened columns of the unknowns, per recording (B, ny, K).
+            columns: whitened further columns, (B, ny, V).
+        """
+        precision = np.array([u.sd**-2 for u in self.unknowns])
+        G_nn, b_n = np.diag(precision), precision * (self.z0 - z)
+        n = columns[0].shape[-1]
+        G_nc, G, b = np.zeros((len(z), n)), np.zeros((n, n)), np.zeros(n)
+        for residual, J, C in zip(residuals, nuisance, columns, strict=True):
+            r = self.whitener(residual)
+            seen = np.isfinite(r) & np.isfinite(J).all(axis=-1) & np.isfinite(C).any(axis=-1)
+            # One candidate that diverges must not take the others' rows with it.
+            c, j = np.nan_to_num(C[seen]), J[seen]
+            G_nn += j.T @ j
+            G_nc += j.T @ c
+            G += c.T @ c
+            b_n += j.T @ r[seen]
+            b += c.T @ r[seen]
+        # Unknowns in their own scales: prior-free ones of any unit must not spoil the factorisation.
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(G_nn), 1e-300))
+        factor = cho_factor(G_nn * np.outer(scale, scale) + 1e-10 * np.eye(len(z)))
+        solved = scale[:, None] * cho_solve(factor, scale[:, None] * G_nc)
+        return G - G_nc.T @ solved, b - solved.T @ b_n
+
+
+def _hats(time_s: Array, values: Sequence[float]) -> Array:
+    knots = np.linspace(time_s[0], time_s[-1], len(values))
+    return np.interp(time_s, knots, values)
+
+
+def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
+    """Run thunks on the machine's cores; the compiled loop lets go of Python's lock."""
+    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        return list(pool.map(lambda task: task(), tasks))
+
+
+def solve(
+    problem: Problem, z: Array, rounds: int = 8, chords: int = 2, known: Sequence[Array] | None = None
+) -> tuple[Array, float]:
+    """Gauss-Newton with step halving; each Jacobian serves a few steps.
+
+    Args:
+        known: whitened columns per recording, (B, ny, K), from nearby, for the first round.
+
+    Returns:
+        The unknowns (K,) and their cost.
+    """
+    low, high = (np.array([getattr(u, side) for u in problem.unknowns]) for side in ("low", "high"))
+    scale = np.array([u.scale for u in problem.unknowns])
+    z = np.clip(z, low, high)
+    cost = problem.cost(z)
+    damping = 1e-6
+    for _ in range(rounds):
+        G, b, known = problem.normal(z, problem.residuals(z), known)
+        whitened, known = known, None
+        before = cost
+        for _ in range(chords + 1):
+            last = cost
+            z, cost, moved = _step(problem, z, cost, G, b, low, high, scale, damping)
+            if not moved:
+                damping = min(damping * 100.0, 1e3)
+                break
+            damping = max(damping / 10.0, 1e-9)
+            if last - cost < ENOUGH:
+                break
+            b = _right_side(problem, z, whitened)
+        if before - cost < ENOUGH and damping < 1.0:
+            break
+    return z, cost
+
+
+def _right_side(problem: Problem, z: Array, whitened: Sequence[Array]) -> Array:
+    b = np.array([u.sd**-2 * (u.mean - v) for u, v in zip(problem.unknowns, z, strict=True)])
+    for column, residual in zip(whitened, problem.residuals(z), strict=True):
+        r = problem.whitener(residual)
+        seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
+        b += column[seen].T @ r[seen]
+    return b
+
+
+def _step(
+    problem: Problem, z: Array, cost: float, G: Array, b: Array, low: Array, high: Array, scale: Array, damping: float
+) -> tuple[Array, float, bool]:
+    """One damped step within the bounds, halved until the cost falls."""
+    free = ~(((z <= low) & (b < 0)) | ((z >= high) & (b > 0)))
+    if not free.any():
+        return z, cost, False
+    A = G[np.ix_(free, free)] + damping * np.diag(np.maximum(np.diag(G)[free], 1e-12 / scale[free] ** 2))
+    step = np.zeros_like(z)
+    try:
+        step[free] = np.linalg.solve(A, b[free])
+    except np.linalg.LinAlgError:
+        step[free] = np.linalg.lstsq(A, b[free], rcond=None)[0]
+    share = 1.0
+    for _ in range(7):
+        candidate = np.clip(z + share * step, low, high)
+        found = problem.cost(candidate)
+        if found < cost - 1e-9:
+            return candidate, found, True
+        share *= 0.4
+    return z, cost, False

@@ -1,0 +1,257 @@
+"""The door for simulators and catalogues, and ``model.toml``: a mended simulator that every command takes again.
+
+A mended simulator is a base, the mechanisms switched on in it, and parameter values::
+
+    base = "tanks.py:TANKS"
+
+    [[mechanisms]]
+    name = "overflow@level1_m"
+    from = "generic"
+
+    [values]
+    k1 = 0.0504  # m**0.5/s
+
+Paths in it are relative to the file itself. What a user gave and cannot be used is ``BadInput`` from here on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from data.errors import BadInput
+from mismatch.catalogue import generic
+from mismatch.faults import faults
+from physics import load
+from physics.check import check_mechanism
+from physics.compose import compose
+from physics.simulator import Mechanism, Simulator, Variable
+
+_PATH = re.compile(r"(?P<file>.+\.(py|toml))(?P<name>:.*)?")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+_SHELVES: dict[str, Callable[[Simulator], tuple[Mechanism, ...]]] = {
+    "builtin": load.builtin_catalogue,
+    "generic": generic,
+    "faults": faults,
+}
+"""Where our own mechanisms come from."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A simulator, and the faults of its sensors and inputs that no differential equation can hold.
+
+    The faults' fitted sizes are their parameters' nominal values.
+    """
+
+    simulator: Simulator
+    faults: tuple[Mechanism, ...] = ()
+
+
+def load_simulator(spec: str) -> Simulator:
+    """A simulator by name, ``path/to/file.py[:NAME]``, ``package.module:NAME`` or ``path/to/model.toml``.
+
+    Raises:
+        BadInput: no such simulator, its file fails to import, or its functions do not fit.
+    """
+    return load_model(spec).simulator
+
+
+def load_model(spec: str) -> Model:
+    """As ``load_simulator``, with the faults that a ``model.toml`` holds.
+
+    Raises:
+        BadInput: as there, or the file is no model, or does not fit its base.
+    """
+    with as_bad_input():
+        try:
+            return _read(Path(spec)) if spec.endswith(".toml") else Model(load.load_simulator(spec))
+        except RecursionError as error:
+            raise ValueError(f"{spec}: is its own base; name the simulator that was mended") from error
+
+
+def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
+    """A user's mechanisms from ``path/to/file.py[:NAME]``, which join those that we have for the simulator.
+
+    Raises:
+        BadInput: no such file, a mechanism that does not fit, or a name that one of ours has.
+    """
+    with as_bad_input():
+        mechanisms = load.load_catalogue(spec, simulator)
+    taken = {name for m in whole_catalogue(simulator) for name in _names(m)}
+    for mechanism in mechanisms:
+        if twice := [name for name in _names(mechanism) if name in taken]:
+            raise BadInput(
+                f"{spec}: mechanism {mechanism.name!r}: our own catalogue has a {twice[0]!r} too; rename yours"
+            )
+    return mechanisms
+
+
+def whole_catalogue(
+    simulator: Simulator, own: Sequence[Mechanism] = (), sample_period_s: float = 0.05
+) -> tuple[Mechanism, ...]:
+    """Everything that may be missing: what we know of machines of its kind, of any machine and sensor, and yours.
+
+    What is switched on in the simulator already is not missing.
+    """
+    # What is known of this kind of machine says the same in its own words, and more exactly.
+    physics = load.builtin_catalogue(simulator) or generic(simulator)
+    known = (*physics, *faults(simulator, sample_period_s), *own)
+    there = {v.name for v in simulator.states + simulator.parameters}
+    return tuple(m for m in known if m.name not in simulator.mechanisms and there.isdisjoint(_names(m)[1:]))
+
+
+def model_toml(
+    base: str, simulator: Simulator, mechanisms: Sequence[Mechanism], values: Mapping[str, float], folder: Path,
+    catalogue: str = "",
+) -> str:  # fmt: skip
+    """The text of ``folder/model.toml``.
+
+    Args:
+        base, simulator: the spec of the simulator that was mended, and itself.
+        mechanisms: what was found, physics and faults.
+        values: by name, every calibrated parameter and those of the mechanisms, in their units.
+        catalogue: where mechanisms that are not ours come from, as given to ``load_catalogue``.
+
+    Raises:
+        ValueError: a mechanism of no catalogue, an unknown parameter, or a value that is no finite number.
+    """
+    lines = [
+        "# A mended simulator: every command that takes a simulator takes this file.",
+        f"base = {_quoted(_moved(base, Path.cwd(), folder))}",
+    ]
+    units = {v.name: v.unit for v in simulator.parameters}
+    for mechanism in mechanisms:
+        source = _source_of(mechanism, simulator) or _moved(catalogue, Path.cwd(), folder)
+        if not source:
+            raise ValueError(f"mechanism {mechanism.name!r} is in no catalogue; name the file it comes from")
+        lines += [
+            "", "[[mechanisms]]", f"name = {_quoted(mechanism.name)}", f"from = {_quoted(source)}",
+            *(f"# {line}" for line in mechanism.says.splitlines()),
+        ]  # fmt: skip
+        units |= {v.name: v.unit for v in mechanism.parameters}
+    lines += ["", "[values]"]
+    for name, value in values.items():
+        if name not in units:
+            raise ValueError(f"value of {name!r}: neither the simulator nor a mechanism has that parameter")
+        if not math.isfinite(value):
+            raise ValueError(f"value of {name!r} is {value}, must be a finite number")
+        key = name if _BARE.fullmatch(name) else _quoted(name)
+        lines.append(f"{key} = {float(value)!r}  # {units[name]}".rstrip(" #"))
+    return "\n".join(lines) + "\n"
+
+
+def _read(path: Path) -> Model:
+    content = _content(path)
+    base = load_model(_moved(content["base"], path.parent, Path.cwd()))
+    simulator, faults = base.simulator, list(base.faults)
+    shelves = {e["from"]: _shelf(_moved(e["from"], path.parent, Path.cwd()), simulator) for e in content["mechanisms"]}
+    terms = []
+    for entry in content["mechanisms"]:
+        offered = {m.name: m for m in shelves[entry["from"]]}
+        if entry["name"] not in offered:
+            listed = _some(offered)
+            raise ValueError(f"{path}: {entry['from']} has no mechanism {entry['name']!r}; it has: {listed}")
+        mechanism = offered[entry["name"]]
+        check_mechanism(base.simulator, mechanism)
+        if mechanism.series is not None:
+            faults.append(mechanism)
+        elif mechanism.term is not None:
+            terms.append(mechanism)
+        else:
+            simulator = simulator.with_(mechanism)
+    if terms:
+        named = replace(simulator, mechanisms=(*simulator.mechanisms, *(m.name for m in terms)))
+        simulator = compose(named, tuple(terms))
+    values = content["values"]
+    own = {v.name for v in simulator.parameters}
+    of_faults = {v.name for m in faults for v in m.parameters}
+    if unknown := [name for name in values if name not in own | of_faults]:
+        raise ValueError(f"{path}: [values] has {unknown[0]!r}, which is no parameter of this model; remove it")
+    return Model(
+        simulator.with_values(**{name: value for name, value in values.items() if name in own}),
+        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in faults),
+    )
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """What the file says, checked and complete."""
+    if not path.is_file():
+        raise ValueError(f"no file {path}; check the path")
+    try:
+        raw = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise ValueError(f"{path}: not TOML: {error}; mend it") from error
+    base, mechanisms, values = raw.pop("base", None), raw.pop("mechanisms", []), raw.pop("values", {})
+    if not isinstance(base, str) or raw:
+        raise ValueError(f"{path}: is no model; it must hold base, [[mechanisms]] and [values], and nothing else")
+    for entry in mechanisms if isinstance(mechanisms, list) else [None]:
+        if not isinstance(entry, dict) or set(entry) != {"name", "from"} or not all(map(_is_text, entry.values())):
+            raise ValueError(f"{path}: each of [[mechanisms]] must hold two texts, name and from")
+    numbers = values.values() if isinstance(values, dict) else ["?"]
+    for value in numbers:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise ValueError(f"{path}: [values] must hold numbers only; {value!r} is none")
+    return {"base": base, "mechanisms": mechanisms, "values": {k: float(v) for k, v in values.items()}}
+
+
+def _shelf(source: str, simulator: Simulator) -> tuple[Mechanism, ...]:
+    return _SHELVES[source](simulator) if source in _SHELVES else load.load_catalogue(source, simulator)
+
+
+def _source_of(mechanism: Mechanism, simulator: Simulator) -> str:
+    found = (s for s in _SHELVES if mechanism.name in {m.name for m in _shelf(s, simulator)})
+    return next(found, "")
+
+
+def _names(mechanism: Mechanism) -> list[str]:
+    """What must not stand for two things: its name, and those of its states and parameters, amplitudes aside."""
+    amplitudes = mechanism.term is None and mechanism.series is None
+    return [mechanism.name, *(() if amplitudes else (v.name for v in mechanism.states + mechanism.parameters))]
+
+
+def _with_value(variable: Variable, values: Mapping[str, float]) -> Variable:
+    value = values.get(variable.name, variable.nominal)
+    return replace(variable, nominal=value, low=min(variable.low, value), high=max(variable.high, value))
+
+
+def _moved(spec: str, was: Path, now: Path) -> str:
+    """A spec with its file, if it is one, told from folder ``now`` instead of from ``was``."""
+    match = _PATH.fullmatch(spec)
+    if match is None:
+        return spec
+    file = os.path.relpath(was.absolute() / match["file"], now.absolute())
+    return Path(file).as_posix() + (match["name"] or "")
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)  # a basic string of TOML is written like one of JSON
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _some(names: Mapping[str, object], most: int = 12) -> str:
+    listed = list(names)
+    return (", ".join(listed[:most]) or "none") + (", ..." if len(listed) > most else "")
+
+
+@contextlib.contextmanager
+def as_bad_input() -> Iterator[None]:
+    """The one place where the ``ValueError`` of physics, which knows no users, becomes ``BadInput``."""
+    try:
+        yield
+    except BadInput:
+        raise
+    except ValueError as error:
+        raise BadInput(str(error)) from error

@@ -1,0 +1,106 @@
+"""When an effect began: its size as hats in time, and the step in them that explains the recordings best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mismatch.fit import Problem, Unknown
+from mismatch.search import Picture, Variant, switched, typical
+from physics.simulator import Array
+
+KNOTS = 20
+TRIED = 3
+"""Candidates that look best from the beginning on, and are tried for a later start."""
+ONSET_GAIN = 25.0
+"""Units that a later start must gain over an effect that was there from the beginning."""
+ONSET_SHARE = 0.05
+"""And the share of the gain that it must add."""
+_GRID = np.linspace(0.0, 1.0, 201)
+
+
+def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...] | None:
+    """For each recording the time from which an effect is there, s, or None if always.
+
+    Minus infinity is from the beginning, infinity is not in this recording. One start for all effects.
+    """
+    order = sorted(range(len(shown.variants)), key=lambda i: -shown.gain((i,)))
+    terms = [i for i in order if problem.machine.candidates[shown.variants[i].candidate].mechanism.series is None]
+    if not terms or not shown.gain((terms[0],)) > ONSET_GAIN:
+        return None
+    always = shown.gain((order[0],))
+    found = [_best_starts(problem, z, shown, shown.variants[i]) for i in terms[:TRIED]]
+    gain, starts = max(found, key=lambda f: f[0])
+    if not gain - always > max(ONSET_GAIN, ONSET_SHARE * always):
+        return None
+    return tuple(_time(track.time_s, share) for track, share in zip(problem.tracks, starts, strict=True))
+
+
+def first_onset(since: Sequence[float], starts_s: Sequence[float]) -> float | None:
+    """When it began, on the recordings' clock: the first start inside a recording, or the first one that has it all."""
+    inside = [s for s in since if np.isfinite(s)]
+    if inside:
+        return float(min(inside))
+    whole = [start for s, start in zip(since, starts_s, strict=True) if s == -np.inf]
+    return float(min(whole)) if whole and any(s == np.inf for s in since) else None
+
+
+def _time(time_s: Array, share: float) -> float:
+    if share <= 0.0:
+        return -np.inf
+    return np.inf if share >= 1.0 else float(time_s[0] + share * (time_s[-1] - time_s[0]))
+
+
+def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -> tuple[float, list[float]]:
+    """Gain, and the share of each recording after which the effect is there."""
+    machine = problem.machine
+    candidate = machine.candidates[variant.candidate]
+    at = candidate.at[0]
+    base = replace(problem, theta=switched(machine, problem.theta, variant, 0.0))
+    knots = tuple(
+        Unknown("size", "drift", at, -np.inf, np.inf, 0.0, np.inf, abs(typical(candidate)), r, j)
+        for r in range(len(problem.tracks)) for j in range(KNOTS)
+    )  # fmt: skip
+    free = replace(base, unknowns=(*problem.unknowns, *knots))
+    residuals = base.residuals(z)
+    wide = np.concatenate((z, np.zeros(len(knots))))
+    columns = [problem.whitener(c) for c in free.columns(wide, residuals, range(len(z), len(wide)))]
+    G, b = base.projected(z, residuals, shown.nuisance, columns)
+
+    def gained(starts: Sequence[float]) -> float:
+        s = np.concatenate([_on_from(share) for share in starts])
+        power = float(s @ G @ s)
+        return float(s @ b) ** 2 / power if power > 1e-9 else 0.0
+
+    best = [0.0] * len(problem.tracks)
+    for _ in range(3):
+        for r in range(len(best)):
+            rest = best[:r], best[r + 1 :]
+            best[r] = float(max(_GRID, key=lambda share: gained([*rest[0], share, *rest[1]])))
+    return gained(best), best
+
+
+def _on_from(share: float) -> Array:
+    """Knot values of an effect that is there from a share of the recording on."""
+    if share <= 0.0:
+        return np.ones(KNOTS)
+    return np.clip(np.arange(KNOTS) - share * (KNOTS - 1) + 0.5, 0.0, 1.0) * (share < 1.0)
+
+
+def settled_onsets(problem: Problem, z: Array) -> Problem:
+    """The problem with each start moved by a few seconds to where the fit is best."""
+    since = list(problem.since)
+    for r, track in enumerate(problem.tracks):
+        if not np.isfinite(since[r]):
+            continue
+        spacing = float(track.time_s[-1] - track.time_s[0]) / KNOTS
+        for step in (0.4 * spacing, 0.15 * spacing, 0.05 * spacing):
+            options = [since[r] + k * step for k in (-2, -1, 0, 1, 2)]
+
+            def cost(at: float, r: int = r) -> float:
+                return replace(problem, since=(*since[:r], at, *since[r + 1 :])).recording_cost(r, z)
+
+            since[r] = min(options, key=cost)
+    return replace(problem, since=tuple(since))

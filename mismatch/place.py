@@ -1,0 +1,72 @@
+"""A state whose balance may lack something: what is common there, and how an effect is put there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from physics.simulator import Array, Equation, Mechanism, Variable
+
+Term = Callable[[Array, Array, Array], float]
+SHARE = 0.1
+"""A typical effect changes a balance by this share of what commonly moves it."""
+GENEROUS = 100.0
+"""A size may grow to this many times its typical value."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A state whose balance may lack something; it commonly changes by ``rate``, in its unit per second."""
+
+    index: int
+    variable: Variable
+    rate: float
+
+    @property
+    def name(self) -> str:
+        return self.variable.name
+
+    @property
+    def unit(self) -> str:
+        """The state's unit, ready to stand in a product."""
+        return bracketed(self.variable.unit)
+
+    @property
+    def tau_s(self) -> float:
+        """Time in which the state commonly moves by its scale."""
+        return self.variable.scale / self.rate
+
+    @property
+    def reach(self) -> float:
+        """A common magnitude of the state."""
+        return max(abs(self.variable.nominal), self.variable.scale)
+
+    def size(self, effect: str, unit: str, at: float = 1.0, low: float = 0.0) -> Variable:
+        """An effect's size, such that it is common where ``at`` is what the size multiplies.
+
+        ``low`` is in shares of the upper bound: 0 or -1.
+        """
+        typical = SHARE * self.rate / at
+        high, says = GENEROUS * typical, f"size of the {effect.replace('_', ' ')}"
+        return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)
+
+    def shape(self, effect: str, what: str, unit: str, low: float, high: float, typical: float, says: str) -> Variable:
+        """A parameter that shapes an effect: a threshold, a time constant."""
+        name = f"{effect}_{what}_{self.name}"
+        return Variable(name, unit, low, high, min(max(typical, low), high), (high - low) / 6.0, says)
+
+    def add(
+        self, effect: str, says: str, formula: str, term: Term, *parameters: Variable,
+        states: tuple[Variable, ...] = (), derivative: Equation | None = None,
+    ) -> Mechanism:  # fmt: skip
+        """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
+        names = ["{" + v.name + "}" for v in parameters]
+        return Mechanism(
+            f"{effect}@{self.name}", says, f"balance:{self.name}", parameters, states=states, term=term,
+            derivative=derivative, formula=formula.format(*names, x=self.name),
+        )  # fmt: skip
+
+
+def bracketed(unit: str) -> str:
+    """A unit that can stand in a product or quotient."""
+    return f"({unit})" if set(unit) & set(" /*") else unit

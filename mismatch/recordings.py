@@ -1,0 +1,93 @@
+"""Recordings of any simulator's machine: its inputs and outputs read, in its units, and checked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from data.errors import BadInput
+from data.recording import Recording, read_recording
+from data.units import Limits
+from physics.simulator import Simulator, Variable
+
+SHORTEST = 30
+"""Samples that a recording needs at least."""
+LONGEST_S = 10 * 365.25 * 86400.0
+_SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
+
+
+def read(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = ()) -> list[Recording]:
+    """Read recordings of a simulator's machine; channels are its inputs, then its outputs, in its units.
+
+    Every input has to be there. An output that has no column is missing throughout (NaN): real
+    machines lack sensors. A channel whose median lies well outside the bounds that its Variable gives
+    is taken for a mistake in the unit.
+
+    Args:
+        mapping: ``COLUMN=channel`` or ``COLUMN[unit]=channel``, as for ``data.recording.read_recording``.
+
+    Raises:
+        BadInput: one line; unreadable, a missing input, too short, or two recordings of one name.
+    """
+    channels = (*simulator.inputs, *simulator.outputs)
+    if any(v.name == "time_s" for v in channels):
+        raise BadInput(f"simulator {simulator.name!r}: 'time_s' is the name of the clock; rename that channel")
+    recordings: list[Recording] = []
+    for path in paths:
+        recording = read_recording(
+            path,
+            mapping,
+            units={v.name: v.unit for v in channels},
+            limits={v.name: _limits(v) for v in channels},
+            may_lack=[v.name for v in simulator.outputs],
+            longest_s=LONGEST_S,
+        )
+        if len(recording.time_s) < SHORTEST:
+            raise BadInput(f"{path}: holds {len(recording.time_s)} samples, must hold {SHORTEST}; record longer")
+        for variable, values in zip(simulator.inputs, recording.values.T, strict=False):
+            if np.isnan(values).all():
+                raise BadInput(f"{path}: input {variable.name} is empty; fill it in, the simulator cannot do without")
+        if any(r.name == recording.name for r in recordings):
+            raise BadInput(f"two recordings are named {recording.name}; rename one")
+        recordings.append(recording)
+    return recordings
+
+
+def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> None:
+    """Refuse recordings that hold nothing to compare the simulator with.
+
+    Raises:
+        BadInput: one has fewer readings of every output than a recording needs samples.
+    """
+    for recording in recordings:
+        readings = (~np.isnan(recording.values[:, len(simulator.inputs) :])).sum(axis=0)
+        if readings.max() < SHORTEST:
+            names = ", ".join(v.name for v in simulator.outputs)
+            raise BadInput(
+                f"recording {recording.name}: none of the outputs ({names}) has {SHORTEST} readings; "
+                "name their columns with --map COLUMN=channel"
+            )
+
+
+def check_excited(recordings: Sequence[Recording], simulator: Simulator) -> None:
+    """Refuse recordings in all of which every input is constant; a machine without inputs needs none.
+
+    Raises:
+        BadInput: nothing can be learnt about what the inputs do.
+    """
+    n = len(simulator.inputs)
+    ranges = [np.nanmax(r.values[:, :n], axis=0) - np.nanmin(r.values[:, :n], axis=0) for r in recordings]
+    if n and not np.any(ranges):
+        names = ", ".join(v.name for v in simulator.inputs)
+        raise BadInput(
+            f"recording {recordings[0].name}: no input varies ({names}); record the machine while its load changes, "
+            "or make a constant input a parameter of the simulator"
+        )
+
+
+def _limits(variable: Variable) -> Limits:
+    slack = _SLACK * (variable.high - variable.low)
+    hint = f"the simulator bounds it by {variable.low:g} and {variable.high:g}; mend those, or is it another unit?"
+    return variable.low - slack, variable.high + slack, hint

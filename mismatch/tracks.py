@@ -1,0 +1,95 @@
+"""Recordings made ready for a fit: gaps in the inputs held, spikes out, readings averaged in blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from data.recording import Recording
+from physics.simulator import Array, Simulator
+
+BLOCKS = 1500
+"""Blocks that a recording is averaged into at most: what a fit sees, whatever the sample rate."""
+_HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
+
+
+@dataclass(frozen=True)
+class Track:
+    """One recording, N samples.
+
+    Attributes:
+        time_s: (N,).
+        u: (N, nu), without gaps.
+        y: (N, ny), NaN where missing or a spike.
+        starts: (B,) first sample of each block.
+        means: (B, ny) block means of y; NaN where a block has no reading.
+    """
+
+    name: str
+    time_s: Array
+    u: Array
+    y: Array
+    starts: np.ndarray
+    means: Array
+
+    def block_means(self, readings: Array) -> Array:
+        """Means (B, ny) of simulated readings (N, ny) over the samples that were measured too."""
+        return _means(np.where(np.isnan(self.y), np.nan, readings), self.starts)
+
+    @property
+    def block_s(self) -> float:
+        """Seconds per block."""
+        return float(self.time_s[-1] - self.time_s[0]) / max(len(self.time_s) - 1, 1) * int(
+            np.median(np.diff(self.starts)) if len(self.starts) > 1 else 1
+        )
+
+    @property
+    def block_time_s(self) -> Array:
+        """Time at the start of each block, (B,)."""
+        return self.time_s[self.starts]
+
+
+def prepare(recordings: Sequence[Recording], simulator: Simulator, blocks: int = BLOCKS) -> list[Track]:
+    """Tracks of recordings whose channels hold the simulator's inputs and outputs."""
+    inputs, outputs = ([v.name for v in group] for group in (simulator.inputs, simulator.outputs))
+    tracks = []
+    for recording in recordings:
+        place = {channel: i for i, channel in enumerate(recording.channels)}
+        u = held(recording.values[:, [place[name] for name in inputs]])
+        missing = np.full(len(recording.time_s), np.nan)
+        y = np.stack([recording.values[:, place[n]] if n in place else missing for n in outputs], axis=-1)
+        y = np.stack([despiked(column) for column in y.T], axis=-1)
+        starts = np.arange(0, len(y), -(-len(y) // blocks))
+        tracks.append(Track(recording.name, recording.time_s, u, y, starts, _means(y, starts)))
+    return tracks
+
+
+def held(values: Array) -> Array:
+    """Columns with the last value held over NaN; leading gaps take the first value there is."""
+    return np.array(pd.DataFrame(values).ffill().bfill(), dtype=float, order="C")
+
+
+def despiked(values: Array) -> Array:
+    """Readings (N,) with isolated outliers as NaN: Hampel's test over 15 samples at six robust sigmas.
+
+    The spread is at least that of the whole record's differences, so that steps and steady pieces stay.
+    """
+    series = pd.Series(values)
+    median = series.rolling(_HAMPEL_WINDOW, center=True, min_periods=3).median()
+    away = (series - median).abs()
+    spread = 1.4826 * away.rolling(_HAMPEL_WINDOW, center=True, min_periods=3).median()
+    steps = np.abs(np.diff(values[~np.isnan(values)]))
+    floor = 1.4826 * np.median(steps) / np.sqrt(2.0) if len(steps) else 0.0
+    wide = np.maximum(spread.to_numpy(), floor)
+    with np.errstate(invalid="ignore"):
+        return np.where((wide > 0) & (away.to_numpy() > _HAMPEL_SIGMAS * wide), np.nan, values)
+
+
+def _means(values: Array, starts: np.ndarray) -> Array:
+    seen = ~np.isnan(values)
+    counts = np.add.reduceat(seen, starts, axis=0, dtype=float)
+    sums = np.add.reduceat(np.where(seen, values, 0.0), starts, axis=0)
+    return np.where(counts > 0, sums / np.maximum(counts, 1.0), np.nan)

@@ -1,0 +1,348 @@
+"""The whole walk: audit, calibrate, screen, refit, test, prove."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from data.errors import BadInput
+from data.recording import Recording
+from mismatch.checks import Test, audit, residual_tests
+from mismatch.fit import KNOTS, Problem, Unknown, solve
+from mismatch.machine import Machine
+from mismatch.model import whole_catalogue
+from mismatch.noise import ORDER, Whitener, noise_floor
+from mismatch.onset import find_onsets, settled_onsets
+from mismatch.proof import Gain, Held, gain, held_out
+from mismatch.search import (
+    LARGEST,
+    PENALTY,
+    Explanation,
+    Picture,
+    Variant,
+    best_sets,
+    local_search,
+    picture,
+    present,
+    refit,
+    rewhitened,
+    variants,
+)
+from mismatch.tracks import Track, prepare
+from physics.simulator import Array, Mechanism, Simulator
+
+PRIOR = 4.0
+"""Prior standard deviation of a parameter or start state, in its scales."""
+LEAST_GAIN = 20.0
+"""Log-likelihood units (twice) below which nothing is named, whatever the noise would allow."""
+RIVAL = 10.0
+"""Units that the next explanation must stay behind to be ruled out."""
+RIVAL_SHARE, RIVAL_MOST = 0.02, 45.0
+"""A share of the gain is added, since no form is exact, up to this in all."""
+TURNS = 4
+SHORTEST_BLOCKS = 30
+NULL_DRAWS, NULL_INFLATION = 400, 1.3
+SPLIT = 0.7
+"""Share of a single recording that is learnt from when none is held out."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that the walk found, for words, tables and figures.
+
+    Attributes:
+        before: the calibrated original model and its fit.
+        chosen: the explanation that was accepted, or None.
+        tried: explanations fitted in full, best first.
+        rivals: for each effect of ``chosen``, names that these data cannot tell from it.
+        threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
+        share: what was gained on held-out recordings; None without any.
+    """
+
+    simulator: Simulator
+    machine: Machine
+    tracks: list[Track]
+    held: list[Track]
+    remarks: list[str]
+    floor: Array
+    before: Explanation
+    shown: Picture
+    tests: list[Test]
+    tried: list[Explanation]
+    chosen: Explanation | None
+    best: Explanation | None
+    rivals: list[list[str]]
+    threshold: float
+    held_before: Held | None
+    held_after: Held | None
+    share: Gain | None
+    refused: str
+
+
+def examine(
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+) -> Diagnosis:
+    """The stages one after the other; ``mismatch.diagnose`` says what it takes."""
+    progress("audit", 0.0)
+    recordings, hold_out = _split(recordings, hold_out)
+    period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in recordings])))
+    listed = whole_catalogue(simulator, (), period_s) if catalogue is None else tuple(catalogue)
+    listed = tuple(m for m in listed if not _calibrated(simulator, m))
+    machine = Machine(simulator, listed)
+    tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
+    for track in (*tracks, *held):
+        if len(track.starts) < SHORTEST_BLOCKS:
+            raise BadInput(
+                f"recording {track.name}: {len(track.time_s)} samples are too few to learn from; record at least "
+                f"{SHORTEST_BLOCKS}"
+            )
+    remarks = audit(tracks, simulator)
+    floor = _floor(tracks, simulator)
+    try:
+        machine.settle_step(tracks, floor)
+    except ValueError as error:
+        raise BadInput(str(error)) from error
+
+    progress("calibrate", 0.0)
+    unknowns = (*_parameters(simulator), *_own(simulator, tracks))
+    problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
+    z, _ = solve(problem, problem.z0, 12)
+    # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
+    problem = rewhitened(problem, z, floor, 0)
+    z, cost = solve(problem, z, 4)
+
+    choices = variants(machine.candidates)
+    before, best, tried, shown, threshold = _search(problem, z, cost, choices, floor, progress)
+    problem, z = before.problem, before.z
+
+    progress("prove", 0.0)
+    own = _own(simulator, held)
+    tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
+    held_before = held_out(problem, z, held, own) if held else None
+    held_after, share, refused, rivals = None, None, "", []
+    if best is not None:
+        held_after = held_out(best.problem, best.z, held, own) if held else None
+        if held_before is not None and held_after is not None:
+            share = gain(held_before, held_after, best.problem.whitener.variance())
+        refused = _refusal(best, before, threshold, share)
+        rivals = _rivals(before, best, tried)
+    progress("prove", 1.0)
+    chosen = best if best is not None and not refused else None
+    return Diagnosis(
+        simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, rivals,
+        threshold, held_before, held_after, share, refused,
+    )  # fmt: skip
+
+
+def _split(
+    recordings: Sequence[Recording], hold_out: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording]]:
+    if hold_out:
+        return recordings, hold_out
+    if len(recordings) > 1:
+        return recordings[:-1], recordings[-1:]
+    (only,) = recordings
+    cut = int(SPLIT * len(only.time_s))
+    return [_piece(only, slice(0, cut), "")], [_piece(only, slice(cut, None), " (end)")]
+
+
+def _piece(recording: Recording, rows: slice, suffix: str) -> Recording:
+    return dataclasses.replace(
+        recording, name=recording.name + suffix, time_s=recording.time_s[rows], values=recording.values[rows]
+    )
+
+
+def _calibrated(simulator: Simulator, mechanism: Mechanism) -> bool:
+    """Is the mechanism only a parameter that calibration moves anyway?"""
+    if mechanism.term is not None or mechanism.series is not None:
+        return False
+    return any(v.name in _free(simulator) for v in mechanism.parameters)
+
+
+def _free(simulator: Simulator) -> tuple[str, ...]:
+    return (*simulator.calibrate, *simulator.drifts) or tuple(v.name for v in simulator.parameters)
+
+
+def _floor(tracks: Sequence[Track], simulator: Simulator) -> Array:
+    """Noise (ny,) of block means; at least a ten-thousandth of what the channel does."""
+    floor = noise_floor([t.means for t in tracks])
+    whole = np.concatenate([t.means for t in tracks])
+    scale = np.array([v.scale for v in simulator.outputs])
+    span = np.array([np.nanstd(y) if np.isfinite(y).any() else 0.0 for y in whole.T])
+    least = 1e-4 * np.where(span > 0, span, scale)
+    return np.maximum(np.nan_to_num(floor), least)
+
+
+def _parameters(simulator: Simulator) -> tuple[Unknown, ...]:
+    names = _free(simulator)
+    return tuple(
+        Unknown(v.name, "parameter", i, v.low, v.high, v.nominal, PRIOR * v.scale, v.scale)
+        for i, v in enumerate(simulator.parameters)
+        if v.name in names and v.name not in simulator.drifts and v.low < v.high
+    )
+
+
+def _own(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown, ...]:
+    """What each recording has for itself: where it starts, and how its drifting parameters go."""
+    found = []
+    for r in range(len(tracks)):
+        for i, v in enumerate(simulator.states):
+            found.append(
+                Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, PRIOR * v.scale, 0.2 * v.scale, r)
+            )
+        for name in simulator.drifts:
+            i = simulator.index(name)
+            v = simulator.parameters[i]
+            found += [
+                Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR * v.scale, v.scale, r, k)
+                for k in range(KNOTS)
+            ]
+    return tuple(found)
+
+
+def null_threshold(shown: Picture, seed: int = 0) -> float:
+    """Gain that the best single candidate reaches by noise alone in one of a hundred recordings, inflated."""
+    rng = np.random.default_rng(seed)
+    d = np.diag(shown.G)
+    informative = d > 1e-3
+    if not informative.any():
+        return LEAST_GAIN
+    G = shown.G[np.ix_(informative, informative)] / np.sqrt(np.outer(d[informative], d[informative]))
+    w, V = np.linalg.eigh(G)
+    root = V * np.sqrt(np.maximum(w, 0.0))
+    draws = root @ rng.normal(size=(len(w), NULL_DRAWS))
+    return max(LEAST_GAIN, NULL_INFLATION * float(np.quantile((draws**2).max(axis=0), 0.99)))
+
+
+def _search(
+    problem: Problem, z: Array, cost: float, choices: Sequence[Variant], floor: Array,
+    progress: Callable[[str, float], None],
+) -> tuple[Explanation, Explanation | None, list[Explanation], Picture, float]:  # fmt: skip
+    """Picture, fit what looks best, picture again from there, until nothing changes; then judge with true noise.
+
+    Returns:
+        The calibrated model, the best explanation or None, all explanations in the order of merit, the
+        last picture, and the gain that an effect must have.
+    """
+    before = Explanation((), (), problem, z, cost)
+    best = before
+    for turn in range(TURNS):
+        shown = _pictured(problem, best, choices, progress, turn)
+        if best.names and _unchanged(shown, best):
+            break
+        if turn == 0 and (since := find_onsets(problem, best.z, shown)):
+            problem = dataclasses.replace(problem, since=since)
+            best = before = dataclasses.replace(before, problem=problem)
+            shown = _pictured(problem, best, choices, progress, turn)
+        found = _refitted(problem, best, shown, PENALTY, progress, turn)
+        if not found or not _score(found[0], PENALTY) < _score(best, PENALTY) - 1.0:
+            break
+        best = found[0]
+        # What is explained no longer counts as noise.
+        problem = rewhitened(best.problem, best.z, floor, 0, problem)
+        best = _again(problem, best)
+    problem = rewhitened(best.problem, best.z, 0.3 * floor, ORDER, problem)
+    if problem.since:
+        problem = dataclasses.replace(problem, since=settled_onsets(best.problem, best.z).since)
+    best = _again(problem, best)
+    before = Explanation((), (), problem, *solve(problem, z, 4))
+    shown = _pictured(problem, best, choices, progress, TURNS)
+    threshold = null_threshold(shown)
+    tried = _refitted(problem, best, shown, threshold, progress, TURNS)
+    if best.names:
+        tried.append(best)
+    tried.sort(key=lambda e: _score(e, threshold))
+    if not tried or not _score(tried[0], threshold) < before.cost:
+        return before, None, tried, shown, threshold
+    return before, tried[0], tried, shown, threshold
+
+
+def _unchanged(shown: Picture, best: Explanation) -> bool:
+    """Would a search from what is there end where it is?"""
+    here = tuple(range(len(best.chosen)))
+    ends = local_search(shown, here, LARGEST, PENALTY)
+    owners = {shown.variants[i].candidate for i in ends}
+    return owners == {v.candidate for v in best.chosen}
+
+
+def _pictured(
+    problem: Problem, at: Explanation, choices: Sequence[Variant], progress: Callable[[str, float], None], turn: int
+) -> Picture:
+    steps = len(choices) * len(problem.tracks)
+    count = iter(range(steps))
+    return picture(
+        problem, at.z[: len(problem.unknowns)], choices, present(at),
+        lambda: progress("screen", (turn + next(count, steps) / steps) / (TURNS + 1)),
+    )  # fmt: skip
+
+
+def _refitted(
+    problem: Problem, at: Explanation, shown: Picture, penalty: float, progress: Callable[[str, float], None], turn: int
+) -> list[Explanation]:
+    """The promising sets fitted, the best of them with its shape parameters free; best first."""
+    z = at.z[: len(problem.unknowns)]
+    sets = best_sets(shown, LARGEST, penalty, start=range(len(at.chosen)))
+    found = []
+    for k, chosen in enumerate(sets):
+        progress("refit", (turn + k / len(sets)) / (TURNS + 1))
+        found.append((refit(problem, z, shown, chosen), chosen))
+    found.sort(key=lambda f: _score(f[0], penalty))
+    out = [e for e, _ in found]
+    if found:
+        out[0] = refit(problem, z, shown, found[0][1], rounds=4)
+    return sorted(out, key=lambda e: _score(e, penalty))
+
+
+def _again(problem: Problem, explanation: Explanation) -> Explanation:
+    """An explanation fitted again under another noise."""
+    moved = dataclasses.replace(explanation.problem, whitener=problem.whitener, since=problem.since)
+    z, cost = solve(moved, explanation.z, 3)
+    return dataclasses.replace(explanation, problem=moved, z=z, cost=cost)
+
+
+def _score(explanation: Explanation, threshold: float) -> float:
+    return explanation.cost + threshold * len(explanation.names)
+
+
+def _rivals(before: Explanation, best: Explanation, tried: Sequence[Explanation]) -> list[list[str]]:
+    """For each effect, what could stand in its place at hardly any loss."""
+    slack = min(RIVAL + RIVAL_SHARE * (before.cost - best.cost), RIVAL_MOST)
+    out = []
+    for name in best.names:
+        rest = set(best.names) - {name}
+        close: list[tuple[float, str]] = []
+        for e in tried:
+            if len(e.names) == len(best.names) and rest <= set(e.names) and name not in e.names:
+                close += [(e.cost, other) for other in set(e.names) - rest if e.cost - best.cost < slack]
+        out.append([other for _, other in sorted(close)])
+    return out
+
+
+def _refusal(best: Explanation, before: Explanation, threshold: float, share: Gain | None) -> str:
+    """Why the best explanation is not accepted; empty if it is."""
+    gained = before.cost - best.cost
+    if gained < threshold * len(best.names):
+        return f"it explains {gained:.3g} units, noise alone could {threshold * len(best.names):.3g}"
+    if share is not None and share.excess < 0.01:
+        return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
+    if share is not None and (share.share < 0.5 or share.low < 0.2):
+        return (
+            f"on held-out recordings it removes {100 * share.share:.0f} % of the excess error "
+            f"(90 % interval {100 * share.low:.0f} to {100 * share.high:.0f})"
+        )
+    return ""
+
+
+def residual_chi2(explanation: Explanation) -> tuple[float, float]:
+    """Whitened mean square of the residuals, and the largest that noise alone makes in one of a thousand."""
+    e = np.concatenate([explanation.problem.whitener(r).ravel() for r in explanation.problem.residuals(explanation.z)])
+    e = e[np.isfinite(e)]
+    return float(np.mean(e**2)), float(chi2.isf(1e-3, len(e)) / len(e))

@@ -1,0 +1,167 @@
+"""Find a simulator or a catalogue by name, in a file, or in a package; and see that its functions fit."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib
+import importlib.util
+import re
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from physics.check import check_mechanism, check_simulator
+from physics.compile import USER_FILE
+from physics.simulator import Mechanism, Simulator
+
+BUILTIN = {"compressor": "physics.compressor:PLANT", "nominal": "physics.nominal:NOMINAL"}
+"""Simulators that are named without a file."""
+BUILTIN_CATALOGUE = "physics.mechanisms:CATALOGUE"
+_FILE = re.compile(r"(?P<file>.+\.py)(:(?P<name>.*))?")
+
+
+def load_simulator(spec: str) -> Simulator:
+    """A simulator by name, from ``path/to/file.py[:NAME]`` or from ``package.module:NAME``.
+
+    A file that holds one Simulator needs no NAME.
+
+    Raises:
+        ValueError: one line; no such simulator, its file fails to import, or its functions do not fit.
+    """
+    where = BUILTIN.get(spec, spec)
+    module, name = _module_of(where)
+    if module is None:
+        near = difflib.get_close_matches(spec, BUILTIN, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else "give path/to/file.py[:NAME] or package.module:NAME."
+        raise ValueError(f"no simulator {spec!r}; {hint} Known by name: {', '.join(BUILTIN)}")
+    found = {n: v for n, v in vars(module).items() if isinstance(v, Simulator)}
+    if name:
+        if name not in found:
+            raise ValueError(f"{where}: has no Simulator {name!r}; it has: {', '.join(found) or 'none'}")
+        simulator = found[name]
+    else:
+        if not found:
+            raise ValueError(f"{where}: holds no Simulator; write NAME = Simulator(...) at its top level")
+        first, simulator = next(iter(found.items()))
+        if any(other is not simulator for other in found.values()):
+            raise ValueError(f"{where}: holds Simulators {', '.join(found)}; name one, like {where}:{first}")
+    try:
+        check_simulator(simulator)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from error
+    return simulator
+
+
+def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
+    """A user's mechanisms from ``path/to/file.py[:NAME]``, each tried once on the simulator.
+
+    NAME is a tuple or list of Mechanisms; left out it is CATALOGUE, or else every Mechanism that
+    stands at the file's top level. Those that are switched on in the simulator already are left out.
+
+    Raises:
+        ValueError: one line; no such file or name, no mechanism, or one that does not fit the simulator.
+    """
+    module, name = _module_of(spec)
+    if module is None:
+        raise ValueError(f"no catalogue {spec!r}; give the path of a .py file with Mechanisms in it")
+    inside = vars(module)
+    if name and name not in inside:
+        offered = ", ".join(n for n, v in inside.items() if _are_mechanisms(v)) or "none"
+        raise ValueError(f"{spec}: has no {name!r}; tuples of Mechanisms in it: {offered}")
+    if name or "CATALOGUE" in inside:
+        listed = inside[name or "CATALOGUE"]
+        listed = (listed,) if isinstance(listed, Mechanism) else listed
+        if not _are_mechanisms(listed):
+            raise ValueError(f"{spec}: {name or 'CATALOGUE'} must be a tuple or list of Mechanisms")
+        mechanisms = tuple(listed)
+    else:
+        mechanisms = tuple({id(v): v for v in inside.values() if isinstance(v, Mechanism)}.values())
+    if not mechanisms:
+        raise ValueError(f"{spec}: holds no Mechanism; write CATALOGUE = (Mechanism(...), ...)")
+    mechanisms = tuple(m for m in mechanisms if m.name not in simulator.mechanisms)
+    try:
+        check_catalogue(simulator, mechanisms)
+    except ValueError as error:
+        raise ValueError(f"{spec}: {error}") from error
+    return mechanisms
+
+
+def check_catalogue(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> None:
+    """See that each mechanism fits the simulator, and that no name stands for two.
+
+    Raises:
+        ValueError: one line that names the mechanism.
+    """
+    owners = {v.name: f"simulator {simulator.name!r}" for v in simulator.states + simulator.parameters}
+    names: set[str] = set()
+    for mechanism in mechanisms:
+        if mechanism.name in names:
+            raise ValueError(f"mechanism {mechanism.name!r}: is there twice; rename one")
+        names.add(mechanism.name)
+        check_mechanism(simulator, mechanism)
+        if mechanism.term is None and mechanism.series is None:
+            continue  # amplitudes are the simulator's own parameters
+        for variable in mechanism.states + mechanism.parameters:
+            if variable.name in owners:
+                raise ValueError(
+                    f"mechanism {mechanism.name!r}: its {variable.name!r} is also a name of "
+                    f"{owners[variable.name]}; rename one"
+                )
+            owners[variable.name] = f"mechanism {mechanism.name!r}"
+
+
+def builtin_catalogue(simulator: Simulator) -> tuple[Mechanism, ...]:
+    """The compressor's catalogue where the simulator has all its amplitudes, else nothing."""
+    module, name = _module_of(BUILTIN_CATALOGUE)
+    mechanisms: tuple[Mechanism, ...] = getattr(module, name)
+    names = {v.name for v in simulator.parameters}
+    return mechanisms if all(v.name in names for m in mechanisms for v in m.parameters) else ()
+
+
+def _are_mechanisms(what: Any) -> bool:
+    return isinstance(what, tuple | list) and bool(what) and all(isinstance(m, Mechanism) for m in what)
+
+
+def _module_of(spec: str) -> tuple[ModuleType | None, str]:
+    """The imported file or package of a spec, and the NAME after its colon; None where it names neither."""
+    if match := _FILE.fullmatch(spec):
+        return _import_file(Path(match["file"])), match["name"] or ""
+    name, colon, wanted = spec.partition(":")
+    if not colon or not re.fullmatch(r"\w+(\.\w+)*", name):
+        return None, ""
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.append(str(Path.cwd()))  # the installed command does not look where it is called
+    return _guarded(lambda: importlib.import_module(name), spec, ""), wanted
+
+
+def _import_file(path: Path) -> ModuleType:
+    if not path.is_file():
+        raise ValueError(f"no file {path}; check the path")
+    name = USER_FILE + path.stem
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ValueError(f"{path}: is no Python module; give the path of a .py file")
+    module = importlib.util.module_from_spec(spec)
+    loader = spec.loader
+    sys.modules[name] = module
+    _guarded(lambda: loader.exec_module(module), str(path), str(spec.origin))
+    return module
+
+
+def _guarded(load: Callable[[], Any], where: str, file: str) -> Any:
+    """Import something of a user's; whatever goes wrong in it becomes one line with the place in ``file``."""
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # what a file prints must not get into our output
+            return load()
+    except (Exception, SystemExit) as error:
+        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
+        if isinstance(error, SyntaxError) and error.filename == file:
+            lines, said = [error.lineno], error.msg
+        else:
+            said = (str(error).splitlines() or [""])[0]
+        line = f", line {lines[-1]}" if file and lines else ""
+        raise ValueError(f"{where}{line}: fails to import: {type(error).__name__}: {said}; mend it there") from error

@@ -1,0 +1,226 @@
+"""``twinbench mismatch`` and ``twinbench simulate --simulator``: what they hand on and write, and what they refuse."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from tiny_run import twinbench
+
+from data.errors import BadInput
+
+LAG = """
+import numpy as np
+from physics.simulator import Simulator, Variable
+
+def rhs(x, u, theta):
+    return np.array([(u[0] - x[0]) / theta[0]])
+
+def output(x, u, theta):
+    return np.array([x[0]])
+
+def initial(u0, y0, theta):
+    return np.array([y0[0]])
+
+LAG = Simulator(
+    "lag", (Variable("T", "K", 0.0, 1e3, 300.0),), (Variable("T_in", "K", 0.0, 1e3, 300.0),),
+    (Variable("T_out", "K", 0.0, 1e3, 300.0),), (Variable("tau_s", "s", 1e-3, 1e3, 20.0),), output, initial, rhs,
+)
+"""
+LOSS = """
+from physics.simulator import Mechanism, Variable
+
+def term(x, u, theta):
+    return theta[-1] * (290.0 - x[0])
+
+LOSS = Mechanism("loss", "heat is lost", "balance:T", (Variable("c_1_s", "1/s", 0.0, 1.0, 0.1),), term=term)
+"""
+CHANGED = {
+    "broken.py": LAG.replace("LAG = ", "LAG = undefined + "),
+    "empty.py": "x = 1\n",
+    "two.py": LAG + "\nfrom physics.nominal import NOMINAL\n",
+    "shapes.py": LAG.replace("return np.array([x[0]])", "return np.array([x[0], x[0]])"),
+    "nan.py": LAG.replace("theta[0]])", "(theta[0] * 0.0) * 0.0])"),
+    "blows_up.py": LAG.replace("(u[0] - x[0]) / theta[0]", "1e3 * x[0] ** 2"),
+    "loss_port.py": LOSS.replace("balance:T", "balance:p"),
+    "loss_term.py": LOSS.replace("x[0])", "x[7])"),
+}
+
+
+def table(samples: int = 200) -> pd.DataFrame:
+    time_s = 0.5 * np.arange(samples)
+    step = np.where(time_s < 10.0, 300.0, 310.0)
+    return pd.DataFrame({"time_s": time_s, "T_in": step, "T_out": 300.0 + 0.1 * np.sin(time_s)})
+
+
+@pytest.fixture
+def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a good simulator, catalogue and recording, and bad ones, as the current one."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in {"lag.py": LAG, "loss.py": LOSS, **CHANGED}.items():
+        Path(name).write_text(text)
+    table().to_csv("day.csv", index=False)
+    table().to_csv("next.csv", index=False)
+    table(20).to_csv("short.csv", index=False)
+    table().drop(columns="T_in").to_csv("lacks.csv", index=False)
+    table().drop(columns="T_out").to_csv("inputs.csv", index=False)
+    table().assign(T_in=300.0).to_csv("still.csv", index=False)
+    table().head(0).to_csv("no_rows.csv", index=False)
+    Path("model.toml").write_text('base = "gone.py"\n')
+    Path("file").write_text("")
+    return tmp_path
+
+
+def listing(folder: Path) -> list[Path]:
+    return sorted(p for p in folder.rglob("*") if "__pycache__" not in p.parts)
+
+
+def refused(folder: Path, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Exit status 2, one line on stderr, nothing on stdout, no file or folder more or less; the line."""
+    before = listing(folder)
+    capsys.readouterr()
+    try:
+        status = twinbench(*arguments)
+    except SystemExit as stopped:
+        status = stopped.code
+    out, err = capsys.readouterr()
+    assert status == 2
+    assert out == ""
+    assert err.startswith("twinbench") and err.count("\n") == 1 and err.endswith("\n"), err  # noqa: PT018
+    assert listing(folder) == before
+    return err
+
+
+@pytest.fixture
+def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """In place of the engine: what it was called with. Set ``fails`` to have it fail."""
+    called: dict[str, Any] = {"fails": None}
+
+    def diagnose(simulator: Any, recordings: Any, **others: Any) -> Any:
+        if called["fails"]:
+            raise called["fails"]
+        called.update(others, simulator=simulator, recordings=recordings)
+        mechanisms = [m for m in others["catalogue"] if m.name == "loss"]
+        values = {"tau_s": 25.0, **{v.name: 0.2 for m in mechanisms for v in m.parameters}}
+        return SimpleNamespace(
+            says="heat is lost", mechanisms=mechanisms, values=values, to_dict=lambda: {"verdict": "missing physics"}
+        )
+
+    def write(verdict: Any, out: Path) -> None:
+        (out / "verdict.json").write_text(json.dumps(verdict.to_dict()))
+
+    monkeypatch.setattr("mismatch.diagnose", diagnose)
+    monkeypatch.setattr("bench.mismatch_report.write", write)
+    return called
+
+
+def test_mismatch_hands_on_what_it_read_and_writes_the_mended_model(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ("mismatch", "lag.py", "day.csv", "--hold-out", "next.csv", "--catalogue", "loss.py", "--out", "found")
+    assert twinbench(*arguments, "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"verdict": "missing physics"}
+    assert [r.name for r in engine["recordings"]] == ["day"]
+    assert [r.name for r in engine["hold_out"]] == ["next"]
+    names = [m.name for m in engine["catalogue"]]
+    assert {"loss", "sensor_bias@T_out"} < set(names)
+    assert len(names) == len(set(names))
+    assert engine["simulator"].name == "lag"
+    assert {p.name for p in Path("found").iterdir()} == {"verdict.json", "model.toml"}
+    assert twinbench(*arguments) == 0
+    assert capsys.readouterr().out.startswith("heat is lost\nreport: ")
+    assert twinbench("mismatch", "found/model.toml", "day.csv", "--out", "again") == 0
+    assert engine["simulator"].mechanisms == ("loss",)
+    assert engine["simulator"].theta().tolist() == [25.0, 0.2]
+
+
+def test_simulate_runs_a_simulator_over_recorded_inputs(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert twinbench("simulate", "--simulator", "lag.py", "--inputs", "day.csv", "inputs.csv", "--out", "replayed") == 0
+    assert capsys.readouterr().out.split() == [str(Path("replayed", f"{n}.simulated.csv")) for n in ("day", "inputs")]
+    simulated = pd.read_csv("replayed/inputs.simulated.csv")
+    since = simulated["time_s"] - 10.0
+    exact = np.where(since < 0.0, 300.0, 310.0 - 10.0 * np.exp(-since / 20.0))
+    assert list(simulated.columns) == ["time_s", "T_in", "T_out"]
+    assert np.allclose(simulated["T_out"], exact, atol=1e-3)
+
+
+def test_simulate_takes_a_mended_model_with_the_faults_of_its_sensors(workplace: Path) -> None:
+    Path("model.toml").write_text(
+        'base = "lag.py"\n[[mechanisms]]\nname = "sensor_bias@T_out"\nfrom = "faults"\n[values]\nbias_T_out = 5.0\n'
+    )
+    common = ("--inputs", "inputs.csv", "--format", "parquet", "--out")
+    assert twinbench("simulate", "--simulator", "model.toml", *common, "mended") == 0
+    assert twinbench("simulate", "--simulator", "lag.py", *common, "plain") == 0
+    mended, plain = (pd.read_parquet(f"{folder}/inputs.simulated.parquet") for folder in ("mended", "plain"))
+    assert np.allclose(mended["T_out"] - plain["T_out"], 5.0)
+
+
+BAD = [
+    (("lag", "day.csv"), "no simulator 'lag'"),
+    (("gone.py", "day.csv"), "no file gone.py; check the path"),
+    (("broken.py", "day.csv"), "broken.py, line 14: fails to import: NameError"),
+    (("empty.py", "day.csv"), "empty.py: holds no Simulator"),
+    (("two.py", "day.csv"), "two.py: holds Simulators LAG, NOMINAL; name one, like two.py:LAG"),
+    (("lag.py:LOG", "day.csv"), "has no Simulator 'LOG'; it has: LAG"),
+    (("shapes.py", "day.csv"), "returns an array of shape (2,), must return 1 numbers (T_out)"),
+    (("nan.py", "day.csv"), "rhs(x, u, theta) returns nan for T at the nominal values"),
+    (("model.toml", "day.csv"), "no file gone.py"),
+    (("lag.py", "gone.csv"), "gone.csv: no such file"),
+    (("lag.py", "lacks.csv"), "lacks.csv: no column 'T_in' for channel T_in"),
+    (("lag.py", "short.csv"), "short.csv: holds 20 samples, must hold 30"),
+    (("lag.py", "inputs.csv"), "none of the outputs (T_out) has 30 readings"),
+    (("lag.py", "still.csv"), "no input varies (T_in)"),
+    (("lag.py", "day.csv", "day.csv"), "two recordings are named day"),
+    (("lag.py", "day.csv", "--hold-out", "day.csv"), "two recordings are named day"),
+    (("lag.py", "day.csv", "--hold-out", "no_rows.csv"), "no_rows.csv: has no rows"),
+    (("lag.py", "day.csv", "--hold-out"), "argument --hold-out: expected at least one argument"),
+    (("lag.py", "day.csv", "--hold-out", "inputs.csv"), "recording inputs: none of the outputs"),
+    (("lag.py", "day.csv", "--map", "T_in[bar]=T_in"), "unit 'bar' cannot be turned into 'K'"),
+    (("lag.py", "day.csv", "--map", "x=T_inn"), "unknown channel 'T_inn'; choose from T_in, T_out, time_s"),
+    (("lag.py", "day.csv", "--catalogue", "gone.py"), "no file gone.py"),
+    (("lag.py", "day.csv", "--catalogue", "empty.py"), "empty.py: holds no Mechanism"),
+    (("lag.py", "day.csv", "--catalogue", "loss_port.py"), "simulator 'lag' has no balance 'p'; it has: T"),
+    (("lag.py", "day.csv", "--catalogue", "loss_term.py"), "mechanism 'loss': term(x, u, theta) fails in line 5"),
+    (("lag.py", "day.csv", "--out", "file/out"), "cannot write file/out/.writable"),
+    (("lag.py",), "the following arguments are required: RECORDING"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("arguments", "says"), BAD, ids=[" ".join(a)[:50] for a, _ in BAD])
+def test_bad_input_is_one_line_and_nothing_is_written(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
+) -> None:
+    assert says in refused(workplace, capsys, "mismatch", "--out", "found/here", *arguments)
+
+
+def test_input_that_the_engine_refuses_leaves_no_folder(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    engine["fails"] = BadInput("simulator 'lag' diverges")
+    line = refused(workplace, capsys, "mismatch", "lag.py", "day.csv", "--out", "found/here")
+    assert "twinbench: simulator 'lag' diverges" in line
+
+
+@pytest.mark.parametrize(("arguments", "says"), [
+    (("--simulator", "lag.py"), "--simulator and --inputs go together"),
+    (("--inputs", "day.csv"), "--simulator and --inputs go together"),
+    (("--simulator", "blows_up.py", "--inputs", "day.csv"), "simulator 'lag' diverges on recording day at"),
+    (("--simulator", "lag.py", "--inputs", "day.csv", "lacks.csv"), "lacks.csv: no column 'T_in'"),
+])  # fmt: skip
+def test_simulate_refuses_in_one_line(
+    workplace: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
+) -> None:
+    assert says in refused(workplace, capsys, "simulate", "--out", "replayed", *arguments)
+
+
+def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        twinbench("mismatch", "--help")
+    said = capsys.readouterr().out
+    for word in ("--hold-out", "--catalogue", "--map", "--json", "model.toml", "example:"):
+        assert word in said

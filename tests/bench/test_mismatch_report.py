@@ -1,0 +1,253 @@
+"""The report of a diagnosis: the file by its schema, the page complete, offline, and honest when nothing is named."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from bench import mismatch_report
+from bench.figures.mismatch import draw
+from bench.figures.mismatch_where import equally_full, regime_bounds
+from bench.ranking import CHOSEN, REFUSED, ranking
+from bench.replays import Replay, level, most_telling, replays, window
+from data.recording import Recording
+from mismatch import Verdict, diagnose
+from mismatch.faults import faults
+from mismatch.tracks import Track
+from mismatch.verdict import conclude
+from physics.integrate import simulate
+from physics.simulator import Mechanism, Simulator, Variable
+
+FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "explanations"}
+NUMBER = (int, float)
+FINDING = {
+    "kind": str, "mechanism": (str, type(None)), "term": str, "probability": NUMBER, "indistinguishable_from": list,
+    "port": str, "ports": list, "since_s": (*NUMBER, type(None)), "intervals_s": list, "regime": str,
+    "parameters": dict, "says": str,
+}  # fmt: skip
+FIT = {
+    "channel": str, "unit": str, "held_out": bool, "rmse_before": NUMBER, "rmse_after": NUMBER, "noise_floor": NUMBER,
+    "reduction_low": NUMBER, "reduction_high": NUMBER,
+}  # fmt: skip
+
+
+def rhs(x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    return np.array([(u[0] - x[0]) / theta[0]])
+
+
+def output(x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    return np.array([x[0]])
+
+
+def initial(u0: np.ndarray, y0: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    return np.array([y0[0]])
+
+
+def loss(x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> float:
+    return theta[-1] * (20.0 - x[0])  # type: ignore[no-any-return]
+
+
+OVEN = Simulator(
+    name="oven", says="an oven that follows its heater",
+    states=(Variable("T_C", "degC", 0.0, 400.0, 150.0, 20.0, "temperature"),),
+    inputs=(Variable("heater_C", "degC", 0.0, 400.0, 150.0, 40.0, "temperature of the heater"),),
+    outputs=(Variable("probe_C", "degC", 0.0, 400.0, 150.0, 20.0, "temperature by the probe"),),
+    parameters=(Variable("tau_s", "s", 5.0, 100.0, 20.0, 2.0, "time constant"),),
+    rhs=rhs, output=output, initial=initial,
+)  # fmt: skip
+LOSS = Mechanism(
+    "wall_loss<1>", "heat goes through the wall & out", "balance:T_C",
+    (Variable("wall_1_s", "1/s", 0.0, 0.1, 0.01, 0.01, "loss"),), term=loss, formula="{wall_1_s} (20 degC - T_C)",
+)  # fmt: skip
+CATALOGUE = (LOSS, *(m for m in faults(OVEN, 0.5) if m.name.startswith(("sensor_bias", "sensor_drift", "input_gain"))))
+
+
+def record(simulator: Simulator, name: str, seed: int, samples: int = 360) -> Recording:
+    rng = np.random.default_rng(seed)
+    heater = np.repeat(rng.uniform(60.0, 300.0, samples // 30), 30)
+    _, y = simulate(simulator, heater[None, :, None], np.array([150.0]), dt_s=0.5, substeps=4)
+    values = np.stack([heater, y[0, :, 0] + rng.normal(0.0, 0.3, samples)], axis=-1)
+    return Recording(name, 0.5 * np.arange(samples), ("heater_C", "probe_C"), values)
+
+
+def diagnosed(simulator: Simulator) -> Verdict:
+    learnt = [record(simulator, "monday", 1), record(simulator, "tuesday", 2)]
+    return diagnose(OVEN, learnt, [record(simulator, "sunday", 3)], CATALOGUE)
+
+
+@pytest.fixture(scope="module")
+def named() -> Verdict:
+    verdict = diagnosed(OVEN.with_(dataclasses.replace(LOSS, name="loss")))
+    assert [m.name for m in verdict.mechanisms] == [LOSS.name]
+    # As an onset would be: the figures and the page have to show it.
+    late = dataclasses.replace(verdict.findings[0], since_s=60.0, regime="heater_C > 120 and probe_C <= 250.5")
+    return dataclasses.replace(verdict, findings=(late,))
+
+
+@pytest.fixture(scope="module")
+def abstaining(named: Verdict) -> Verdict:
+    d = dataclasses.replace(named.diagnosis, chosen=None, refused="on held-out recordings it removes nothing")
+    return conclude(d)
+
+
+@pytest.fixture(scope="module")
+def consistent() -> Verdict:
+    return diagnosed(OVEN)
+
+
+@pytest.fixture(scope="module")
+def folders(
+    named: Verdict, abstaining: Verdict, consistent: Verdict, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Path]:
+    out = {}
+    for name, verdict in (("named", named), ("abstaining", abstaining), ("consistent", consistent)):
+        out[name] = tmp_path_factory.mktemp(name)
+        mismatch_report.write(verdict, out[name])
+    return out
+
+
+def page(folder: Path) -> str:
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def holds(record: dict[str, Any], schema: dict[str, Any]) -> None:
+    assert list(record) == list(schema)
+    for key, kinds in schema.items():
+        assert isinstance(record[key], kinds), key
+
+
+@pytest.mark.parametrize("which", ["named", "abstaining", "consistent"])
+def test_the_json_follows_its_schema(folders: dict[str, Path], which: str) -> None:
+    found = json.loads((folders[which] / "verdict.json").read_text(), parse_constant=pytest.fail)
+    assert list(found) == ["verdict", "says", "findings", "parameters", "fit", "more_data"]
+    assert found["verdict"] == {"named": "missing physics", "abstaining": "unexplained"}.get(which, "consistent")
+    for finding in found["findings"]:
+        holds(finding, FINDING)
+        for port in finding["ports"]:
+            holds(port, {"port": str, "probability": NUMBER})
+        for size in finding["parameters"].values():
+            holds(size, {"value": NUMBER, "low": NUMBER, "high": NUMBER, "unit": str})
+    for parameter in found["parameters"].values():
+        holds(parameter, {"before": NUMBER, "after": NUMBER, "low": NUMBER, "high": NUMBER, "unit": str})
+    assert {fit["held_out"] for fit in found["fit"]} == {True, False}
+    for fit in found["fit"]:
+        holds(fit, FIT)
+
+
+def test_the_json_has_null_for_what_is_no_number(named: Verdict) -> None:
+    fit = dataclasses.replace(named.fit[0], rmse_before=math.nan, rmse_after=np.float64(np.inf))  # type: ignore[arg-type]
+    written = mismatch_report.to_json(dataclasses.replace(named, fit=(fit,)))
+    found = json.loads(written, parse_constant=pytest.fail)["fit"][0]
+    assert found["rmse_before"] is None
+    assert found["rmse_after"] is None
+
+
+@pytest.mark.parametrize("which", ["named", "abstaining", "consistent"])
+def test_the_page_needs_nothing_but_itself(folders: dict[str, Path], which: str) -> None:
+    text = page(folders[which])
+    assert not re.search(r"<(script|link|img|iframe|object|embed)\b|@import|\bsrc=", text)
+    for target in re.findall(r"""(?:href|url)\s*[=(]\s*["']?([^"')>]+)""", text):
+        assert target.startswith("#"), target
+    assert not re.findall(r"https?://(?!www\.w3\.org/)", text)
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r"""(?:href="|url\()#([^")]+)""", text)) <= set(ids)
+    assert "nan" not in re.sub(r"<[^>]*>", " ", text).lower().split()
+
+
+def test_every_figure_in_both_formats(folders: dict[str, Path]) -> None:
+    drawn = {p.name for p in (folders["named"] / "figures").iterdir()}
+    assert drawn == {f"{name}.{suffix}" for name in FIGURES for suffix in ("png", "svg")}
+    for path in (folders["named"] / "figures").glob("*.png"):
+        assert matplotlib.image.imread(path)[..., :3].std() > 0.01, f"{path} is blank"
+
+
+def test_the_page_says_what_was_found(folders: dict[str, Path], named: Verdict) -> None:
+    text = page(folders["named"])
+    assert "wall_loss&lt;1&gt;" in text
+    assert "heat goes through the wall &amp; out" in re.sub("H", "h", text.split("<h1>")[1].split("</h1>")[0])
+    for said in ("about 60 s", "heater_C &gt; 120", "tau_s", "sunday (360 samples", "sensor_bias@probe_C"):
+        assert said in text, said
+    assert "Not drawn" not in text
+
+
+def test_nothing_is_drawn_of_what_is_not_there(folders: dict[str, Path]) -> None:
+    text = page(folders["consistent"])
+    assert "Not drawn: the residual is noise" in text
+    assert not (folders["consistent"] / "figures" / "where_by_port.svg").exists()
+    assert "Nothing was named." in text
+    assert "None: no effect had to be added." in text
+
+
+def test_what_was_refused_is_marked_so(folders: dict[str, Path], abstaining: Verdict, named: Verdict) -> None:
+    assert ranking(named.diagnosis)[0].standing == CHOSEN
+    best = ranking(abstaining.diagnosis)[0]
+    assert (best.names, best.standing) == ((LOSS.name,), REFUSED)
+    assert best.gain > best.needed
+    text = page(folders["abstaining"])
+    assert "on held-out recordings it removes nothing" in text
+    assert "simulator after" not in text
+    assert all(r.after is None for r in replays(abstaining.diagnosis))
+
+
+def test_a_recording_without_readings_is_said_to_be_so(named: Verdict) -> None:
+    d = named.diagnosis
+    assert d.held_before is not None
+    empty = d.held_before._replace(residuals=[np.full_like(r, np.nan) for r in d.held_before.residuals])
+    first = next(draw(dataclasses.replace(named, diagnosis=dataclasses.replace(d, held_before=empty))))
+    assert (first.name, first.figure, first.missing) == ("fit_held_out", None, "no output was measured in it")
+
+
+def test_writing_again_gives_the_same(folders: dict[str, Path], named: Verdict, tmp_path: Path) -> None:
+    mismatch_report.write(named, tmp_path)
+    assert page(tmp_path) == page(folders["named"])
+
+
+def test_what_is_added_brings_the_error_down_to_the_noise(named: Verdict) -> None:
+    shown = replays(named.diagnosis)
+    assert [(r.track.name, r.held_out) for r in shown] == [("sunday", True), ("monday", False), ("tuesday", False)]
+    for r in shown:
+        assert r.after is not None
+        assert level(r.before, np.array([0.3])) > 2.0
+        assert level(r.after, np.array([0.3])) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_most_telling_recording_outputs_and_window() -> None:
+    """By hand: two outputs, the second in units ten times as fine, the third never measured."""
+    time_s = np.arange(50.0)
+    track = Track("t", time_s, np.zeros((50, 1)), np.zeros((50, 3)), np.arange(50), np.zeros((50, 3)))
+    before = np.ones((50, 3)) * [1.0, 20.0, np.nan]
+    before[30:35, 0] = 4.0
+    quiet, loud = Replay(track, True, before / 2.0, None), Replay(track, True, before, None)
+    replay, channels = most_telling([quiet, loud], np.array([1.0, 10.0, 1.0]))
+    assert replay is loud
+    assert channels == [1, 0]
+    assert window(loud, 0, 5) == slice(30, 35)
+    assert window(loud, 0, 80) == slice(0, 50)
+    added = loud._replace(after=before * [1.0, 0.5, 1.0])
+    assert most_telling([quiet, added], np.array([1.0, 10.0, 1.0]))[1][0] == 1
+    assert level(before, np.array([1.0, 20.0, 1.0])) == pytest.approx(np.sqrt((1.0 + (45 + 5 * 16) / 50) / 2))
+
+
+def test_bins_hold_equal_shares_and_keep_equal_values_together() -> None:
+    values = np.random.default_rng(0).normal(size=803)
+    values[:3] = np.nan
+    groups = equally_full(values, 8)
+    assert [len(g) for g in groups] == [100] * 8
+    assert all(values[a].max() <= values[b].min() for a, b in itertools.pairwise(groups))
+    assert [len(g) for g in equally_full(np.array([2.0, 1.0, 2.0]))] == [1, 2]
+    assert sum(len(g) for g in equally_full(np.repeat([0.0, *range(1, 20)], [500, *[1] * 19]))) == 519
+
+
+def test_bounds_are_read_from_the_words_of_a_regime() -> None:
+    assert regime_bounds("N_rpm > 1400 and p <= -3.5e-2") == [("N_rpm", 1400.0), ("p", -0.035)]
+    assert regime_bounds("") == []

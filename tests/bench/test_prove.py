@@ -1,0 +1,415 @@
+"""The concealed-effect suite: drawn from a seed, sealed, blind, judged rightly."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+from statsmodels.stats.proportion import proportion_confint
+
+from bench.prove.engine import Engine
+from bench.prove.gates import gate_table, misses, read_cases, wilson
+from bench.prove.generate import CELLS, Case, Item, draw, write
+from bench.prove.judge import COLUMNS, score
+from bench.prove.machines import MACHINES
+from bench.prove.marks import marks, miss
+from bench.prove.plan import cases
+from bench.prove.seal import BrokenSeal, seal
+from bench.prove.severity import Take, Yardstick
+from bench.prove.suite import run
+from data.scenario import stream
+from mismatch.model import load_simulator, whole_catalogue
+from physics.integrate import simulate
+
+COULOMB = "coulomb_friction@omega_rad_s"
+SHORT = {
+    name: replace(m, seconds={"train": (0.2 * m.seconds["train"][0],) * 3, "held": (0.2 * m.seconds["held"][0],)})
+    for name, m in MACHINES.items()
+}
+HERE = Path(__file__)
+
+
+def quick(cell: str, *effects: str, severity: float = 1.0, machine: str = "motor", seed: int = 3) -> Case:
+    return draw(Item("0007", cell, machine, effects, severity), seed, SHORT)
+
+
+@pytest.fixture(scope="module")
+def dry() -> Case:
+    return quick("mechanism", COULOMB)
+
+
+# Drawing.
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(cell: str, tmp_path: Path) -> None:
+    effects = {
+        "clean": (), "parameters": (), "sensor": ("sensor_gain@amps_A",), "foreign": ("saturating_iron",),
+        "two_effects": (COULOMB, "periodic@omega_rad_s"),
+    }.get(cell, (COULOMB,))  # fmt: skip
+    for folder, seed in (("a", 3), ("b", 3), ("c", 4)):
+        write(quick(cell, *effects, seed=seed), tmp_path / folder)
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == ["case.json", "held_1.csv", "train_1.csv", "train_2.csv", "train_3.csv"]
+    bytes_of = {f: [(tmp_path / f / n).read_bytes() for n in names[1:]] for f in "abc"}
+    assert bytes_of["a"] == bytes_of["b"]
+    assert all(a != c for a, c in zip(bytes_of["a"], bytes_of["c"], strict=True))
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+def test_recordings_hold_sensor_columns_alone_and_the_case_nothing_of_the_truth(machine: str, tmp_path: Path) -> None:
+    m = MACHINES[machine]
+    case = quick("mechanism", m.effects[0].name, machine=machine)
+    write(case, tmp_path)
+    for path in tmp_path.glob("*.csv"):
+        table = pd.read_csv(path)
+        assert tuple(table.columns) == ("time_s", *m.inputs, *m.outputs)
+        assert np.isfinite(table.to_numpy()).all()
+    text = (tmp_path / "case.json").read_text()
+    assert set(json.loads(text)) == {"machine", "simulator", "values", "calibrate", "without", "train", "held_out"}
+    assert m.effects[0].name not in text
+
+
+def test_the_catalogue_of_a_left_out_case_lacks_every_right_name() -> None:
+    case = quick("left_out", "offset@omega_rad_s")
+    assert case.public["without"] == ["input_bias@load_Nm", "offset@omega_rad_s"]
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+def test_the_truth_without_effects_is_the_twin(machine: str) -> None:
+    """Written separately, they must agree in all but what is concealed."""
+    m = MACHINES[machine]
+    spec = m.simulator if ".py" not in m.simulator else str(HERE.parents[2] / m.simulator)
+    twin = load_simulator(spec).with_values(**m.values)
+    p = m.p(exponent=2.0)
+    take = Take("train_1", 0.0, m.operate(stream(5, machine), m.seconds["train"][0], "train"))
+    yardstick = Yardstick(m, [take], p)
+    unit = np.array([1e-5, 1e-5, *[1.0] * 6]) if machine == "compressor" else 1.0
+    x0 = yardstick.starts[0][: len(twin.states)] * unit
+    y = simulate(twin, take.u[None], x0, dt_s=m.period_s, substeps=4)[1][0]
+    rms = np.sqrt(np.mean(((y - yardstick.base[0]) / m.sigma()) ** 2, axis=0))
+    assert (rms < 0.15).all()
+
+
+@pytest.mark.parametrize("machine", sorted(MACHINES))
+def test_what_counts_as_right_is_in_the_catalogue_and_its_ports_and_sizes_exist(machine: str) -> None:
+    m = MACHINES[machine]
+    spec = m.simulator if ".py" not in m.simulator else str(HERE.parents[2] / m.simulator)
+    twin = load_simulator(spec)
+    catalogue = {c.name: c for c in whole_catalogue(twin, (), m.period_s)}
+    ports = {f"{kind}:{v.name}" for kind, group in (
+        ("balance", twin.states), ("flux", twin.fluxes), ("output", twin.outputs), ("input", twin.inputs)
+    ) for v in group}  # fmt: skip
+    from bench.prove.faults import faults
+
+    for effect in (*m.effects, *m.foreign, *faults(m)):
+        assert set(effect.right) <= set(catalogue), effect.name
+        assert set(effect.ports) <= ports, effect.name
+        if effect.size:
+            assert effect.size in {v.name for v in catalogue[effect.right[0]].parameters}, effect.name
+    assert set(m.calibrate) <= {v.name for v in twin.parameters}
+    for pair in m.confusable:
+        assert all(m.effect(name) for name in pair)
+
+
+def test_every_amplitude_moves_the_readings() -> None:
+    for m in SHORT.values():
+        takes = [Take(n, 0.0, m.operate(stream(6, m.name, n), 60.0, "train")) for n in ("train_1", "held_1")]
+        yardstick = Yardstick(m, takes, m.p(exponent=2.0))
+        for effect in (*m.effects, *m.foreign):
+            there = m.p(exponent=2.0, **{effect.slot: effect.most})
+            assert min(yardstick.measure(yardstick.with_parameters(there))) > 1e-6, effect.name
+
+
+# Severity.
+
+
+def test_an_effect_is_scaled_to_its_severity(dry: Case) -> None:
+    (effect,) = dry.truth["effects"]
+    assert min(effect["held_out"], effect["in_training"]) == pytest.approx(1.0, rel=0.05)
+    smaller = quick("mechanism", COULOMB, severity=0.1).truth["effects"][0]
+    assert smaller["amplitude"] == pytest.approx(0.1 * effect["amplitude"], rel=0.1)
+
+
+def test_what_parameters_absorb_does_not_count() -> None:
+    """More viscous friction is a parameter: nothing of it is left."""
+    m = SHORT["motor"]
+    takes = [Take(n, 0.0, m.operate(stream(8, n), 40.0, "train")) for n in ("train_1", "train_2", "held_1")]
+    yardstick = Yardstick(m, takes, m.p(exponent=2.0))
+    more = yardstick.with_parameters(m.p(exponent=2.0, b_Nms=0.052))
+    raw = [np.sqrt(np.mean(((a - b) / m.sigma()) ** 2)) for a, b in zip(more, yardstick.base, strict=True)]
+    assert min(raw) > 0.05
+    assert max(yardstick.measure(more)) < 0.1 * min(raw)
+
+
+def test_an_effect_out_of_reach_carries_the_severity_that_it_has() -> None:
+    weak = {"motor": replace(SHORT["motor"], effects=tuple(
+        replace(e, typical=1e-3, most=1e-3) for e in SHORT["motor"].effects))}  # fmt: skip
+    truth = draw(Item("1", "mechanism", "motor", (COULOMB,), 1.0), 3, weak).truth
+    assert 0.0 < truth["severity"] < 0.1
+    assert truth["severity"] == pytest.approx(truth["effects"][0]["severity"], abs=1e-3)
+
+
+def test_an_onset_lies_inside_the_second_recording_and_changes_nothing_before() -> None:
+    case, sound = quick("onset", COULOMB), quick("onset", COULOMB, severity=1e-3)
+    onset = case.truth["onset_s"]
+    table = case.tables["train_2"]
+    assert table["time_s"].iloc[0] < onset < table["time_s"].iloc[-1]
+    assert case.tables["train_1"]["time_s"].iloc[-1] < table["time_s"].iloc[0]
+    assert sound.truth["severity"] <= 1e-3
+
+
+def test_background_severity_and_parameters_are_as_asked() -> None:
+    clean = quick("clean").truth
+    assert {k: clean["parameters"][k] for k in MACHINES["motor"].calibrate} == {
+        k: MACHINES["motor"].parameters[k] for k in MACHINES["motor"].calibrate}  # fmt: skip
+    drawn = [quick("parameters", seed=s, machine="two_tanks").truth for s in range(12)]
+    assert {t["background_pct"] for t in drawn} == {0.0, 0.2, 1.0}
+    off = np.array([t["parameters"]["hole1_cm2"] / 0.5 - 1.0 for t in drawn])
+    assert np.abs(off).max() <= 0.15
+    assert np.abs(off).max() > 0.05
+
+
+# The plan.
+
+
+def test_a_plan_holds_every_cell_and_machine_and_repeats_from_its_seed() -> None:
+    planned = cases(300, 1)
+    assert len(planned) == 300
+    assert {i.cell for i in planned} == set(CELLS)
+    assert {i.machine for i in planned} == set(MACHINES)
+    assert planned == cases(300, 1)
+    assert planned != cases(300, 2)
+    assert {i.cell for i in planned[:10]} == set(CELLS)
+    assert {i.severity for i in planned if i.cell == "mechanism"} == {0.03, 0.1, 0.3, 1.0}
+    assert len({i.case for i in planned}) == 300
+
+
+# The seal.
+
+
+def test_a_changed_truth_breaks_the_seal(dry: Case) -> None:
+    sealed = seal(dry.truth)
+    assert sealed.digest != seal(dry.truth).digest  # salted
+    changed = json.loads(json.dumps(sealed.truth))
+    changed["effects"][0]["amplitude"] *= 1.0 + 1e-9
+    score(sealed, sealed.digest, {"findings": []})
+    with pytest.raises(BrokenSeal, match="does not match its seal"):
+        score(replace(sealed, truth=changed), sealed.digest, {"findings": []})
+
+
+# The blind process.
+
+
+@pytest.fixture
+def spy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An engine that tries to look, and tells how it went."""
+    (tmp_path / "engines").mkdir()
+    (tmp_path / "engines" / "spy.py").write_text('''
+import importlib, os, subprocess, pathlib
+def look(simulator, recordings, hold_out=(), catalogue=None):
+    out = pathlib.Path(os.environ["SPY_OUT"])
+    suite = pathlib.Path(os.environ["SPY_SUITE"])
+    tries = {
+        "import": lambda: importlib.import_module("bench.prove.generate"),
+        "source": lambda: (suite / "generate.py").read_text(),
+        "truth": lambda: (out / "truth.json").read_text(),
+        "link": lambda: os.symlink(out, "/tmp/spy-link"),
+        "list": lambda: list(out.iterdir()),
+        "memory": lambda: open(f"/proc/{os.getppid()}/mem", "rb"),
+        "arguments": lambda: open(f"/proc/{os.getppid()}/cmdline", "rb"),
+        "process": lambda: subprocess.run(["cat", str(out / "truth.json")]),
+        "fork": lambda: os.fork(),
+    }
+    said = {}
+    for name, attempt in tries.items():
+        try:
+            attempt(); said[name] = "got in"
+        except (ImportError, PermissionError) as error:
+            said[name] = "refused"
+    return {"verdict": "spied", "findings": [], "said": said, "names": [m.name for m in catalogue],
+            "calibrate": simulator.calibrate, "recordings": [r.name for r in (*recordings, *hold_out)]}
+def fail(simulator, recordings, hold_out=(), catalogue=None):
+    raise RuntimeError("no idea")
+def end(simulator, recordings, hold_out=(), catalogue=None):
+    os._exit(3)
+def sleep(simulator, recordings, hold_out=(), catalogue=None):
+    import time; time.sleep(60)
+''')
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "truth.json").write_text("{}")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path / "engines"))
+    monkeypatch.setenv("SPY_OUT", str(out))
+    monkeypatch.setenv("SPY_SUITE", str(HERE.parents[2] / "bench" / "prove"))
+    return out
+
+
+def test_the_engines_process_can_neither_import_nor_read(spy: Path, tmp_path: Path, dry: Case) -> None:
+    write(dry, tmp_path / "given")
+    engine = Engine(spy, spy / "log")
+    try:
+        verdict = engine.ask(tmp_path / "given", "spy:look", 120.0)
+        assert verdict["said"] == dict.fromkeys(verdict["said"], "refused")
+        assert len(verdict["said"]) == 9
+        assert COULOMB in verdict["names"]
+        assert verdict["recordings"] == ["train_1", "train_2", "train_3", "held_1"]
+        assert tuple(verdict["calibrate"]) == MACHINES["motor"].calibrate
+        failed = engine.ask(tmp_path / "given", "spy:fail", 120.0)
+        assert (failed["verdict"], failed["says"]) == ("failed", "RuntimeError: no idea")
+        assert engine.ask(tmp_path / "given", "spy:sleep", 1.0)["says"] == "no answer within 1 s"
+        assert engine.ask(tmp_path / "given", "spy:end", 120.0)["says"] == "its process ended"
+    finally:
+        engine.close()
+
+
+# The judge.
+
+
+def finding(name: str | None = COULOMB, *others: str, port: str = "balance:omega_rad_s", **more: object) -> dict:
+    return {"kind": "missing physics", "mechanism": name, "indistinguishable_from": list(others), "port": port,
+            "ports": [{"port": port, "probability": 0.9}], **more}  # fmt: skip
+
+
+def judged(case: Case, *findings: dict, **more: object) -> pd.Series:
+    sealed = seal(case.truth)
+    return pd.Series(score(sealed, sealed.digest, {"verdict": "v", "findings": list(findings), **more}))
+
+
+def test_a_right_name_is_right(dry: Case) -> None:
+    true = dry.truth["effects"][0]["amplitude"]
+    fitted = {"coulomb_friction_omega_rad_s": {"value": 1.04 * true, "low": 0.9 * true, "high": 1.1 * true}}
+    floor = dry.truth["held_out_floor"]
+    fit = [{"channel": c, "held_out": True, "rmse_before": 2.0 * s, "rmse_after": math.sqrt(1.3) * s}
+           for c, s in floor.items()]  # fmt: skip
+    row = judged(dry, finding(parameters=fitted), fit=fit, seconds=4.0)
+    assert tuple(row.index) == COLUMNS
+    assert (row["named"], row["set"], row["truth"]) == (COULOMB, "", COULOMB)
+    assert row["size_error_pct"] == pytest.approx(4.0)
+    assert row["size_covered"] == 1.0
+    assert row["gain"] == pytest.approx(0.9)
+    m = marks(row)
+    assert (m.named_right, m.set_right, m.located, m.confidently_wrong) == (True, True, True, False)
+    assert miss(row) == ""
+
+
+def test_a_set_a_wrong_name_and_abstention_are_told_apart(dry: Case) -> None:
+    said = judged(dry, finding(COULOMB, "hysteresis@omega_rad_s"))
+    assert (said["named"], said["set"]) == ("", f"{COULOMB}|hysteresis@omega_rad_s")
+    assert (marks(said).named_right, marks(said).set_right, miss(said)) == (False, True, "set only")
+    wrong = judged(dry, finding("quadratic_friction@omega_rad_s"))
+    assert marks(wrong).confidently_wrong
+    assert miss(wrong) == "wrong name"
+    both = judged(dry, finding(), finding("quadratic_friction@omega_rad_s"))
+    assert marks(both).named_right is False
+    assert marks(both).confidently_wrong
+    nothing = judged(dry)
+    assert (marks(nothing).named_right, marks(nothing).confidently_wrong, miss(nothing)) == (False, False, "not named")
+    unnamed = judged(dry, finding(None))
+    assert (unnamed["named"], unnamed["set"]) == ("", "")
+    assert (marks(unnamed).located, marks(unnamed).named_right) == (True, False)
+    elsewhere = judged(dry, finding(port="balance:current_A"))
+    assert miss(elsewhere) == "located elsewhere"
+
+
+def test_a_sound_machine_must_not_be_blamed_but_its_parameters_may_change() -> None:
+    for cell in ("clean", "parameters", "poor_excitation"):
+        case = quick(cell, *((COULOMB,) if cell == "poor_excitation" else ()), severity=0.0)
+        assert marks(judged(case, finding())).false_name
+        assert marks(judged(case, finding(COULOMB, "hysteresis@omega_rad_s"))).false_name
+        told = judged(case, {"kind": "parameter change", "mechanism": "R_ohm", "port": "parameter:R_ohm"})
+        assert marks(told).false_name is False
+        assert not marks(told).confidently_wrong
+        assert miss(told) == ""
+
+
+def test_a_sensor_fault_called_physics_is_one() -> None:
+    case = quick("sensor", "sensor_gain@amps_A")
+    right = finding("sensor_gain@amps_A", port="output:amps_A", kind="sensor fault")
+    assert marks(judged(case, right)).physics_for_sensor is False
+    assert marks(judged(case, right)).fault_right
+    assert marks(judged(case, finding())).physics_for_sensor
+    assert miss(judged(case, finding())) == "sensor called physics"
+    other = judged(case, finding("sensor_bias@amps_A", port="output:amps_A"))
+    assert (marks(other).physics_for_sensor, miss(other)) == (False, "wrong name")
+
+
+def test_out_of_the_catalogue_the_right_answer_is_no_name() -> None:
+    case = quick("foreign", "saturating_iron")
+    assert marks(judged(case)).abstained_right
+    assert marks(judged(case, finding(None))).abstained_right
+    assert marks(judged(case, finding("quadratic_loss@current_A"))).abstained_right is False
+    assert marks(judged(case, finding("quadratic_loss@current_A", "constant_drop@current_A"))).abstained_right is False
+    assert judged(case)["truth"] == "saturating_iron"
+
+
+def test_both_of_two_effects_are_wanted() -> None:
+    case = quick("two_effects", COULOMB, "periodic@omega_rad_s")
+    both = judged(case, finding(), finding("periodic@omega_rad_s"))
+    assert (marks(both).pair_right, both["truth"]) == (True, f"{COULOMB}+periodic@omega_rad_s")
+    assert marks(judged(case, finding())).pair_right is False
+    assert not marks(judged(case, finding())).confidently_wrong
+
+
+def test_the_onset_counts_on_the_recordings_clock() -> None:
+    case = quick("onset", COULOMB)
+    at = case.truth["onset_s"]
+    row = judged(case, finding(since_s=at + 7.0), finding("periodic@omega_rad_s", since_s=at))
+    assert row["onset_error_s"] == pytest.approx(7.0)
+    assert math.isnan(judged(case, finding())["onset_error_s"])
+
+
+# Gates.
+
+
+@pytest.mark.parametrize(("hits", "n"), [(0, 1), (0, 200), (3, 7), (85, 100), (100, 100)])
+def test_wilson_is_statsmodels(hits: int, n: int) -> None:
+    assert wilson(hits, n) == pytest.approx(proportion_confint(hits, n, 0.05, "wilson"), abs=1e-12)
+
+
+def test_gates_count_what_they_say_through_the_file(dry: Case, tmp_path: Path) -> None:
+    wrong = judged(dry, finding("cubic_friction@omega_rad_s"))
+    rows = [judged(dry, finding())] * 9 + [wrong, judged(quick("clean"))]
+    pd.DataFrame(rows).to_csv(tmp_path / "cases.csv", index=False)
+    table = read_cases(tmp_path / "cases.csv")
+    gates = gate_table(table).set_index("gate")
+    name = gates.loc["right name, single detectable effect"]
+    assert (name["measured"], name["cases"], name["met"]) == (0.9, 10, True)
+    assert (name["low"], name["high"]) == wilson(9, 10)
+    assert gates.loc["confidently wrong", "measured"] == pytest.approx(1 / 11)
+    assert gates.loc["confidently wrong", "met"] is False
+    assert gates.loc["false name: clean, parameters, poor excitation", "cases"] == 1
+    assert gates.loc["both of two effects", "met"] is None
+    assert misses(table)["miss"].tolist() == ["wrong name"]
+
+
+# The run.
+
+
+def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_path: Path) -> None:
+    out, said = tmp_path / "proof", StringIO()
+    gates = run(1, 1, out, Console(file=said), {"spy": "spy:look"}, jobs=1)
+    assert len(gates) > 10
+    table = read_cases(out / "cases.csv")
+    assert tuple(table.columns) == COLUMNS
+    assert (table["engine"] == "spy").all()
+    folder = out / "cases" / table["case"][0]
+    opened = json.loads((folder / "truth.json").read_text())
+    from bench.prove.seal import Sealed
+
+    assert Sealed(**opened).digest == json.loads((folder / "seal.json").read_text())["sha256"]
+    assert (folder / "seal.json").stat().st_mtime_ns < (folder / "verdict-spy.json").stat().st_mtime_ns
+    assert (folder / "verdict-spy.json").stat().st_mtime_ns < (folder / "truth.json").stat().st_mtime_ns
+    before = (folder / "truth.json").read_bytes()
+    run(1, 1, out, Console(file=said), {"spy": "spy:look"}, jobs=1)
+    assert (folder / "truth.json").read_bytes() == before  # kept: a new draw would have a new salt
+    assert "1 of 1 cases are there" in said.getvalue()
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert (manifest["cases"], manifest["seed"]) == (1, 1)

@@ -1,0 +1,120 @@
+"""The whole walk on a motor: what is missing is named, and nothing is named where nothing is missing."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from motor import MOTOR
+from motor_case import record
+
+from data.errors import BadInput
+from mismatch import Verdict, diagnose
+from mismatch.catalogue import generic
+from mismatch.faults import faults
+
+LISTED = (
+    "coulomb_friction@omega_rad_s", "quadratic_friction@omega_rad_s", "offset@omega_rad_s", "offset@T_winding_K",
+    "sensor_bias@amps_A", "sensor_gain@T_probe_K", "sensor_lag@T_probe_K", "input_bias@voltage_V",
+)  # fmt: skip
+CATALOGUE = tuple(m for m in (*generic(MOTOR), *faults(MOTOR, 0.08)) if m.name in LISTED)
+
+
+def dry_friction(t, x, u):
+    """Another form than the catalogue's: a steep arc tangent."""
+    return np.array([0.0, -1.2 / np.pi * np.arctan(x[1] / 1.5) * 2.0, 0.0])
+
+
+def examined(extra=lambda t, x, u: np.zeros(3), sensor=lambda t, y: y, catalogue=CATALOGUE) -> Verdict:
+    fitted = [record(f"run {s}", s, extra, sensor) for s in (1, 2)]
+    return diagnose(MOTOR, fitted, [record("held out", 9, extra, sensor, reach=1.3)], catalogue)
+
+
+@pytest.fixture(scope="module")
+def friction() -> Verdict:
+    return examined(dry_friction)
+
+
+def test_every_listed_mechanism_exists():
+    assert {m.name for m in CATALOGUE} == set(LISTED)
+
+
+def test_a_clean_machine_with_other_parameters_is_only_that():
+    verdict = examined()
+    assert verdict.verdict == "parameter change"
+    assert verdict.findings == ()
+    assert "no physics is missing" in verdict.says
+    after = {v.name: v for v in verdict.parameters}
+    assert after["R_ohm"].low < 0.65 < after["R_ohm"].high
+    assert after["J_kg_m2"].value == pytest.approx(1.35, rel=0.02)
+
+
+def test_friction_of_another_form_is_named_sized_and_proved(friction):
+    assert friction.verdict == "missing physics"
+    (finding,) = friction.findings
+    assert finding.mechanism == "coulomb_friction@omega_rad_s"
+    assert finding.port == "balance:omega_rad_s"
+    assert finding.parameters[0].value == pytest.approx(1.2, rel=0.08)
+    assert finding.indistinguishable_from == ()
+    assert finding.since_s is None
+    held = {f.channel: f for f in friction.fit if f.held_out}
+    assert held["amps_A"].rmse_after < 0.8 * held["amps_A"].rmse_before
+    assert held["speed_rad_s"].rmse_after == pytest.approx(held["speed_rad_s"].noise_floor, rel=0.15)
+    assert friction.diagnosis.share.low > 0.8
+
+
+def test_a_free_force_lies_where_the_friction_is(friction):
+    near = {"balance:omega_rad_s", "input:load_Nm"}  # the load acts on that balance alone
+    assert friction.located.ports[0][0] in near
+
+
+def test_the_mended_values_are_those_of_the_machine(friction):
+    assert friction.values["b_Nms"] == pytest.approx(0.06, abs=0.006)
+    assert friction.values["R_ohm"] == pytest.approx(0.65, rel=0.01)
+
+
+def test_a_false_sensor_is_no_physics():
+    verdict = examined(sensor=lambda t, y: y + np.array([0.0, 3.0, 0.0]))
+    assert verdict.verdict == "sensor fault"
+    assert [f.mechanism for f in verdict.findings] == ["sensor_bias@amps_A"]
+    assert verdict.findings[0].parameters[0].value == pytest.approx(3.0, abs=0.2)
+
+
+def test_what_no_candidate_can_be_is_not_named():
+    cogging = examined(lambda t, x, u: np.array([0.0, 2.0 * np.sin(0.05 * x[1] ** 2), 0.0]))
+    assert cogging.mechanisms == () or "incomplete" in cogging.says
+
+
+def test_two_effects_are_both_named():
+    verdict = examined(dry_friction, lambda t, y: y + np.array([0.0, 3.0, 0.0]))
+    assert {f.mechanism for f in verdict.findings} == {"coulomb_friction@omega_rad_s", "sensor_bias@amps_A"}
+
+
+def test_an_effect_that_begins_late_is_dated():
+    fitted = [record(f"run {s}", s, lambda t, x, u: dry_friction(t, x, u) * (t > 70.0)) for s in (1, 2)]
+    verdict = diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
+    (finding,) = verdict.findings
+    assert finding.mechanism == "coulomb_friction@omega_rad_s"
+    assert finding.since_s == pytest.approx(70.0, abs=5.0)
+    assert finding.parameters[0].value == pytest.approx(1.2, rel=0.15)
+
+
+def test_the_verdict_is_json_and_the_same_twice(friction):
+    again = examined(dry_friction)
+    assert json.dumps(again.to_dict()) == json.dumps(friction.to_dict())
+    assert set(friction.to_dict()) == {"verdict", "says", "findings", "parameters", "fit", "more_data"}
+
+
+def test_a_recording_too_short_is_refused():
+    with pytest.raises(BadInput, match="too few to learn from"):
+        diagnose(MOTOR, [record("short", 1, seconds=1.5)], [record("held out", 2)], CATALOGUE)
+
+
+def test_progress_goes_through_the_stages():
+    seen: list[tuple[str, float]] = []
+    fitted = [record(f"run {s}", s, seconds=40.0) for s in (1, 2)]
+    diagnose(MOTOR, fitted, (), CATALOGUE, lambda stage, share: seen.append((stage, share)))
+    stages = list(dict.fromkeys(stage for stage, _ in seen))
+    assert stages == ["audit", "calibrate", "screen", "refit", "prove"]
+    assert all(0.0 <= share <= 1.0 for _, share in seen)

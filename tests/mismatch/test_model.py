@@ -1,0 +1,167 @@
+"""``model.toml``: what is written is read back as the same machine, and what is no model is refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tank_files import SPILL, TANK, write_python
+
+from data.errors import BadInput
+from mismatch.catalogue import generic
+from mismatch.faults import faults
+from mismatch.model import load_catalogue, load_model, load_simulator, model_toml, whole_catalogue
+from physics.compose import plain_rhs
+from physics.load import check_catalogue
+from physics.nominal import NOMINAL
+
+
+@pytest.fixture
+def spec(tmp_path: Path) -> str:
+    return write_python(tmp_path, TANK)
+
+
+def rate(simulator, level: float, pump: float = 0.0) -> float:
+    x = np.array([level] + [0.0] * (len(simulator.states) - 1))
+    return float(plain_rhs(simulator)(x, np.array([pump]), simulator.theta())[0])
+
+
+def mended(folder: Path, spec: str, name: str = "model.toml") -> Path:
+    """The tank with a spill of the user's, the first of the generic effects, and a sensor that is off."""
+    tank = load_simulator(spec)
+    catalogue = write_python(folder, SPILL, "spill.py")
+    (spill,) = load_catalogue(catalogue, tank)
+    (bias,) = [m for m in faults(tank) if m.name == "sensor_bias@h_m"]
+    first = generic(tank)[0]
+    values = {"k": 0.08, "spill_1_s": 0.5, "rim_m": 0.7, bias.parameters[0].name: 0.03, first.parameters[0].name: 1e-3}
+    path = folder / name
+    path.write_text(model_toml(spec, tank, [spill, first, bias], values, folder, catalogue))
+    return path
+
+
+def test_a_mended_simulator_comes_back(tmp_path, spec):
+    path = mended(tmp_path, spec)
+    model = load_model(str(path))
+    simulator, tank = model.simulator, load_simulator(spec)
+    values = {v.name: v.nominal for v in simulator.parameters}
+    assert (values["k"], values["spill_1_s"], values["rim_m"], values["g"]) == (0.08, 0.5, 0.7, 0.01)
+    assert simulator.mechanisms[0] == "spill"
+    base = load_simulator(spec).with_values(k=0.08)
+    offset = rate(simulator, 0.5) - rate(base, 0.5)
+    assert offset == pytest.approx(rate(simulator, 0.69) - rate(base, 0.69)), "the spill begins at its rim"
+    assert rate(simulator, 0.9) - rate(base, 0.9) == pytest.approx(offset - 0.5 * 0.2)
+    (bias,) = model.faults
+    assert bias.parameters[0].nominal == 0.03
+    assert len(tank.parameters) == 2, "the base stays as it was"
+    text = path.read_text()
+    assert 'k = 0.08  # m**0.5/s' in text
+    assert str(tmp_path) not in text, "paths are relative"
+
+
+def test_it_moves_with_its_base(tmp_path, spec, monkeypatch):
+    mended(tmp_path, spec)
+    moved = tmp_path.rename(tmp_path.with_name("moved"))
+    monkeypatch.chdir(moved.parent)
+    assert load_simulator("moved/model.toml").mechanisms[0] == "spill"
+
+
+def test_a_mended_simulator_can_be_mended_again(tmp_path, spec):
+    first = mended(tmp_path, spec)
+    (tmp_path / "again").mkdir()
+    again = tmp_path / "again" / "model.toml"
+    simulator = load_simulator(str(first))
+    again.write_text(model_toml(str(first), simulator, [], {"rim_m": 0.8}, again.parent))
+    model = load_model(str(again))
+    assert model.simulator.theta()[model.simulator.index("rim_m")] == 0.8
+    assert len(model.faults) == 1
+
+
+def test_what_a_mended_simulator_has_is_not_missing_from_it(tmp_path, spec):
+    path, tank = mended(tmp_path, spec), load_simulator(spec)
+    simulator = load_simulator(str(path))
+    own = load_catalogue(str(tmp_path / "spill.py"), simulator)
+    whole = whole_catalogue(simulator, own)
+    check_catalogue(simulator, whole)
+    found = generic(tank)[0].name
+    assert {"spill", found}.isdisjoint(m.name for m in whole)
+    assert found in {m.name for m in whole_catalogue(tank)}
+
+
+def test_amplitudes_inside_the_equations_are_values(tmp_path):
+    from physics.mechanisms import CATALOGUE
+
+    (leak,) = [m for m in CATALOGUE if m.name == "external_leak"]
+    path = tmp_path / "model.toml"
+    path.write_text(model_toml("nominal", NOMINAL, [leak], {"A_ext_mm2": 3.5, "capacity": 0.97}, tmp_path))
+    simulator = load_simulator(str(path))
+    assert simulator.theta()[simulator.index("A_ext_mm2")] == 3.5
+    assert simulator.theta()[simulator.index("capacity")] == 0.97
+    assert simulator.mechanisms == ("external_leak",)
+
+
+@pytest.mark.parametrize(("values", "says"), [
+    ({"nothing": 1.0}, "neither the simulator nor a mechanism has that parameter"),
+    ({"k": float("nan")}, "must be a finite number"),
+])  # fmt: skip
+def test_no_model_is_written_that_could_not_be_read(tmp_path, spec, values, says):
+    with pytest.raises(ValueError, match=says):
+        model_toml(spec, load_simulator(spec), [], values, tmp_path)
+
+
+def test_a_mechanism_of_nowhere_is_not_written(tmp_path, spec):
+    tank = load_simulator(spec)
+    own = load_catalogue(write_python(tmp_path, SPILL, "spill.py"), tank)
+    with pytest.raises(ValueError, match="mechanism 'spill' is in no catalogue"):
+        model_toml(spec, tank, own, {}, tmp_path)
+
+
+@pytest.mark.parametrize(("old", "new", "says"), [
+    ("base = ", "bases = ", "is no model; it must hold base"),
+    ("base = ", "base ", "not TOML"),
+    ('"tank.py"', '"gone.py"', "no file"),
+    ('"tank.py"', '"model.toml"', "is its own base"),
+    ('name = "spill"', 'name = "spell"', "spill.py has no mechanism 'spell'; it has: spill"),
+    ('name = "spill"', "name = 1", "must hold two texts, name and from"),
+    ("k = 0.08", "k = true", "[values] must hold numbers only"),
+    ("k = 0.08", "k = nan", "[values] must hold numbers only"),
+    ("k = 0.08", "kk = 0.08", "[values] has 'kk', which is no parameter of this model"),
+])  # fmt: skip
+def test_a_broken_model_is_one_line(tmp_path, spec, old, new, says):
+    path = mended(tmp_path, spec)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(BadInput) as caught:
+        load_model(str(path))
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_base_that_no_longer_has_what_the_model_sets(tmp_path, spec):
+    path = mended(tmp_path, spec)
+    write_python(tmp_path, TANK.replace('"level_m"', '"depth_m"'))
+    with pytest.raises(BadInput, match="simulator 'tank' has no balance 'level_m'; it has: depth_m"):
+        load_model(str(path))
+
+
+@pytest.mark.parametrize("what", ["name", "parameter"])
+def test_a_mechanism_of_yours_must_not_have_a_name_of_ours(tmp_path, spec, what):
+    tank = load_simulator(spec)
+    ours = generic(tank)[0]
+    old, new = ("spill", ours.name) if what == "name" else ("rim_m", ours.parameters[0].name)
+    path = write_python(tmp_path, SPILL.replace(f'"{old}"', f'"{new}"'), "spill.py")
+    with pytest.raises(BadInput, match=f"our own catalogue has a '{new}' too; rename yours"):
+        load_catalogue(path, tank)
+
+
+def test_the_whole_catalogue_fits_and_names_nothing_twice(spec):
+    for simulator in (NOMINAL, load_simulator(spec)):
+        whole = whole_catalogue(simulator)
+        check_catalogue(simulator, whole)
+        assert ("suction_preheat" in {m.name for m in whole}) == (simulator is NOMINAL)
+
+
+def test_what_physics_refuses_is_bad_input():
+    with pytest.raises(BadInput, match="no simulator 'compresor'"):
+        load_simulator("compresor")

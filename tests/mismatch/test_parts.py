@@ -1,0 +1,152 @@
+"""The engine's parts against oracles: simulation, noise, fit, linear picture, search."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from motor import MOTOR
+from motor_case import record
+from scipy.signal import lfilter
+
+from mismatch.fit import Problem, Unknown, solve
+from mismatch.machine import Machine
+from mismatch.noise import Whitener, fit_whitener, noise_floor
+from mismatch.onset import first_onset
+from mismatch.search import Picture, Variant, best_sets, local_search
+from mismatch.tracks import despiked, held, prepare
+from physics.integrate import simulate
+
+
+@pytest.fixture(scope="module")
+def track():
+    return prepare([record("run", 3, seconds=40.0)], MOTOR)[0]
+
+
+@pytest.fixture(scope="module")
+def machine():
+    return Machine(MOTOR, ())
+
+
+def test_the_machine_runs_as_the_simulator_does(machine, track):
+    x0 = machine.start(track)
+    machine.step_s = 0.04
+    _, expected = simulate(MOTOR, track.u[None], x0, dt_s=0.08, substeps=2)
+    np.testing.assert_allclose(machine.run(track, machine.theta, x0), expected[0], rtol=1e-9)
+
+
+def test_a_force_is_a_rate_of_its_balance(machine, track):
+    theta = machine.theta.copy()
+    theta[machine.force_at["balance:T_winding_K"]] = 0.1
+    with_force = machine.run(track, theta, machine.start(track))
+    without = machine.run(track, machine.theta, machine.start(track))
+    assert (with_force - without)[1, 2] == pytest.approx(0.1 * 0.08, rel=0.02)
+
+
+def test_a_divergence_ends_in_nan(machine, track):
+    theta = machine.theta.copy()
+    theta[MOTOR.index("L_H")] = -1e-3
+    y = machine.run(track, theta, machine.start(track))
+    assert np.isfinite(y[0]).all()
+    assert np.isnan(y[-1]).all()
+
+
+def test_whitening_turns_an_autoregression_white():
+    rng = np.random.default_rng(1)
+    e = rng.normal(size=(20_000, 2))
+    r = np.stack([lfilter([2.0], [1.0, -0.7, 0.2], e[:, 0]), 0.5 * e[:, 1]], axis=-1)
+    whitener = fit_whitener([r], np.zeros(2))
+    assert whitener.a[0, :2] == pytest.approx([0.7, -0.2], abs=0.03)
+    assert whitener.sd == pytest.approx([2.0, 0.5], rel=0.02)
+    assert whitener.variance() == pytest.approx(r.var(axis=0), rel=0.05)
+    assert whitener(r)[5:] == pytest.approx(e[5:], abs=0.2)
+
+
+def test_a_gap_is_no_reading_of_the_white_residual():
+    whitener = Whitener(np.array([[0.5, 0.0, 0.0]]), np.ones(1))
+    r = np.ones((10, 1))
+    r[5] = np.nan
+    assert np.isnan(whitener(r)[5:9, 0]).all()
+    assert whitener(r)[4, 0] == pytest.approx(0.5)
+
+
+def test_the_noise_floor_of_white_noise_on_a_smooth_signal():
+    rng = np.random.default_rng(2)
+    t = np.linspace(0, 20, 4000)
+    y = np.stack([np.sin(t), t**2], axis=-1) + rng.normal(size=(4000, 2)) * [0.3, 2.0]
+    assert noise_floor([y]) == pytest.approx([0.3, 2.0], rel=0.2)
+
+
+def test_spikes_go_and_steps_stay():
+    rng = np.random.default_rng(3)
+    clean = np.where(np.arange(400) < 200, 1.0, 5.0) + 0.02 * rng.normal(size=400)
+    spiked = clean.copy()
+    spiked[[50, 300]] += 3.0
+    found = despiked(spiked)
+    assert np.isnan(found[[50, 300]]).all()
+    assert np.isnan(found).sum() <= 8
+    assert np.isfinite(despiked(np.ones(100))).all()
+
+
+def test_gaps_in_inputs_are_held():
+    column = np.array([[np.nan], [1.0], [np.nan], [3.0], [np.nan]])
+    assert held(column).ravel().tolist() == [1.0, 1.0, 1.0, 3.0, 3.0]
+
+
+def test_the_fit_finds_the_parameters_of_another_simulation(machine, track):
+    names = ("R_ohm", "J_kg_m2", "b_Nms")
+    true = {"R_ohm": 0.7, "J_kg_m2": 1.3, "b_Nms": 0.07}
+    theta = machine.theta.copy()
+    for name, value in true.items():
+        theta[MOTOR.index(name)] = value
+    y = machine.run(track, theta, machine.start(track))
+    clean = replace(track, y=y, means=track.block_means(y))
+    unknowns = tuple(
+        Unknown(n, "parameter", MOTOR.index(n), 0.0, 5.0, v.nominal, np.inf, v.scale)
+        for n in names for v in MOTOR.parameters if v.name == n
+    )  # fmt: skip
+    problem = Problem(machine, [clean], unknowns, Whitener(np.zeros((3, 0)), np.ones(3)), [machine.start(track)])
+    z, cost = solve(problem, problem.z0, 20)
+    assert dict(zip(names, z, strict=True)) == pytest.approx(true, rel=2e-3)
+    assert cost < 1.0
+
+
+def test_the_first_start_is_told_on_the_recordings_clock():
+    assert first_onset((-np.inf, -np.inf), (0.0, 100.0)) is None
+    assert first_onset((np.inf, 150.0), (0.0, 100.0)) == 150.0
+    assert first_onset((np.inf, -np.inf), (0.0, 100.0)) == 100.0
+
+
+def pictured(columns: np.ndarray, r: np.ndarray) -> Picture:
+    """A picture of plain columns (N, V) and a residual (N,), nothing projected out."""
+    n = columns.shape[1]
+    wide = np.full(n, 1e6)
+    variants = tuple(Variant(i, ()) for i in range(n))
+    return Picture(variants, columns.T @ columns, columns.T @ r, -wide, wide, np.ones(n), [], [], np.zeros(n))
+
+
+def test_the_gain_of_a_set_is_that_of_least_squares():
+    rng = np.random.default_rng(4)
+    C, r = rng.normal(size=(200, 5)), rng.normal(size=200)
+    shown = pictured(C, r)
+    for chosen in ((0,), (1, 3), (0, 2, 4)):
+        _, left, _, _ = np.linalg.lstsq(C[:, chosen], r, rcond=None)
+        assert shown.gain(chosen) == pytest.approx(float(r @ r - left[0]), rel=1e-6)
+
+
+def test_two_effects_that_look_poor_alone_are_found_together():
+    rng = np.random.default_rng(5)
+    common, a, b = rng.normal(size=(3, 500))
+    C = np.stack([common + 0.1 * a, common + 0.1 * b, *rng.normal(size=(12, 500))], axis=-1)
+    r = 30.0 * (C[:, 0] - C[:, 1]) + rng.normal(size=500)
+    shown = pictured(C, r)
+    assert (0, 1) in [tuple(sorted(s)) for s in best_sets(shown, 6)]
+    assert local_search(shown, (0, 1, 5), 6, 16.0) == (0, 1)
+
+
+def test_a_size_beyond_its_bounds_explains_nothing():
+    C = np.ones((50, 1))
+    shown = pictured(C, np.full(50, -2.0))
+    assert shown.gain((0,)) == pytest.approx(200.0, rel=1e-6)
+    assert replace(shown, low=np.zeros(1)).gain((0,)) == -np.inf
