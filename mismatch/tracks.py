@@ -40,13 +40,6 @@ class Track:
         return _means(np.where(np.isnan(self.y), np.nan, readings), self.starts)
 
     @property
-    def block_s(self) -> float:
-        """Seconds per block."""
-        return float(self.time_s[-1] - self.time_s[0]) / max(len(self.time_s) - 1, 1) * int(
-            np.median(np.diff(self.starts)) if len(self.starts) > 1 else 1
-        )
-
-    @property
     def block_time_s(self) -> Array:
         """Time at the start of each block, (B,)."""
         return self.time_s[self.starts]
