@@ -26,6 +26,8 @@ _PROCESSES = {
     "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty",
     "pty.spawn", "os.startfile",
 }  # fmt: skip
+_LOADED: dict[str, Any] = {}
+"""Simulators by where they are: loaded once, so that they are compiled once."""
 _FILES = {"open", "os.listdir", "os.scandir", "os.link", "os.symlink", "os.rename"}
 
 
@@ -69,8 +71,9 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     case = json.loads((folder / "case.json").read_text())
     where = case["simulator"]
     path = _HERE.parent / where.partition(":")[0]
-    simulator = load_simulator(str(_HERE.parent / where) if path.suffix == ".py" else where)
-    simulator = replace(simulator.with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
+    if where not in _LOADED:
+        _LOADED[where] = load_simulator(str(_HERE.parent / where) if path.suffix == ".py" else where)
+    simulator = replace(_LOADED[where].with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
     names = [*case["train"], *case["held_out"]]
     recordings = read([folder / f"{name}.csv" for name in names], simulator)
     fitted, held_out = recordings[: len(case["train"])], recordings[len(case["train"]) :]

@@ -130,6 +130,14 @@ def _parser() -> argparse.ArgumentParser:
     prove.add_argument("--cases", type=int, default=40, metavar="N", help="how many (default: 40)")
     prove.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
     prove.add_argument("--out", type=Path, default=Path("results/prove"), metavar="DIR")
+    prove.add_argument(
+        "--engines", default="twinbench", metavar="NAME,...",
+        help="whom to ask: twinbench (default), oracle, opponents, ablations, or all; an unknown name lists them",
+    )  # fmt: skip
+    prove.add_argument(
+        "--opponent-cases", type=int, metavar="N",
+        help="so many cases for all but twinbench and oracle, the first ones (default: all)",
+    )  # fmt: skip
 
     report = command("report", "draw tables, figures and report again", "twinbench report results/quick")
     report.add_argument("results", type=Path, metavar="DIR")
@@ -323,11 +331,17 @@ def _mismatch(a: argparse.Namespace) -> int:
 def _prove(a: argparse.Namespace) -> int:
     from rich.console import Console
 
+    from bench.prove.engines import chosen
     from bench.prove.gates import as_markdown
     from bench.prove.suite import run
 
+    engines = chosen(a.engines)
     command = "twinbench " + shlex.join(sys.argv[1:])
-    print(as_markdown(run(a.cases, a.seed, a.out, Console(stderr=True), command=command)))
+    console = Console(stderr=True)
+    gates = run(a.cases, a.seed, a.out, console, engines, opponent_cases=a.opponent_cases, command=command)
+    print(as_markdown(gates))
+    if len(engines) > 1:
+        print((a.out / "engines.md").read_text())
     return 0
 
 

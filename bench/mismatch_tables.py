@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.ranking import ranking
 from bench.table_formats import number
-from mismatch.search import typical
+from mismatch.picture import typical
 from mismatch.verdict import Finding, Fit, Value, Verdict, smallest_seen
 from mismatch.walk import Diagnosis
 

@@ -1,8 +1,8 @@
 """Simulator against recordings: calibrate, test, locate, name, model, prove. Knows no compressor.
 
-    from mismatch import diagnose
-    verdict = diagnose(simulator, recordings, hold_out=others)
-    print(verdict.says)
+from mismatch import diagnose
+verdict = diagnose(simulator, recordings, hold_out=others)
+print(verdict.says)
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from data.recording import Recording
+from mismatch.guards import Guards
 from mismatch.verdict import Finding, Verdict, conclude
 from mismatch.walk import examine
 from physics.simulator import Mechanism, Simulator
 
-__all__ = ["Finding", "Verdict", "diagnose"]
+__all__ = ["Finding", "Guards", "Verdict", "diagnose"]
 
 
 def diagnose(
@@ -23,6 +24,7 @@ def diagnose(
     hold_out: Sequence[Recording] = (),
     catalogue: Sequence[Mechanism] | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
+    guards: Guards = Guards(),
 ) -> Verdict:
     """Where a simulator and recordings of its machine disagree, and what was left out.
 
@@ -31,8 +33,9 @@ def diagnose(
             recording is held out, or the last third of the only one.
         catalogue: what may be missing; everything that we know of if left out.
         progress: told the stage's name and the share of it that is done.
+        guards: what keeps it from naming what is not there; all, but in an ablation.
 
     Raises:
         BadInput: recordings too short, a simulator that diverges.
     """
-    return conclude(examine(simulator, recordings, hold_out, catalogue, progress))
+    return conclude(examine(simulator, recordings, hold_out, catalogue, progress, guards))

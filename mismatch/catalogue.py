@@ -124,9 +124,7 @@ def typical_rates(simulator: Simulator) -> Array:
     with np.errstate(all="ignore"):
         base = np.asarray(rhs(x, u, theta), dtype=np.float64)
         moved = [np.asarray(rhs(x + step, u, theta)) - base for step in np.diag(scales)]
-        moved += [
-            np.asarray(rhs(x, u + step, theta)) - base for step in np.diag([v.scale for v in simulator.inputs])
-        ]
+        moved += [np.asarray(rhs(x, u + step, theta)) - base for step in np.diag([v.scale for v in simulator.inputs])]
     rates = np.sqrt(np.sum(np.square(np.nan_to_num(moved, posinf=0.0, neginf=0.0)), axis=0))
     rates = np.where(rates > 0.0, rates, np.abs(np.nan_to_num(base, posinf=0.0, neginf=0.0)))
     return np.where(rates > 0.0, rates, scales / _SLOWEST_S)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -77,7 +78,8 @@ def coulomb_unequal(p: Place, effect: str, words: str) -> Mechanism:
     says = f"{words} acts against {p.name} and is not the same in both directions"
     size = p.size(effect, f"{p.unit}/s")
     ratio = p.shape(effect, "backward", "1", 0.0, 3.0, 0.5, "size backward over size forward")
-    return p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio)
+    simpler = f"{effect.removesuffix('_unequal')}@{p.name}"
+    return p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio, contains=simpler)
 
 
 def hysteresis(p: Place) -> Mechanism:
@@ -199,12 +201,16 @@ def second_thermal_mass(p: Place) -> Mechanism:
     def derivative(x: Array, u: Array, theta: Array) -> Array:
         return np.array([(x[i] - x[-1]) / theta[-1]])
 
+    def initial(x0: Array, u0: Array, theta: Array) -> Array:
+        return np.array([x0[i]])
+
     says = f"a second thermal mass exchanges heat with {p.name}, which so follows changes late"
     size = p.size("second_thermal_mass", "1/s", v.scale)
     tau = p.shape("second_thermal_mass", "tau_s", "s", p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s, "its time constant")
     own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
-    return p.add("second_thermal_mass", says, "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}", term, size, tau,
-                 states=(own,), derivative=derivative)  # fmt: skip
+    mechanism = p.add("second_thermal_mass", says, "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}", term, size, tau,
+                      states=(own,), derivative=derivative)  # fmt: skip
+    return replace(mechanism, initial=initial)
 
 
 def periodic(p: Place) -> Mechanism:

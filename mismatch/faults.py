@@ -46,9 +46,7 @@ def _of_channel(port: str, v: Variable, sample_period_s: float) -> list[Mechanis
     def size(name: str, size_unit: str, low: float, high: float, typical: float) -> Variable:
         return Variable(f"{name}_{n}", size_unit, low, high, typical, typical, f"{name.removesuffix('_s')} of {n}")
 
-    def fault(
-        name: str, says: str, formula: str, series: Series, parameter: Variable, *shape: Variable
-    ) -> Mechanism:
+    def fault(name: str, says: str, formula: str, series: Series, parameter: Variable, *shape: Variable) -> Mechanism:
         def over_gaps(time_s: Array, values: Array, theta: Array) -> Array:
             return series(time_s, held(np.asarray(values, dtype=np.float64)), theta)
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from mismatch.machine import Machine
 from mismatch.noise import Whitener
-from mismatch.tracks import Track
+from mismatch.tracks import Grid, Track
 from physics.simulator import Array
 
 KNOTS = 5
@@ -53,7 +53,8 @@ class Problem:
 
     ``z`` (K,) holds the unknowns' values. Residuals are measured minus simulated, whitened block means.
     ``theta`` is what the parameters are that are no unknowns; the machine's own if left out. ``since`` is
-    the time from which candidates are there, per recording, s; from the beginning if left out.
+    the time from which candidates are there, per recording, s; from the beginning if left out. ``offsets``
+    (B, ny) per recording is what a run sample by sample adds to one block by block; nothing if left out.
     """
 
     machine: Machine
@@ -63,6 +64,7 @@ class Problem:
     starts: Sequence[Array] = field(default_factory=list)
     theta: Array = field(default_factory=lambda: np.empty(0))
     since: tuple[float, ...] = ()
+    offsets: Sequence[Array] = ()
     _last: tuple[Array, list[Array]] | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -79,9 +81,39 @@ class Problem:
         """Unknowns that recording r depends on."""
         return [k for k, u in enumerate(self.unknowns) if u.recording in (-1, r)]
 
-    def readings(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Simulated readings (N, ny) of recording r."""
-        track = self.tracks[r]
+    def readings(self, r: int, z: Array) -> Array:
+        """Simulated readings (N, ny) of recording r, sample by sample."""
+        return self.machine.run(*self._setting(r, z, self.tracks[r].fine))
+
+    def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
+        """Simulated block means (B, ny) of recording r before the sensors' faults."""
+        return self.machine.clean(*self._setting(r, z, self.tracks[r].coarse, theta), blocks=True)
+
+    def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
+        """Block means measured minus simulated, (B, ny).
+
+        Args:
+            clean: simulated block means before the sensors' faults, if they are known.
+        """
+        track, theta, _, _, _, since_s = self._setting(r, z, self.tracks[r].coarse, theta)
+        y = self.machine.read(track, theta, self.clean(r, z, theta) if clean is None else clean, since_s)
+        return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
+
+    def refined(self, z: Array) -> Problem:
+        """The problem with ``offsets`` such that residuals at z are those of runs sample by sample."""
+        plain = replace(self, offsets=())
+
+        def offset(r: int) -> Array:
+            track = self.tracks[r]
+            found = track.means - track.block_means(self.readings(r, z))
+            return np.nan_to_num(plain.residual(r, z) - found)
+
+        return replace(self, offsets=parallel([lambda r=r: offset(r) for r in range(len(self.tracks))]))
+
+    def _setting(
+        self, r: int, z: Array, grid: Grid, theta: Array | None = None
+    ) -> tuple[Track, Array, Array, np.ndarray, Array, float]:
+        """What a run of recording r takes."""
         theta = (self.theta if theta is None else theta).copy()
         x0 = self.starts[r].copy()
         drifts: dict[int, dict[int, float]] = {}
@@ -92,17 +124,14 @@ class Problem:
                 x0[unknown.at] += value
             elif unknown.recording == r:
                 drifts.setdefault(unknown.at, {})[unknown.knot] = value
-        varying = np.array(sorted(drifts), dtype=np.int64)
-        values = np.stack(
-            [theta[at] + _hats(track.time_s, [drifts[at][k] for k in sorted(drifts[at])]) for at in varying], axis=-1
-        ) if len(varying) else None
-        since = self.since[r] if self.since else -np.inf
-        return self.machine.run(track, theta, x0, varying, values, since)
-
-    def residual(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Block means measured minus simulated, (B, ny)."""
-        track = self.tracks[r]
-        return track.means - track.block_means(self.readings(r, z, theta))
+        time_s = self.tracks[r].time_s
+        values = np.empty((len(grid.time_s), len(drifts)))
+        for i, (at, knots) in enumerate(drifts.items()):
+            values[:, i] = theta[at] + np.interp(
+                grid.time_s, np.linspace(time_s[0], time_s[-1], len(knots)), [knots[k] for k in sorted(knots)]
+            )
+        since_s = self.since[r] if self.since else -np.inf
+        return self.tracks[r], theta, x0, np.array(list(drifts), dtype=np.int64), values, since_s
 
     def squares(self, r: int, z: Array) -> Array:
         """Mean square error (ny,) of recording r sample by sample, not in blocks."""
@@ -170,7 +199,6 @@ class Problem:
             b += J.T @ r[seen]
         return G, b, whitened
 
-
     def projected(
         self, z: Array, residuals: Sequence[Array], nuisance: Sequence[Array], columns: Sequence[Array]
     ) -> tuple[Array, Array]:
@@ -199,11 +227,6 @@ class Problem:
         factor = cho_factor(G_nn * np.outer(scale, scale) + 1e-10 * np.eye(len(z)))
         solved = scale[:, None] * cho_solve(factor, scale[:, None] * G_nc)
         return G - G_nc.T @ solved, b - solved.T @ b_n
-
-
-def _hats(time_s: Array, values: Sequence[float]) -> Array:
-    knots = np.linspace(time_s[0], time_s[-1], len(values))
-    return np.interp(time_s, knots, values)
 
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]

@@ -55,9 +55,7 @@ def locate(d: Diagnosis) -> Located:
     weight /= weight.sum()
     ports = tuple((d.machine.ports[i], float(weight[i])) for i in order if weight[i] > 0.01)
     top = courses[order[0]].reshape(len(d.tracks), KNOTS_FORCE)
-    force = tuple(
-        (np.linspace(t.time_s[0], t.time_s[-1], KNOTS_FORCE), a) for t, a in zip(d.tracks, top, strict=True)
-    )
+    force = tuple((np.linspace(t.time_s[0], t.time_s[-1], KNOTS_FORCE), a) for t, a in zip(d.tracks, top, strict=True))
     return Located(ports, force)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, types
 
 from mismatch.tracks import Track
-from physics.compile import FUNCTION, VECTOR, compiled
+from physics.compile import FUNCTION, VECTOR, as_argument, compiled
 from physics.compose import compose
 from physics.integrate import INDICES, MATRIX
 from physics.simulator import Array, Mechanism, Simulator, Variable
@@ -55,11 +55,12 @@ class Machine:
         terms = [m for m in catalogue if m.term is not None]
         self.simulator = simulator
         self.ports = _ports(simulator)
-        self._whole = compose(simulator, (*map(_force, self.ports), *terms))
-        self._equations = compiled(self._whole)
+        self.whole = compose(simulator, (*map(_force, self.ports), *terms))
+        self._equations = compiled(self.whole)
+        self._rhs, self._output = as_argument(self._equations.rhs), as_argument(self._equations.output)
         n_own, n_forces = len(simulator.parameters), len(self.ports)
         self.force_at = {port: n_own + i for i, port in enumerate(self.ports)}
-        theta = self._whole.theta()
+        theta = self.whole.theta()
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
         self.candidates: list[Candidate] = []
@@ -88,63 +89,82 @@ class Machine:
                 group = simulator.inputs if kind == "input" else simulator.outputs
                 self._faults.append((candidate, kind, [v.name for v in group].index(name)))
         self.theta = np.concatenate((theta, extra))
-        self.states = self._whole.states
+        self.states = self.whole.states
         self._n_ode = len(theta)
-        self.step_s = np.inf
+        self.step_s = self.block_step_s = np.inf
 
     def start(self, track: Track) -> Array:
         """The state (nx,) that the simulator's ``initial`` makes of the first inputs and readings."""
         first = np.array([_first(column) for column in track.y.T])
         nominal = np.array([v.nominal for v in self.simulator.outputs])
         readings = np.where(np.isnan(first), nominal, first)
-        return np.asarray(self._whole.initial(track.u[0], readings, self.theta[: self._n_ode]), dtype=float)
+        return np.asarray(self.whole.initial(track.u[0], readings, self.theta[: self._n_ode]), dtype=float)
 
     def run(
         self, track: Track, theta: Array, x0: Array, varying: np.ndarray | None = None, values: Array | None = None,
-        since_s: float = -np.inf,
+        since_s: float = -np.inf, blocks: bool = False,
     ) -> Array:  # fmt: skip
         """Simulated readings (N, ny) at the recording's samples; NaN from where the run diverges.
 
         Args:
             varying, values: positions (V,) in theta that change in time, and their values (N, V).
             since_s: time from which candidates are there.
+            blocks: step from block to block under their mean inputs: block means (B, ny), many times
+                faster and nearly the same; ``values`` are then (B, V).
         """
-        u = track.u
+        return self.read(track, theta, self.clean(track, theta, x0, varying, values, since_s, blocks), since_s)
+
+    def clean(
+        self, track: Track, theta: Array, x0: Array, varying: np.ndarray | None = None, values: Array | None = None,
+        since_s: float = -np.inf, blocks: bool = False,
+    ) -> Array:  # fmt: skip
+        """As ``run``, before the sensors' faults."""
+        grid = track.coarse if blocks else track.fine
         late = track.time_s < since_s
+        u = track.u
         for candidate, kind, column in self._faults:
             if kind == "input" and theta[candidate.at[0]] != candidate.null[0]:
-                u = self._with_fault(candidate, track.time_s, u, column, theta, late)
+                u = _with_fault(candidate, track.time_s, u, column, theta, late)
+        if u is not track.u:
+            grid = track.grid(u, track.starts if blocks else np.arange(len(u)))
         if varying is None or values is None:
-            varying, values = np.empty(0, dtype=np.int64), np.empty((len(u), 0))
+            varying, values = np.empty(0, dtype=np.int64), np.empty((len(grid.u), 0))
         if late.any():
+            # Of the block that the start falls into, the candidates are there in part.
+            absent = np.add.reduceat(late, track.starts) / grid.samples if blocks else late
             there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
             varying = np.concatenate((varying, np.array([c.at[0] for c in there], dtype=np.int64)))
-            sizes = [np.where(late, c.null[0], theta[c.at[0]]) for c in there]
-            values = np.concatenate((values, np.reshape(sizes, (len(there), len(u))).T), axis=1)
-        y = np.full((len(u), len(self.simulator.outputs)), np.nan)
-        loop = _run if self._equations.native else _run.py_func
+            sizes = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
+            values = np.concatenate((values, np.reshape(sizes, (len(there), len(grid.u))).T), axis=1)
+        y = np.full((len(grid.u), len(self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
+        loop = _run if self._equations.native else _run.py_func
         loop(
-            self._equations.rhs, self._equations.output, u, np.diff(track.time_s), np.ascontiguousarray(x0),
-            np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values), self.step_s, limit, y,
+            self._rhs, self._output, grid.u, grid.seconds, grid.samples, np.ascontiguousarray(x0),
+            np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values),
+            self.block_step_s if blocks else self.step_s, limit, y,
         )  # fmt: skip
-        for candidate, kind, column in self._faults:
-            if kind == "output" and theta[candidate.at[0]] != candidate.null[0]:
-                y = self._with_fault(candidate, track.time_s, y, column, theta, late)
         return y
 
-    @staticmethod
-    def _with_fault(
-        candidate: Candidate, time_s: Array, values: Array, column: int, theta: Array, late: np.ndarray
-    ) -> Array:
-        assert candidate.mechanism.series is not None
-        changed = values.copy()
-        faulty = candidate.mechanism.series(time_s, values[:, column].copy(), theta[list(candidate.at)])
-        changed[:, column] = np.where(late, values[:, column], faulty)
-        return changed
+    def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf) -> Array:
+        """What faulty sensors make of clean readings (N, ny) or block means (B, ny)."""
+        late = track.time_s < since_s
+        for candidate, kind, column in self._faults:
+            if kind == "output" and theta[candidate.at[0]] != candidate.null[0]:
+                if len(y) == len(late):
+                    y = _with_fault(candidate, track.time_s, y, column, theta, late)
+                    continue
+                samples = np.interp(track.time_s, track.coarse.time_s, y[:, column])[:, None]
+                change = _with_fault(candidate, track.time_s, samples, 0, theta, late) - samples
+                y = y.copy()
+                y[:, column] += np.add.reduceat(change[:, 0], track.starts) / track.coarse.samples
+        return y
 
-    def settle_step(self, tracks: Sequence[Track], noise: Array) -> None:
-        """Halve the integration step until the readings no longer move by a twentieth of the noise (ny,), rms.
+    def settle_step(self, tracks: Sequence[Track], noise: Array) -> str:
+        """Halve the integration steps until the readings no longer move by a share of the noise (ny,), rms.
+
+        Returns:
+            A remark if even the finest step tried was not fine enough; else nothing.
 
         Raises:
             ValueError: the simulator diverges however small the step.
@@ -152,20 +172,59 @@ class Machine:
         track = min(tracks, key=lambda t: len(t.time_s))
         x0 = self.start(track)
         self.step_s = float(np.median(np.diff(track.time_s)))
-        coarse = self.run(track, self.theta, x0)
-        for _ in range(HALVINGS):
-            self.step_s /= 2.0
-            fine = self.run(track, self.theta, x0)
-            if np.isfinite(coarse).all() and (np.sqrt(np.mean((fine - coarse) ** 2, axis=0)) < 0.05 * noise).all():
-                self.step_s *= 2.0
-                return
-            coarse = fine
-        if not np.isfinite(coarse).all():
-            k = int(np.argmax(~np.isfinite(coarse).all(axis=1)))
-            raise ValueError(
-                f"simulator {self.simulator.name!r} diverges on recording {track.name} at {track.time_s[k]:.6g} s, "
-                "at its nominal parameters; check its equations, units and initial state"
+        remark = ""
+        try:
+            self.step_s = self._settled(track, x0, self.step_s, 0.05 * noise, blocks=False)
+        except _TooCoarse as error:
+            if not np.isfinite(error.y).all():
+                k = int(np.argmax(~np.isfinite(error.y).all(axis=1)))
+                raise ValueError(
+                    f"simulator {self.simulator.name!r} diverges on recording {track.name} at "
+                    f"{track.time_s[k]:.6g} s, at its nominal parameters; check its equations, units and initial state"
+                ) from None
+            remark = (
+                f"a step of {self.step_s:.3g} s is still too coarse for simulator {self.simulator.name!r} to be "
+                "integrated to a twentieth of the noise; it is stiff, or its equations jump"
             )
+        # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
+        enough = np.maximum(0.2 * noise, 0.02 * np.std(self.run(track, self.theta, x0), axis=0))
+        try:
+            longest = float(np.median(track.coarse.seconds))
+            self.block_step_s = self._settled(track, x0, longest, enough, blocks=True)
+        except _TooCoarse:
+            self.block_step_s = self.step_s
+        return remark
+
+    def _settled(self, track: Track, x0: Array, step_s: float, most: Array, blocks: bool) -> float:
+        """The first of halved steps that is fine enough; it stays set while it is tried."""
+        name = "block_step_s" if blocks else "step_s"
+        setattr(self, name, step_s)
+        coarse = self.run(track, self.theta, x0, blocks=blocks)
+        for _ in range(HALVINGS):
+            setattr(self, name, step_s / 2.0)
+            fine = self.run(track, self.theta, x0, blocks=blocks)
+            if np.isfinite(coarse).all() and (np.sqrt(np.mean((fine - coarse) ** 2, axis=0)) < most).all():
+                return step_s
+            step_s, coarse = step_s / 2.0, fine
+        raise _TooCoarse(coarse)
+
+
+class _TooCoarse(Exception):
+    """No step was fine enough; the readings at the finest."""
+
+    def __init__(self, y: Array) -> None:
+        super().__init__()
+        self.y = y
+
+
+def _with_fault(
+    candidate: Candidate, time_s: Array, values: Array, column: int, theta: Array, late: np.ndarray
+) -> Array:
+    assert candidate.mechanism.series is not None
+    changed = values.copy()
+    faulty = candidate.mechanism.series(time_s, values[:, column].copy(), theta[list(candidate.at)])
+    changed[:, column] = np.where(late, values[:, column], faulty)
+    return changed
 
 
 def _ports(simulator: Simulator) -> tuple[str, ...]:
@@ -194,37 +253,54 @@ def _first(values: Array) -> float:
 
 @njit(
     types.void(
-        FUNCTION, FUNCTION, MATRIX, VECTOR, VECTOR, VECTOR, INDICES, MATRIX, types.float64, VECTOR, MATRIX
+        FUNCTION, FUNCTION, MATRIX, VECTOR, INDICES, VECTOR, VECTOR, INDICES, MATRIX, types.float64, VECTOR, MATRIX
     ),
     cache=True, error_model="numpy", nogil=True,
 )  # fmt: skip
-def _run(rhs, output, u, gaps, x0, theta, varying, values, step_s, limit, y_out):  # type: ignore[no-untyped-def]
-    """Classical Runge-Kutta, inputs held between samples; ``y_out`` stays NaN after a divergence."""
+def _run(rhs, output, u, seconds, samples, x0, theta, varying, values, step_s, limit, y_out):  # type: ignore[no-untyped-def]
+    """Classical Runge-Kutta under inputs that hold over each stretch; ``y_out`` stays NaN after a divergence.
+
+    A stretch's reading is the mean over its samples, which lie on lines between the steps.
+    """
     theta = theta.copy()
-    x, z = x0.copy(), x0.copy()
+    x = x0.copy()
+    # One buffer for each stage: an equation may hand back its argument.
+    z = np.empty((3, x.size))
+    total = np.zeros(y_out.shape[1])
     for k in range(u.shape[0]):
         for j in range(varying.size):
             theta[varying[j]] = values[k, j]
-        y = output(x, u[k], theta)
-        for i in range(y.size):
-            y_out[k, i] = y[i]
-        if k + 1 == u.shape[0]:
-            break
-        substeps = max(1, int(np.ceil(gaps[k] / step_s - 1e-6)))
-        h = gaps[k] / substeps
-        for _ in range(substeps):
+        substeps = max(1, int(np.ceil(seconds[k] / step_s - 1e-6)))
+        h = seconds[k] / substeps
+        n, read = samples[k], 0
+        total[:] = 0.0
+        for step in range(substeps):
+            before = after = 0.0
+            while read < n and read * substeps < (step + 1) * n:
+                share = read * substeps / n - step
+                before += 1.0 - share
+                after += share
+                read += 1
+            if before > 0.0:
+                total += before * output(x, u[k], theta)
+            if read == n and after == 0.0 and k + 1 == u.shape[0]:
+                break
             k1 = rhs(x, u[k], theta)
             for i in range(x.size):
-                z[i] = x[i] + 0.5 * h * k1[i]
-            k2 = rhs(z, u[k], theta)
+                z[0, i] = x[i] + 0.5 * h * k1[i]
+            k2 = rhs(z[0], u[k], theta)
             for i in range(x.size):
-                z[i] = x[i] + 0.5 * h * k2[i]
-            k3 = rhs(z, u[k], theta)
+                z[1, i] = x[i] + 0.5 * h * k2[i]
+            k3 = rhs(z[1], u[k], theta)
             for i in range(x.size):
-                z[i] = x[i] + h * k3[i]
-            k4 = rhs(z, u[k], theta)
+                z[2, i] = x[i] + h * k3[i]
+            k4 = rhs(z[2], u[k], theta)
             for i in range(x.size):
                 x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+            if after > 0.0:
+                total += after * output(x, u[k], theta)
         for i in range(x.size):
             if not abs(x[i]) < limit[i]:
                 return
+        for i in range(total.size):
+            y_out[k, i] = total[i] / n

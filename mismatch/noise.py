@@ -9,19 +9,27 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import lfilter
 
 from physics.simulator import Array
 
 ORDER = 3
+LONGEST = 15
+"""Blocks that noise may remember: what lasts longer cannot be told from left-out physics, and counts as that."""
 _MEMORY = 400
 _LEAST = 30  # readings without a gap before an autoregression is fitted at all
 
 
 class Whitener(NamedTuple):
-    """Per channel ``e_k = (r_k - sum_i a_i r_(k-i)) / sd``: a (ny, ORDER), sd (ny,)."""
+    """Per channel ``e_k = (r_k - sum_i a_i r_(k-i)) / sd``: a (ny, ORDER), sd (ny,).
+
+    Where errors last too long for noise, a is 0, and sd is that of independent errors as telling as these:
+    ``sqrt(memory)`` times their own, with ``memory`` (ny,) blocks to an independent one.
+    """
 
     a: Array
     sd: Array
+    memory: Array | float = 1.0
 
     def __call__(self, r: Array) -> Array:
         """Whitened residuals (B, ny) of block means, NaN where a needed one is missing; also for columns (B, ny, K).
@@ -34,17 +42,15 @@ class Whitener(NamedTuple):
         for lag in range(1, order + 1):
             out[order:] -= self.a[:, lag - 1].reshape(shape) * r[order - lag : -lag]
         out[order:] /= self.sd.reshape(shape)
-        out[:order] /= np.sqrt(self.variance()).reshape(shape)
+        out[:order] /= np.sqrt(self.variance() * self.memory).reshape(shape)
         return out
 
     def variance(self) -> Array:
         """Stationary variance (ny,) of the noise."""
-        response = np.zeros((_MEMORY, len(self.sd)))
-        response[0] = 1.0
-        for k in range(1, _MEMORY):
-            for lag in range(1, min(k, self.a.shape[1]) + 1):
-                response[k] += self.a[:, lag - 1] * response[k - lag]
-        return self.sd**2 * np.sum(response**2, axis=0)
+        impulse = np.zeros(_MEMORY)
+        impulse[0] = 1.0
+        response = [lfilter([1.0], np.concatenate(([1.0], -a)), impulse) for a in self.a]
+        return self.sd**2 / self.memory * np.sum(np.square(response), axis=1)
 
 
 def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -> Whitener:
@@ -52,35 +58,53 @@ def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -
 
     Args:
         floor: (ny,) least standard deviation of a channel.
-        order: 0 leaves the colour out.
+        order: 0 takes the errors for white.
     """
     n_channels = residuals[0].shape[1]
-    a, sd = np.zeros((n_channels, order)), np.ones(n_channels)
+    a, sd, memory = np.zeros((n_channels, order)), np.ones(n_channels), np.ones(n_channels)
     for c in range(n_channels):
+        series = [r[:, c] for r in residuals]
+        lasts = blocks_to_forget(series) if order else 1.0
+        # A smooth misfit is no noise to be whitened: that would leave the sensors' noise alone to be judged by.
+        lags = order if lasts <= 2 * LONGEST else 0
         rows, targets = [], []
-        for r in residuals:
-            x = r[:, c]
-            lagged = np.stack([x[order - i : len(x) - i] for i in range(order + 1)], axis=-1)
+        for x in series:
+            lagged = np.stack([x[lags - i : len(x) - i] for i in range(lags + 1)], axis=-1)
             lagged = lagged[np.isfinite(lagged).all(axis=1)]
             targets.append(lagged[:, 0])
             rows.append(lagged[:, 1:])
         X, y = np.concatenate(rows), np.concatenate(targets)
-        if order and len(y) >= _LEAST:
-            a[c] = _stable(np.linalg.lstsq(X, y, rcond=None)[0])
-        e = y - X @ a[c] if len(y) else np.concatenate([r[:, c] for r in residuals])
+        if lags and len(y) >= _LEAST:
+            a[c, :lags] = _stable(np.linalg.lstsq(X, y, rcond=None)[0])
+        else:
+            memory[c] = lasts
+        e = y - X @ a[c, :lags] if len(y) else np.concatenate(series)
         e = e[np.isfinite(e)]
-        sd[c] = max(float(np.sqrt(np.mean(e**2))) if len(e) else 1.0, float(floor[c]), 1e-300)
-    return Whitener(a, sd)
+        own = float(np.sqrt(np.mean(e**2))) if len(e) else 1.0
+        sd[c] = max(own, float(floor[c]), 1e-300) * np.sqrt(memory[c])
+    return Whitener(a, sd, memory)
+
+
+def blocks_to_forget(series: Sequence[Array]) -> float:
+    """Blocks that make one independent reading: the sum of autocorrelations up to the first that is not positive."""
+    products, n = np.zeros(max(len(x) for x in series)), 0
+    for x in series:
+        known = np.nan_to_num(x)
+        spectrum = np.abs(np.fft.rfft(known, 2 * len(x))) ** 2
+        products[: len(x)] += np.fft.irfft(spectrum)[: len(x)]
+        n += int(np.isfinite(x).sum())
+    if n < _LEAST or products[0] <= 0.0:
+        return 1.0
+    rho = products / products[0]
+    end = int(np.argmax(rho <= 0.0)) or len(rho)
+    return float(max(1.0, 1.0 + 2.0 * np.sum(rho[1:end])))
 
 
 def _stable(a: np.ndarray) -> np.ndarray:
-    """The autoregression shrunk until its slowest memory is short of for ever."""
-    for _ in range(60):
-        roots = np.roots(np.concatenate(([1.0], -a)))
-        if not len(roots) or np.abs(roots).max() < 0.98:
-            return a
-        a = a * 0.98 ** np.arange(1, len(a) + 1)
-    return a
+    """The autoregression shrunk until its slowest memory is no longer than ``LONGEST`` blocks."""
+    slowest = np.abs(np.roots(np.concatenate(([1.0], -a)))).max(initial=0.0)
+    shrink = min(1.0, np.exp(-1.0 / LONGEST) / max(slowest, 1e-12))
+    return np.asarray(a * shrink ** np.arange(1, len(a) + 1))
 
 
 def noise_floor(means: Sequence[Array]) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mismatch.fit import Problem, Unknown
-from mismatch.search import Picture, Variant, switched, typical
+from mismatch.picture import Picture, Variant, switched, typical
 from physics.simulator import Array
 
 KNOTS = 20

@@ -57,13 +57,13 @@ class Place:
 
     def add(
         self, effect: str, says: str, formula: str, term: Term, *parameters: Variable,
-        states: tuple[Variable, ...] = (), derivative: Equation | None = None,
+        states: tuple[Variable, ...] = (), derivative: Equation | None = None, contains: str = "",
     ) -> Mechanism:  # fmt: skip
         """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
         names = ["{" + v.name + "}" for v in parameters]
         return Mechanism(
             f"{effect}@{self.name}", says, f"balance:{self.name}", parameters, states=states, term=term,
-            derivative=derivative, formula=formula.format(*names, x=self.name),
+            derivative=derivative, formula=formula.format(*names, x=self.name), contains=contains,
         )  # fmt: skip
 
 

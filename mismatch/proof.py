@@ -59,6 +59,8 @@ def held_out(problem: Problem, z: Array, tracks: Sequence[Track], own: Sequence[
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
         alone = Problem(problem.machine, [tracks[r]], mine, problem.whitener, theta=theta)
         best, _ = solve(alone, alone.z0, 10)
+        alone = alone.refined(best)
+        best, _ = solve(alone, best, 4)
         return alone.residual(0, best), alone.squares(0, best)
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])

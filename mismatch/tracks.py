@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,6 +16,22 @@ from physics.simulator import Array, Simulator
 BLOCKS = 1500
 """Blocks that a recording is averaged into at most: what a fit sees, whatever the sample rate."""
 _HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
+
+
+class Grid(NamedTuple):
+    """Stretches of constant input that a run goes through: single samples, or blocks of them.
+
+    Attributes:
+        time_s: (B,) middle of each stretch's samples.
+        seconds: (B,) how long each lasts.
+        u: (B, nu) inputs, the mean over the samples.
+        samples: (B,) how many samples each holds.
+    """
+
+    time_s: Array
+    seconds: Array
+    u: Array
+    samples: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -38,6 +56,26 @@ class Track:
     def block_means(self, readings: Array) -> Array:
         """Means (B, ny) of simulated readings (N, ny) over the samples that were measured too."""
         return _means(np.where(np.isnan(self.y), np.nan, readings), self.starts)
+
+    @cached_property
+    def fine(self) -> Grid:
+        """Sample by sample."""
+        return self.grid(self.u, np.arange(len(self.time_s)))
+
+    @cached_property
+    def coarse(self) -> Grid:
+        """Block by block."""
+        return self.grid(self.u, self.starts)
+
+    def grid(self, u: Array, starts: np.ndarray) -> Grid:
+        """Stretches that begin at the samples ``starts``, with inputs u (N, nu)."""
+        counts = np.diff(np.append(starts, len(self.time_s)))
+        last = self.time_s[-1:] + np.diff(self.time_s)[-1:]
+        edges = np.concatenate((self.time_s[starts], last))
+        shape = counts[:, None]
+        return Grid(
+            np.add.reduceat(self.time_s, starts) / counts, np.diff(edges), np.add.reduceat(u, starts) / shape, counts
+        )
 
     @property
     def block_time_s(self) -> Array:

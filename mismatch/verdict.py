@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from mismatch.explanation import Explanation
 from mismatch.locate import Located, locate, regime
 from mismatch.onset import first_onset
-from mismatch.search import Explanation
-from mismatch.walk import RIVAL, Diagnosis, residual_chi2
+from mismatch.rivals import NEAR
+from mismatch.walk import Diagnosis, residual_chi2
 from physics.simulator import Array, Mechanism
 
 Z90 = 1.645
 MOVED = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
+LARGEST_SET = 3
+"""Names that a set may hold and still say something."""
 PLAIN = 0.5
 """And scales of the parameter."""
 
@@ -115,8 +118,8 @@ def conclude(d: Diagnosis) -> Verdict:
         mechanisms = tuple(d.machine.candidates[v.candidate].mechanism for v in d.chosen.chosen)
     changed = [v for v in parameters if v.before is not None and _changed(d, v)]
     if mechanisms:
-        kinds = {m.kind for m in mechanisms}
-        verdict = "missing physics" if "physics" in kinds else "sensor fault"
+        kinds = {f.kind for f in findings if f.mechanism} or {"unexplained"}
+        verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
     elif d.best is not None:
         verdict = "unexplained"
     else:
@@ -176,9 +179,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
             return ()
         names = ", ".join(d.best.names)
         says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
-        return (
-            Finding("unexplained", None, "", 0.0, (), ports[0][0] if ports else "", ports, None, (), "", (), says),
-        )
+        return (Finding("unexplained", None, "", 0.0, (), ports[0][0] if ports else "", ports, None, (), "", (), says),)
     found = []
     machine = d.machine
     at = len(d.chosen.z) - sum(len(machine.candidates[v.candidate].at) for v in d.chosen.chosen)
@@ -204,11 +205,17 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
             words.append(f"since about {since:.0f} s")
         if where:
             words.append(f"mostly where {where}")
-        if rivals:
+        named: str | None = mechanism.name
+        if len(rivals) >= LARGEST_SET:
+            # A set of many is no name: what is said is where it is.
+            count = len(rivals) + 1
+            words.insert(0, f"something acts at {mechanism.port}; {count} candidates cannot be told apart here")
+            named, probability = None, 0.0
+        elif rivals:
             words.append(f"these recordings cannot tell it from {', '.join(rivals)}")
         found.append(
             Finding(
-                kind, mechanism.name, term, probability, tuple(rivals), mechanism.port, ports, since,
+                kind, named, term, probability, tuple(rivals) if named else (), mechanism.port, ports, since,
                 () if since is None else ((since, max(float(t.time_s[-1]) for t in d.tracks)),), where, tuple(values),
                 "; ".join(words),
             )
@@ -219,7 +226,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
 def _probability(d: Diagnosis, name: str) -> float:
     """Weight of the explanations that hold a name among all that were fitted, tempered by unmodelled background."""
     assert d.chosen is not None
-    slack = RIVAL / 2.0
+    slack = NEAR / 2.0
     weights: dict[frozenset[str], float] = {}
     for e in (d.chosen, *d.tried):
         key = frozenset(e.names)

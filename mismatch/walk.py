@@ -12,26 +12,19 @@ from scipy.stats import chi2
 from data.errors import BadInput
 from data.recording import Recording
 from mismatch.checks import Test, audit, residual_tests
+from mismatch.climb import climb, gross
+from mismatch.explanation import Explanation, present, refit, rewhitened
 from mismatch.fit import KNOTS, Problem, Unknown, solve
+from mismatch.guards import Guards
 from mismatch.machine import Machine
+from mismatch.many import MANY, from_everything
 from mismatch.model import whole_catalogue
 from mismatch.noise import ORDER, Whitener, noise_floor
 from mismatch.onset import find_onsets, settled_onsets
+from mismatch.picture import Picture, Variant, picture, variants
 from mismatch.proof import Gain, Held, gain, held_out
-from mismatch.search import (
-    LARGEST,
-    PENALTY,
-    Explanation,
-    Picture,
-    Variant,
-    best_sets,
-    local_search,
-    picture,
-    present,
-    refit,
-    rewhitened,
-    variants,
-)
+from mismatch.rivals import plainest, rivals
+from mismatch.search import LARGEST, PENALTY, best_sets, local_search
 from mismatch.tracks import Track, prepare
 from physics.simulator import Array, Mechanism, Simulator
 
@@ -39,11 +32,7 @@ PRIOR = 4.0
 """Prior standard deviation of a parameter or start state, in its scales."""
 LEAST_GAIN = 20.0
 """Log-likelihood units (twice) below which nothing is named, whatever the noise would allow."""
-RIVAL = 10.0
-"""Units that the next explanation must stay behind to be ruled out."""
-RIVAL_SHARE, RIVAL_MOST = 0.02, 45.0
-"""A share of the gain is added, since no form is exact, up to this in all."""
-TURNS = 4
+TURNS = 8
 SHORTEST_BLOCKS = 30
 NULL_DRAWS, NULL_INFLATION = 400, 1.3
 SPLIT = 0.7
@@ -89,6 +78,7 @@ def examine(
     hold_out: Sequence[Recording] = (),
     catalogue: Sequence[Mechanism] | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
+    guards: Guards = Guards(),
 ) -> Diagnosis:
     """The stages one after the other; ``mismatch.diagnose`` says what it takes."""
     progress("audit", 0.0)
@@ -107,37 +97,38 @@ def examine(
     remarks = audit(tracks, simulator)
     floor = _floor(tracks, simulator)
     try:
-        machine.settle_step(tracks, floor)
+        coarse = machine.settle_step(tracks, floor)
     except ValueError as error:
         raise BadInput(str(error)) from error
+    remarks += [coarse] if coarse else []
 
     progress("calibrate", 0.0)
     unknowns = (*_parameters(simulator), *_own(simulator, tracks))
     problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
     z, _ = solve(problem, problem.z0, 12)
     # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
-    problem = rewhitened(problem, z, floor, 0)
+    problem = rewhitened(problem.refined(z), z, floor, 0)
     z, cost = solve(problem, z, 4)
 
     choices = variants(machine.candidates)
-    before, best, tried, shown, threshold = _search(problem, z, cost, choices, floor, progress)
+    before, best, tried, shown, threshold = _search(problem, z, cost, choices, floor, progress, guards)
     problem, z = before.problem, before.z
 
     progress("prove", 0.0)
     own = _own(simulator, held)
     tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
     held_before = held_out(problem, z, held, own) if held else None
-    held_after, share, refused, rivals = None, None, "", []
+    held_after, share, refused, alternatives = None, None, "", []
     if best is not None:
-        held_after = held_out(best.problem, best.z, held, own) if held else None
-        if held_before is not None and held_after is not None:
+        if held_before is not None:
+            best, held_after = _proved(best, shown, held_before, held, own)
             share = gain(held_before, held_after, best.problem.whitener.variance())
-        refused = _refusal(best, before, threshold, share)
-        rivals = _rivals(before, best, tried)
+        refused = _refusal(best, before, threshold, share if guards.held_out_gate else None)
+        alternatives = rivals(before, best, shown, tried, guards.pairs)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None
     return Diagnosis(
-        simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, rivals,
+        simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, alternatives,
         threshold, held_before, held_after, share, refused,
     )  # fmt: skip
 
@@ -208,8 +199,10 @@ def _own(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown, ...]:
     return tuple(found)
 
 
-def null_threshold(shown: Picture, seed: int = 0) -> float:
+def null_threshold(shown: Picture, guards: Guards = Guards(), seed: int = 0) -> float:
     """Gain that the best single candidate reaches by noise alone in one of a hundred recordings, inflated."""
+    if not guards.nominal_null:
+        return float(chi2.isf(0.01, 1))
     rng = np.random.default_rng(seed)
     d = np.diag(shown.G)
     informative = d > 1e-3
@@ -224,7 +217,7 @@ def null_threshold(shown: Picture, seed: int = 0) -> float:
 
 def _search(
     problem: Problem, z: Array, cost: float, choices: Sequence[Variant], floor: Array,
-    progress: Callable[[str, float], None],
+    progress: Callable[[str, float], None], guards: Guards,
 ) -> tuple[Explanation, Explanation | None, list[Explanation], Picture, float]:  # fmt: skip
     """Picture, fit what looks best, picture again from there, until nothing changes; then judge with true noise.
 
@@ -232,98 +225,122 @@ def _search(
         The calibrated model, the best explanation or None, all explanations in the order of merit, the
         last picture, and the gain that an effect must have.
     """
+    order = ORDER if guards.whitening else 0
     before = Explanation((), (), problem, z, cost)
     best = before
+    if gross(problem, z, floor):
+        best = climb(before, choices, guards.pairs, lambda share: progress("screen", share / (TURNS + 1)))
+        problem = rewhitened(best.problem, best.z, floor, order, problem)
+        best = _again(problem, best)
+        problem = dataclasses.replace(problem, offsets=best.problem.offsets)
     for turn in range(TURNS):
-        shown = _pictured(problem, best, choices, progress, turn)
-        if best.names and _unchanged(shown, best):
+        shown = _pictured(problem, best, choices, progress, turn, guards)
+        if best.names and _unchanged(shown, best, guards):
             break
-        if turn == 0 and (since := find_onsets(problem, best.z, shown)):
+        if not best.names and turn == 0 and (since := find_onsets(problem, best.z, shown)):
             problem = dataclasses.replace(problem, since=since)
             best = before = dataclasses.replace(before, problem=problem)
-            shown = _pictured(problem, best, choices, progress, turn)
-        found = _refitted(problem, best, shown, PENALTY, progress, turn)
-        if not found or not _score(found[0], PENALTY) < _score(best, PENALTY) - 1.0:
+            shown = _pictured(problem, best, choices, progress, turn, guards)
+        found = _refitted(problem, best, shown, PENALTY, progress, turn, guards)
+        if not found or not found[0].score(PENALTY) < best.score(PENALTY) - 1.0:
             break
         best = found[0]
         # What is explained no longer counts as noise.
-        problem = rewhitened(best.problem, best.z, floor, 0, problem)
+        problem = rewhitened(best.problem, best.z, floor, order, problem)
         best = _again(problem, best)
-    problem = rewhitened(best.problem, best.z, 0.3 * floor, ORDER, problem)
+        problem = dataclasses.replace(problem, offsets=best.problem.offsets)
+    if len(best.names) >= MANY:
+        problem = dataclasses.replace(problem, whitener=best.problem.whitener)
+        best = from_everything(best, problem, choices)
+    problem = rewhitened(best.problem, best.z, 0.3 * floor, order, problem)
     if problem.since:
         problem = dataclasses.replace(problem, since=settled_onsets(best.problem, best.z).since)
     best = _again(problem, best)
-    before = Explanation((), (), problem, *solve(problem, z, 4))
-    shown = _pictured(problem, best, choices, progress, TURNS)
-    threshold = null_threshold(shown)
-    tried = _refitted(problem, best, shown, threshold, progress, TURNS)
+    before = _again(problem, dataclasses.replace(before, z=z))
+    problem = dataclasses.replace(problem, offsets=best.problem.offsets)
+    shown = _pictured(problem, best, choices, progress, TURNS, guards)
+    threshold = null_threshold(shown, guards)
+    tried = _refitted(problem, best, shown, threshold, progress, TURNS, guards)
     if best.names:
         tried.append(best)
-    tried.sort(key=lambda e: _score(e, threshold))
-    if not tried or not _score(tried[0], threshold) < before.cost:
+    tried.sort(key=lambda e: e.score(threshold))
+    if not tried or not tried[0].score(threshold) < before.cost:
         return before, None, tried, shown, threshold
-    return before, tried[0], tried, shown, threshold
+    if plainest(tried) is not best:
+        best = _again(problem, plainest(tried))
+        tried = [best, *(e for e in tried if e.names != best.names)]
+        problem = dataclasses.replace(problem, offsets=best.problem.offsets)
+        shown = _pictured(problem, best, choices, progress, TURNS, guards)
+    return before, best, tried, shown, threshold
 
 
-def _unchanged(shown: Picture, best: Explanation) -> bool:
+def _proved(
+    best: Explanation, shown: Picture, held_before: Held, held: Sequence[Track], own: Sequence[Unknown]
+) -> tuple[Explanation, Held]:
+    """The explanation without the effects that do nothing for the held-out recordings, and its errors there."""
+    held_best = held_out(best.problem, best.z, held, own)
+    variance = best.problem.whitener.variance()
+    chosen = list(range(len(best.chosen)))
+    n_base = len(best.z) - sum(len(best.problem.machine.candidates[v.candidate].at) for v in best.chosen)
+    base = dataclasses.replace(best.problem, unknowns=best.problem.unknowns[:n_base])
+    while len(chosen) > 1:
+        without = []
+        for i in chosen:
+            e = refit(base, best.z[:n_base], shown, [j for j in chosen if j != i], rounds=1)
+            h = held_out(e.problem, e.z, held, own)
+            without.append((gain(held_before, h, variance).share, i, e, h))
+        share, i, e, h = max(without, key=lambda w: w[0])
+        if share < gain(held_before, held_best, variance).share:
+            break
+        chosen.remove(i)
+        best, held_best = e, h
+    return best, held_best
+
+
+def _unchanged(shown: Picture, best: Explanation, guards: Guards) -> bool:
     """Would a search from what is there end where it is?"""
     here = tuple(range(len(best.chosen)))
-    ends = local_search(shown, here, LARGEST, PENALTY)
+    ends = local_search(shown, here, LARGEST, PENALTY, guards.pairs)
     owners = {shown.variants[i].candidate for i in ends}
     return owners == {v.candidate for v in best.chosen}
 
 
 def _pictured(
-    problem: Problem, at: Explanation, choices: Sequence[Variant], progress: Callable[[str, float], None], turn: int
-) -> Picture:
+    problem: Problem, at: Explanation, choices: Sequence[Variant], progress: Callable[[str, float], None], turn: int,
+    guards: Guards,
+) -> Picture:  # fmt: skip
     steps = len(choices) * len(problem.tracks)
     count = iter(range(steps))
     return picture(
         problem, at.z[: len(problem.unknowns)], choices, present(at),
-        lambda: progress("screen", (turn + next(count, steps) / steps) / (TURNS + 1)),
+        lambda: progress("screen", (turn + next(count, steps) / steps) / (TURNS + 1)), guards.projection,
     )  # fmt: skip
 
 
 def _refitted(
-    problem: Problem, at: Explanation, shown: Picture, penalty: float, progress: Callable[[str, float], None], turn: int
-) -> list[Explanation]:
+    problem: Problem, at: Explanation, shown: Picture, penalty: float, progress: Callable[[str, float], None],
+    turn: int, guards: Guards,
+) -> list[Explanation]:  # fmt: skip
     """The promising sets fitted, the best of them with its shape parameters free; best first."""
     z = at.z[: len(problem.unknowns)]
-    sets = best_sets(shown, LARGEST, penalty, start=range(len(at.chosen)))
+    sets = best_sets(shown, LARGEST, penalty, guards.pairs, range(len(at.chosen)))
     found = []
     for k, chosen in enumerate(sets):
         progress("refit", (turn + k / len(sets)) / (TURNS + 1))
         found.append((refit(problem, z, shown, chosen), chosen))
-    found.sort(key=lambda f: _score(f[0], penalty))
+    found.sort(key=lambda f: f[0].score(penalty))
     out = [e for e, _ in found]
     if found:
         out[0] = refit(problem, z, shown, found[0][1], rounds=4)
-    return sorted(out, key=lambda e: _score(e, penalty))
+    return sorted(out, key=lambda e: e.score(penalty))
 
 
 def _again(problem: Problem, explanation: Explanation) -> Explanation:
     """An explanation fitted again under another noise."""
     moved = dataclasses.replace(explanation.problem, whitener=problem.whitener, since=problem.since)
+    moved = moved.refined(explanation.z)
     z, cost = solve(moved, explanation.z, 3)
     return dataclasses.replace(explanation, problem=moved, z=z, cost=cost)
-
-
-def _score(explanation: Explanation, threshold: float) -> float:
-    return explanation.cost + threshold * len(explanation.names)
-
-
-def _rivals(before: Explanation, best: Explanation, tried: Sequence[Explanation]) -> list[list[str]]:
-    """For each effect, what could stand in its place at hardly any loss."""
-    slack = min(RIVAL + RIVAL_SHARE * (before.cost - best.cost), RIVAL_MOST)
-    out = []
-    for name in best.names:
-        rest = set(best.names) - {name}
-        close: list[tuple[float, str]] = []
-        for e in tried:
-            if len(e.names) == len(best.names) and rest <= set(e.names) and name not in e.names:
-                close += [(e.cost, other) for other in set(e.names) - rest if e.cost - best.cost < slack]
-        out.append([other for _, other in sorted(close)])
-    return out
 
 
 def _refusal(best: Explanation, before: Explanation, threshold: float, share: Gain | None) -> str:

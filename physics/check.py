@@ -60,6 +60,8 @@ def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
         raise ValueError(f"{who}: has a term and a series; give one")
     if bool(mechanism.states) != (mechanism.derivative is not None):
         raise ValueError(f"{who}: states and derivative go together; give both or neither")
+    if mechanism.initial is not None and not mechanism.states:
+        raise ValueError(f"{who}: has initial but no states; give both or leave it out")
     own = _nominal(mechanism.parameters)
     if mechanism.series is not None:
         if kind not in ("output", "input"):
@@ -73,6 +75,8 @@ def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
         _call(mechanism.term, arguments, None, f"{who}: term(x, u, theta)")
         if mechanism.derivative is not None:
             _call(mechanism.derivative, arguments, mechanism.states, f"{who}: derivative(x, u, theta)")
+        if mechanism.initial is not None:
+            _call(mechanism.initial, arguments, mechanism.states, f"{who}: initial(x0, u0, theta)")
     else:
         for variable in mechanism.parameters:
             index_of(

@@ -32,8 +32,13 @@ class Compiled(NamedTuple):
 @functools.cache
 def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """The function compiled on first call; the same function twice compiles once."""
-    function = getattr(function, "native", function)
+    function = _native(function)
     return function if hasattr(function, "py_func") else njit(error_model="numpy")(function)
+
+
+def _native(function: Any) -> Any:
+    """What to compile: of an equation that ``physics.source`` wrote, the one that calls compiled functions."""
+    return function.native() if hasattr(function, "native") else function
 
 
 class _Argument(types.WrapperAddressProtocol):  # type: ignore[misc]
@@ -81,9 +86,9 @@ def compiled(simulator: Simulator) -> Compiled:
 
 def _equation(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile to the one signature; a tuple as the result is accepted too."""
-    source = getattr(function, "native", function)
+    source = _native(function)
     source = getattr(source, "py_func", source)
-    # Closures made by Simulator.with_ hold other compiled functions, which the disk cache cannot key.
+    # Closures may hold other compiled functions, which the disk cache cannot key; physics.native can.
     # A user's file goes by a name of ours here, under which another process would look for it in vain.
     own_file = (source.__module__ or "").startswith(USER_FILE)
     cache = source.__closure__ is None and not source.__code__.co_filename.startswith("<") and not own_file

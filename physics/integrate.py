@@ -20,18 +20,18 @@ def rk4(rhs, x, u, theta, dt_s, substeps):  # type: ignore[no-untyped-def]
     h = dt_s / substeps
     n = x.size
     x = x.copy()
-    y = np.empty(n)
+    y = np.empty((3, n))  # one per stage: what rhs returns may be its argument
     for _ in range(substeps):
         k1 = rhs(x, u, theta)
         for i in range(n):
-            y[i] = x[i] + 0.5 * h * k1[i]
-        k2 = rhs(y, u, theta)
+            y[0, i] = x[i] + 0.5 * h * k1[i]
+        k2 = rhs(y[0], u, theta)
         for i in range(n):
-            y[i] = x[i] + 0.5 * h * k2[i]
-        k3 = rhs(y, u, theta)
+            y[1, i] = x[i] + 0.5 * h * k2[i]
+        k3 = rhs(y[1], u, theta)
         for i in range(n):
-            y[i] = x[i] + h * k3[i]
-        k4 = rhs(y, u, theta)
+            y[2, i] = x[i] + h * k3[i]
+        k4 = rhs(y[2], u, theta)
         for i in range(n):
             x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
     return x

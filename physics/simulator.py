@@ -63,11 +63,14 @@ class Mechanism:
         term: ``term(x, u, theta) -> float``; x and theta are the whole vectors, the mechanism's own
             entries last.
         derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if ``states``.
+        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, if not at their nominal
+            values. x0 and theta as for the term, its own states still nominal.
         series: ``series(time_s, values, theta) -> values``, all (N,) but its own theta; at an output
             what the sensor makes of the clean reading, at an input what the machine got where
             ``values`` were recorded.
         formula: the term for people, its parameters in braces: ``"-{b_Nms} omega"``.
         kind: "physics", "sensor" or "input": what is to blame.
+        contains: the name of a simpler mechanism that this one can become.
     """
 
     name: str
@@ -78,9 +81,11 @@ class Mechanism:
     states: tuple[Variable, ...] = ()
     term: Callable[[Array, Array, Array], float] | None = None
     derivative: Equation | None = None
+    initial: Equation | None = None
     series: Callable[[Array, Array, Array], Array] | None = None
     formula: str = ""
     kind: str = "physics"
+    contains: str = ""
 
 
 @dataclass(frozen=True)

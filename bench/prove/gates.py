@@ -13,7 +13,20 @@ from scipy.stats import norm
 from bench.prove.judge import COLUMNS
 from bench.prove.marks import DETECTABLE, NEAR, SOUND, UNKNOWN, marks, miss
 
-TEXTS = ("truth", "verdict", "named", "set", "port_truth", "ports_named")
+COMPARED = {
+    "right_name": "right name, single detectable effect",
+    "right_or_in_set": "right name, alone or in a set of at most three",
+    "both_of_two": "both of two effects",
+    "false_name": "false name: clean, parameters, poor excitation",
+    "sensor_called_physics": "sensor fault called physics",
+    "fault_named": "sensor or input fault named",
+    "confidently_wrong": "confidently wrong",
+    "abstains": "truth not in the catalogue: abstains or a right set",
+    "located": "located within two ports",
+    "gain": "held-out gain of every detectable effect, median",
+}
+"""Gates that engines are held against each other by: column of ``engines.csv``, gate."""
+TEXTS = ("truth", "verdict", "named", "set", "port_truth", "ports_named", "alike")
 
 
 def read_cases(path: Path) -> pd.DataFrame:
@@ -43,6 +56,8 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
     named = marked["confidently_wrong"].eq(False) & detectable & (rows["named"] != "") & ~rows["cell"].isin(SOUND)
     sized = rows.loc[detectable & marked["named_right"].eq(True)]
     gains = rows.loc[named & ~rows["cell"].isin([*UNKNOWN, "sensor"])]
+    # Who says nothing gains nothing.
+    any_gain = rows.loc[detectable & ~rows["cell"].isin(SOUND), "gain"].fillna(0.0)
     table = [
         _rate("right name, single detectable effect", ">=", 0.85, marked["named_right"]),
         _rate("right name, alone or in a set of at most three", "", np.nan, marked["set_right"]),
@@ -58,8 +73,30 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
         _rate("90 % interval covers the size", "in", (0.85, 0.95), sized["size_covered"].dropna() > 0.5),
         _quantile("held-out gain, median", ">=", 0.9, gains["gain"]),
         _quantile("held-out gain, 5 % quantile", ">=", 0.5, gains["gain"], 0.05),
+        _quantile("held-out gain of every detectable effect, median", "", np.nan, any_gain),
         _quantile("share of the oracle's gain, median", ">=", 0.95, gains["gain"] / gains["oracle_gain"]),
     ]
+    return pd.DataFrame(table)
+
+
+def engine_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """The engines side by side, over the cases that all of them answered: a row per engine.
+
+    Columns are engine, cases, then for each of ``COMPARED`` the measured value, ``_low``, ``_high`` (95 %, as in
+    ``gate_table``) and ``_cases``, last the median seconds.
+    """
+    engines = list(dict.fromkeys(rows["engine"]))
+    by_all = rows.groupby("case")["engine"].transform("nunique") == len(engines)
+    table = []
+    for engine in engines:
+        own = rows[by_all & (rows["engine"] == engine)]
+        gates = gate_table(own).set_index("gate")
+        line: dict[str, Any] = {"engine": engine, "cases": len(own)}
+        for column, gate in COMPARED.items():
+            g = gates.loc[gate]
+            line |= {column: g["measured"], f"{column}_low": g["low"], f"{column}_high": g["high"]}
+            line[f"{column}_cases"] = g["cases"]
+        table.append(line | {"seconds": own["seconds"].median()})
     return pd.DataFrame(table)
 
 
@@ -86,9 +123,7 @@ def _quantile(gate: str, sense: str, required: float, values: pd.Series, share: 
     return _line(gate, sense, required, float(ends[0]), float(ends[1]), float(ends[2]), n)
 
 
-def _line(
-    gate: str, sense: str, required: Any, measured: float, low: float, high: float, cases: int
-) -> dict[str, Any]:
+def _line(gate: str, sense: str, required: Any, measured: float, low: float, high: float, cases: int) -> dict[str, Any]:
     met: bool | None = None
     if cases and sense:
         met = {
@@ -120,4 +155,20 @@ def as_markdown(gates: pd.DataFrame) -> str:
         if g["cases"]:
             measured, interval = f"{g['measured']:.3g}", f"{g['low']:.3g} to {g['high']:.3g}"
         lines.append(f"| {g['gate']} | {g['required']} | {measured} | {interval} | {g['cases']} | {met} |")
+    return "\n".join(lines) + "\n"
+
+
+def engines_as_markdown(table: pd.DataFrame) -> str:
+    """``engine_table`` to read: each engine's values with their 95 % intervals."""
+    lines = [
+        f"The {table['cases'].iloc[0]} cases that every engine answered; 95 % intervals in brackets.", "",
+        "| engine | " + " | ".join(column.replace("_", " ") for column in COMPARED) + " | s |",
+        "|---" * (len(COMPARED) + 2) + "|",
+    ]  # fmt: skip
+    for _, row in table.iterrows():
+        cells = [
+            f"{row[c]:.2f} ({row[f'{c}_low']:.2f} to {row[f'{c}_high']:.2f})" if row[f"{c}_cases"] else "-"
+            for c in COMPARED
+        ]
+        lines.append(f"| {row['engine']} | " + " | ".join(cells) + f" | {row['seconds']:.3g} |")
     return "\n".join(lines) + "\n"

@@ -163,11 +163,18 @@ def _scaled(
             wrong.append((effect.ports[0], kind, amplitude))
         sizes = {effect.size: [effect.absent + effect.scale * amplitude, effect.absent]} if effect.size else {}
         found.append({
-            "name": effect.name, "right": list(effect.right), "ports": list(effect.ports), "amplitude": amplitude,
-            "sizes": sizes, "held_out": held_out, "in_training": in_training,
+            "name": effect.name, "right": list(effect.right), "alike": _alike(machine, effect),
+            "ports": list(effect.ports), "amplitude": amplitude, "sizes": sizes,
+            "held_out": held_out, "in_training": in_training,
             "severity": in_training if kind == "stuck" else min(held_out, in_training),
         })  # fmt: skip
     return _Plan(takes, p, after, onset_s, tuple(wrong)), found
+
+
+def _alike(machine: Machine, effect: Effect) -> list[str]:
+    """Catalogue names of what looks like an effect: where the catalogue lacks it, a set with one of them is right."""
+    partners = [name for pair in machine.confusable if effect.name in pair for name in pair if name != effect.name]
+    return sorted({n for partner in partners for n in machine.effect(partner).right})
 
 
 def _effect_change(

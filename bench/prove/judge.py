@@ -13,9 +13,11 @@ from bench.prove.seal import Sealed, check
 COLUMNS = (
     "case", "machine", "cell", "severity", "background_pct", "truth", "verdict", "named", "set", "port_truth",
     "ports_named", "onset_error_s", "size_error_pct", "size_covered", "gain", "oracle_gain", "engine", "seconds",
+    "alike",
 )  # fmt: skip
 """In ``truth`` and ``port_truth`` effects are joined by ``+``, what counts as right for one of them by ``|``.
-``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``."""
+``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``;
+``alike`` what looks like the effects, which is right in a set where the catalogue lacks them."""
 PORTS = 2
 """So many ports a location may hold."""
 _LEAST_EXCESS = 2e-4
@@ -50,9 +52,11 @@ def score(
     truth = check(sealed, published)
     effects = truth["effects"]
     found = claims(verdict)
-    named = [c.names[0] for c in found if c.single]
-    sets = [c.names for c in found if len(c.names) > 1]
-    matched = [(e, c) for e in effects for c in found if c.single and c.names[0] in e["right"]]
+    # Names for the same thing, each as right as the other, are no set.
+    same = [c for c in found if c.single or any(c.names and set(c.names) <= set(e["right"]) for e in effects)]
+    named = [c.names[0] for c in same]
+    sets = [c.names for c in found if len(c.names) > 1 and c not in same]
+    matched = [(e, c) for e in effects for c in same if c.names[0] in e["right"]]
     error, covered = size_error(*matched[0]) if len(effects) == 1 and matched else (np.nan, np.nan)
     return {
         "case": truth["case"], "machine": truth["machine"], "cell": truth["cell"], "severity": truth["severity"],
@@ -65,6 +69,7 @@ def score(
         "size_error_pct": error, "size_covered": covered,
         "gain": gain(verdict, truth["held_out_floor"]) if found else np.nan, "oracle_gain": oracle_gain,
         "engine": engine, "seconds": float(verdict.get("seconds", np.nan)),
+        "alike": "+".join("|".join(e["alike"]) for e in effects),
     }  # fmt: skip
 
 

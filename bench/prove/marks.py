@@ -37,7 +37,9 @@ def marks(row: pd.Series) -> Marks:
     sets = [set(s.split("|")) for s in _parts(row["set"], "+")]
     small = [s for s in sets if len(s) <= LARGEST_SET]
     right = set().union(*truth)
+    alike = set(str(row["alike"]).replace("+", "|").split("|")) - {""}
     wrong = named - right
+    answers = right | alike
     detectable = float(row["severity"]) >= NEAR * DETECTABLE
     alone = all(effect & named for effect in truth) and not wrong
     inside = all(effect & named or any(effect & s for s in small) for effect in truth) and not wrong
@@ -53,7 +55,7 @@ def marks(row: pd.Series) -> Marks:
         physics_for_sensor=bool(physics) and not right & named if cell == "sensor" else None,
         fault_right=alone if detectable and cell == "sensor" else None,
         confidently_wrong=bool(wrong) or (cell in SOUND and bool(named)),
-        abstained_right=(not wrong and (not sets or any(right & s for s in sets))) if cell in UNKNOWN else None,
+        abstained_right=(not wrong and (not sets or any(answers & s for s in sets))) if cell in UNKNOWN else None,
         located=all(p & pointed for p in ports) if detectable and cell not in (*SOUND, "sensor") else None,
     )
 

@@ -1,48 +1,48 @@
-"""The whole suite: draw, seal, ask blindly, judge; resumable, in parallel, with its tables."""
+"""The whole suite: every case on every engine, resumable, in parallel, with its tables."""
 
 from __future__ import annotations
 
 import json
 import os
-import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pandas as pd
 from joblib import Parallel, delayed
 from rich.console import Console
+from rich.progress import TextColumn
 
-from bench.prove.engine import Engine
-from bench.prove.gates import as_markdown, by, gate_table, misses, read_cases
-from bench.prove.generate import Item, draw, write
-from bench.prove.judge import COLUMNS, score
+from bench.prove.case import close, digest, missing, row, run_case
+from bench.prove.engines import ENGINES, MAIN, ORACLE
+from bench.prove.gates import as_markdown, by, engine_table, engines_as_markdown, gate_table, misses, read_cases
+from bench.prove.generate import Item
+from bench.prove.judge import COLUMNS
 from bench.prove.plan import cases
-from bench.prove.seal import seal
 from bench.store import check_writable, key_of, write_text
-from bench.versions import code_version, provenance
+from bench.versions import provenance
 from data.errors import BadInput
 
-ENGINES = {"twinbench": "mismatch:diagnose"}
-ORACLE = "oracle"
-"""An engine of this name is told which mechanisms there are, and its gain is what others are held against."""
-TIMEOUT_S = 900.0
-_ENGINES: dict[str, Engine] = {}
-"""This worker's blind process."""
+OURS = MappingProxyType({"twinbench": ENGINES["twinbench"]})
+_Plan = Sequence[tuple[Item, Mapping[str, str]]]
+"""Cases, and the engines that get each of them."""
 
 
 def run(
-    n: int, seed: int, out: Path, console: Console, engines: Mapping[str, str] = ENGINES, jobs: int = 0,
-    command: str = "",
+    n: int, seed: int, out: Path, console: Console, engines: Mapping[str, str] = OURS, jobs: int = 0,
+    opponent_cases: int | None = None, command: str = "",
 ) -> pd.DataFrame:  # fmt: skip
     """Run n cases on every engine; write ``cases.csv``, ``gates.csv``, ``misses.csv``, ``manifest.json`` into ``out``.
 
-    A case that an earlier run finished with the same code is kept.
+    ``engines.csv`` and ``engines.md`` hold the engines side by side. What an earlier run finished with the same
+    code is kept, engine by engine.
 
     Args:
-        engines: by name, "module:function", called as ``mismatch.diagnose``; the oracle first if there is one.
+        engines: by name, "module:function", called as ``mismatch.diagnose``.
         jobs: processes; as many as there are cores if 0.
+        opponent_cases: so many cases, the first ones, for all but our engine and the oracle; all if None.
 
     Returns:
         The gate table of the first engine that is not the oracle.
@@ -50,108 +50,68 @@ def run(
     Raises:
         BadInput: no case at all is wanted, or ``out`` cannot be written to.
     """
-    if n < 1:
-        raise BadInput(f"--cases is {n}, must be at least 1")
+    plan = planned(n, seed, engines, opponent_cases)
     began = time.time()
     out = out.absolute()
     check_writable(out)
-    items = cases(n, seed)
-    order = sorted(engines.items(), key=lambda pair: pair[0] != ORACLE)
-    todo = [item for item in items if not _finished(out, item, seed, order)]
-    if len(todo) < len(items):
-        console.print(f"{len(items) - len(todo)} of {len(items)} cases are there from an earlier run")
+    todo = [(item, asked, left) for item, asked in plan if (left := missing(item, seed, out, asked))]
+    if len(todo) < len(plan):
+        console.print(f"{len(plan) - len(todo)} of {len(plan)} cases are there from an earlier run")
     work = Parallel(n_jobs=jobs or os.cpu_count() or 1, return_as="generator_unordered")
     from bench.runner import bars
 
     try:
         with bars(console) as progress:
-            task = progress.add_task("cases", total=len(todo))
-            for _ in work(delayed(run_case)(item, seed, out, order) for item in todo):
-                progress.advance(task)
+            progress.columns = (*progress.columns, TextColumn("{task.fields[pace]}"))
+            task = progress.add_task("cases", total=len(todo), pace="")
+            answers, total = 0, sum(len(left) for _, _, left in todo)
+            for done, asked in enumerate(work(delayed(run_case)(i, seed, out, e, left) for i, e, left in todo), 1):
+                answers += asked
+                progress.update(task, advance=1, pace=pace(done, answers, total, progress.tasks[task].elapsed or 0.0))
     finally:
-        if engine := _ENGINES.pop(str(out), None):  # this process worked too; a worker's ends with the worker
-            engine.close()
-    return report(out, items, seed, order, {"command": command, "wall_s": round(time.time() - began, 1)})
+        close(out)
+    facts = {"command": command, "opponent_cases": opponent_cases, "wall_s": round(time.time() - began, 1)}
+    return report(out, plan, seed, engines, facts)
 
 
-def run_case(item: Item, seed: int, out: Path, engines: Sequence[tuple[str, str]]) -> None:
-    """One case: draw, publish the seal, ask every engine, and only then write truth and rows down.
+def planned(n: int, seed: int, engines: Mapping[str, str], opponent_cases: int | None) -> _Plan:
+    """Which engines get which cases; a case that none gets is left out."""
+    few = n if opponent_cases is None else opponent_cases
+    for option, value in (("--cases", n), ("--opponent-cases", few)):
+        if value < 1:
+            raise BadInput(f"{option} is {value}, must be at least 1")
+    main = {name: engine for name, engine in engines.items() if name in MAIN}
+    plan = [(item, engines if i < few else main) for i, item in enumerate(cases(n, seed))]
+    return [(item, asked) for item, asked in plan if asked]
 
-    Until then the truth is in this process's memory alone.
-    """
-    case = draw(item, seed)
-    sealed = seal(case.truth)
-    folder = out / "cases" / item.case
-    # Parts of an earlier attempt must not be taken for this one's.
-    for old in folder.glob("row-*.json"):
-        old.unlink()
-    published = {"case": item.case, "sha256": sealed.digest, "of": "salt, newline, canonical JSON of the truth"}
-    write_text(folder / "seal.json", json.dumps(published))
-    answers = {}
-    for name, engine in engines:
-        with tempfile.TemporaryDirectory(prefix="case-") as given:
-            write(case, Path(given))
-            if name == ORACLE:
-                told = case.public | {"only": [n for e in case.truth["effects"] for n in e["right"]]}
-                (Path(given) / "case.json").write_text(json.dumps(told))
-            answers[name] = _engine(out).ask(Path(given), engine, TIMEOUT_S)
-        write_text(folder / f"verdict-{name}.json", json.dumps(answers[name], indent=1))
-    write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
-    digest = json.loads((folder / "seal.json").read_text())["sha256"]
-    oracle_gain = 1.0
-    for name, engine in engines:
-        row = score(sealed, digest, answers[name], name, oracle_gain)
-        if name == ORACLE:
-            oracle_gain = row["gain"]
-        write_text(folder / f"row-{name}.json", json.dumps({"key": _key(item, seed, engine), "row": row}))
+
+def pace(done: int, answers: int, total: int, elapsed_s: float) -> str:
+    """Cases per minute, and how long it goes on: cases differ in how many engines they ask, so answers count."""
+    left_s = elapsed_s * max(total - answers, 0) / answers
+    return f"{60.0 * done / max(elapsed_s, 1e-3):.1f} cases/min, {left_s / 60.0:.0f} min left"
 
 
 def report(
-    out: Path, items: Sequence[Item], seed: int, engines: Sequence[tuple[str, str]], facts: Mapping[str, Any]
-) -> pd.DataFrame:
+    out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts: Mapping[str, Any]
+) -> pd.DataFrame:  # fmt: skip
     """Write the tables of finished cases; the first engine's gates, the oracle's aside."""
-    rows, seals = [], {}
-    for item in items:
-        folder = out / "cases" / item.case
-        rows += [json.loads((folder / f"row-{name}.json").read_text())["row"] for name, _ in engines]
-        seals[item.case] = json.loads((folder / "seal.json").read_text())["sha256"]
+    rows = [row(item, out, name) for item, asked in plan for name in asked]
+    seals = {item.case: digest(out, item) for item, _ in plan}
     write_text(out / "cases.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
     table = read_cases(out / "cases.csv")
-    gates = {name: gate_table(table[table["engine"] == name]) for name, _ in engines}
+    gates = {name: gate_table(table[table["engine"] == name]) for name in engines}
     write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))
     write_text(out / "misses.csv", misses(table).to_csv(index=False))
     rates = by(table, ["engine", "machine", "severity", "background_pct"])
     write_text(out / "by_severity.csv", rates.to_csv(index=False))
     write_text(out / "seals.json", json.dumps(seals, indent=1) + "\n")
-    first = next((name for name, _ in engines if name != ORACLE), ORACLE)
+    first = next((name for name in engines if name != ORACLE), ORACLE)
     write_text(out / "gates.md", as_markdown(gates[first]))
+    compared = engine_table(table)
+    write_text(out / "engines.csv", compared.to_csv(index=False))
+    write_text(out / "engines.md", engines_as_markdown(compared))
     manifest = {
-        "cases": len(items), "seed": seed, "engines": dict(engines), "seal": key_of(**seals), **facts, **provenance(),
+        "cases": len(plan), "seed": seed, "engines": dict(engines), "seal": key_of(**seals), **facts, **provenance(),
     }  # fmt: skip
     write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return gates[first]
-
-
-def _engine(out: Path) -> Engine:
-    if str(out) not in _ENGINES:
-        _ENGINES[str(out)] = Engine(out, out / f"engine-{os.getpid()}.log")
-    return _ENGINES[str(out)]
-
-
-def _finished(out: Path, item: Item, seed: int, engines: Sequence[tuple[str, str]]) -> bool:
-    for name, engine in engines:
-        try:
-            part = json.loads((out / "cases" / item.case / f"row-{name}.json").read_text())
-            if part["key"] != _key(item, seed, engine):
-                return False
-        except (OSError, ValueError, KeyError):
-            return False
-    return True
-
-
-def _key(item: Item, seed: int, engine: str) -> str:
-    """What a row depends on: the item, the seed, the generator's, the judge's and the engine's code."""
-    return key_of(
-        item=list(item.__dict__.values()), seed=seed, engine=engine, suite=code_version("bench.prove.suite"),
-        code=code_version(engine.partition(":")[0]),
-    )  # fmt: skip

@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from refusals import listing, refused
 from tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from data.batch import CHANNELS, ESTIMATED
@@ -37,26 +38,6 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     assert twinbench("simulate", "--profile", profile, "--out", folder / "recordings") == 0
     recording = folder / "recordings" / "test-01.csv"
     return SimpleNamespace(profile=profile, spec=spec, run=folder / "run", recording=recording)
-
-
-def listing(folder: Path) -> list[Path]:
-    return sorted(folder.rglob("*"))
-
-
-def refused(folder: Path, capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """Exit status 2, one line on stderr, nothing on stdout, no file or folder more or less; the line."""
-    before = listing(folder)
-    capsys.readouterr()
-    try:
-        status = twinbench(*arguments)
-    except SystemExit as stopped:
-        status = stopped.code
-    out, err = capsys.readouterr()
-    assert status == 2
-    assert out == ""
-    assert err.startswith("twinbench") and err.count("\n") == 1 and err.endswith("\n"), err  # noqa: PT018
-    assert listing(folder) == before
-    return err
 
 
 def test_starting_up_imports_nothing_heavy() -> None:

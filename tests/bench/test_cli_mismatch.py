@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from refusals import refused
 from tiny_run import twinbench
 
 from data.errors import BadInput
@@ -74,26 +75,6 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     Path("model.toml").write_text('base = "gone.py"\n')
     Path("file").write_text("")
     return tmp_path
-
-
-def listing(folder: Path) -> list[Path]:
-    return sorted(p for p in folder.rglob("*") if "__pycache__" not in p.parts)
-
-
-def refused(folder: Path, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Exit status 2, one line on stderr, nothing on stdout, no file or folder more or less; the line."""
-    before = listing(folder)
-    capsys.readouterr()
-    try:
-        status = twinbench(*arguments)
-    except SystemExit as stopped:
-        status = stopped.code
-    out, err = capsys.readouterr()
-    assert status == 2
-    assert out == ""
-    assert err.startswith("twinbench") and err.count("\n") == 1 and err.endswith("\n"), err  # noqa: PT018
-    assert listing(folder) == before
-    return err
 
 
 @pytest.fixture

@@ -11,10 +11,12 @@ from motor_case import record
 from scipy.signal import lfilter
 
 from mismatch.fit import Problem, Unknown, solve
+from mismatch.leftover import leftover
 from mismatch.machine import Machine
-from mismatch.noise import Whitener, fit_whitener, noise_floor
+from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from mismatch.onset import first_onset
-from mismatch.search import Picture, Variant, best_sets, local_search
+from mismatch.picture import RARE, Picture, Variant
+from mismatch.search import PENALTY, best_sets, local_search, wander
 from mismatch.tracks import despiked, held, prepare
 from physics.integrate import simulate
 
@@ -34,6 +36,18 @@ def test_the_machine_runs_as_the_simulator_does(machine, track):
     machine.step_s = 0.04
     _, expected = simulate(MOTOR, track.u[None], x0, dt_s=0.08, substeps=2)
     np.testing.assert_allclose(machine.run(track, machine.theta, x0), expected[0], rtol=1e-9)
+
+
+def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(machine):
+    slow = prepare([record("slow", 4, seconds=60.0, dt_s=0.02)], MOTOR, blocks=600)[0]
+    assert slow.coarse.samples.tolist() == [5] * 600
+    machine.settle_step([slow], np.array([1.0, 0.5, 0.5]))
+    x0 = machine.start(slow)
+    fine = slow.block_means(machine.run(slow, machine.theta, x0))
+    coarse = machine.run(slow, machine.theta, x0, blocks=True)
+    assert (np.sqrt(np.mean((coarse - fine) ** 2, axis=0)) < 0.05 * fine.std(axis=0)).all()
+    problem = Problem(machine, [slow], (), Whitener(np.zeros((3, 0)), np.ones(3)), [x0])
+    np.testing.assert_allclose(problem.refined(problem.z0).residual(0, problem.z0), slow.means - fine, atol=1e-9)
 
 
 def test_a_force_is_a_rate_of_its_balance(machine, track):
@@ -61,6 +75,22 @@ def test_whitening_turns_an_autoregression_white():
     assert whitener.sd == pytest.approx([2.0, 0.5], rel=0.02)
     assert whitener.variance() == pytest.approx(r.var(axis=0), rel=0.05)
     assert whitener(r)[5:] == pytest.approx(e[5:], abs=0.2)
+
+
+def test_noise_is_whitened_and_a_slow_misfit_is_counted_for_what_it_tells():
+    rng = np.random.default_rng(6)
+    noise = lfilter([1.0], [1.0, -0.8], rng.normal(size=(3, 4000)), axis=-1)
+    misfit = np.repeat(rng.normal(size=(3, 40)), 100, axis=-1)
+    for series, slow in ((noise, False), (misfit + 0.05 * noise, True)):
+        residuals = [s[:, None] for s in series]
+        lasts = blocks_to_forget(list(series))
+        whitener = fit_whitener(residuals, np.zeros(1))
+        assert (lasts > 2 * LONGEST) == slow
+        assert bool(whitener.a.any()) != slow
+        assert whitener.variance() == pytest.approx([np.var(series)], rel=0.1)
+        cost = sum(float(np.sum(whitener(r) ** 2)) for r in residuals)
+        assert cost == pytest.approx(12_000 / (lasts if slow else 1.0), rel=0.05)
+    assert blocks_to_forget(list(noise)) == pytest.approx((1 + 0.8) / (1 - 0.8), rel=0.2)
 
 
 def test_a_gap_is_no_reading_of_the_white_residual():
@@ -123,7 +153,8 @@ def pictured(columns: np.ndarray, r: np.ndarray) -> Picture:
     n = columns.shape[1]
     wide = np.full(n, 1e6)
     variants = tuple(Variant(i, ()) for i in range(n))
-    return Picture(variants, columns.T @ columns, columns.T @ r, -wide, wide, np.ones(n), [], [], np.zeros(n))
+    G, b, none = columns.T @ columns, columns.T @ r, np.zeros(n)
+    return Picture(variants, G, b, -wide, wide, np.ones(n), [], [], none, none.astype(bool))
 
 
 def test_the_gain_of_a_set_is_that_of_least_squares():
@@ -143,6 +174,36 @@ def test_two_effects_that_look_poor_alone_are_found_together():
     shown = pictured(C, r)
     assert (0, 1) in [tuple(sorted(s)) for s in best_sets(shown, 6)]
     assert local_search(shown, (0, 1, 5), 6, 16.0) == (0, 1)
+
+
+def test_a_walk_finds_what_single_steps_do_not():
+    rng = np.random.default_rng(7)
+    true = rng.normal(size=(800, 3))
+    # Two impostors carry two parts each of three effects: no single swap leads from them to the truth.
+    fakes = np.stack([true[:, 0] + true[:, 1], true[:, 1] + true[:, 2]], axis=-1) + 0.3 * rng.normal(size=(800, 2))
+    r = 4.0 * true.sum(axis=1) + rng.normal(size=800)
+    shown = pictured(np.concatenate((fakes, true, rng.normal(size=(800, 20))), axis=1), r)
+    assert wander(shown, (0, 1), 6, PENALTY) == (2, 3, 4)
+
+
+def test_a_second_faulty_sensor_must_earn_more():
+    rng = np.random.default_rng(8)
+    C = rng.normal(size=(300, 2))
+    r = 0.3 * C.sum(axis=1) + 0.1 * rng.normal(size=300)
+    healthy, faulty = pictured(C, r), replace(pictured(C, r), faults=np.ones(2, bool))
+    assert healthy.score((0, 1), PENALTY) - faulty.score((0, 1), PENALTY) == pytest.approx(RARE)
+    assert healthy.score((0,), PENALTY) == faulty.score((0,), PENALTY)
+
+
+def test_what_is_left_over_is_told_from_noise():
+    tracks = prepare([record(f"run {seed}", seed, seconds=200.0) for seed in (10, 11)], MOTOR)
+    rng = np.random.default_rng(9)
+    noise = [lfilter([1.0], [1.0, -0.7], rng.normal(size=t.means.shape), axis=0) for t in tracks]
+    variance = np.concatenate(noise).var(axis=0)
+    hidden = [np.sin(t.coarse.u[:, :1] / 60.0) * [1.4, 0.0, 0.0] for t in tracks]
+    share = float(np.mean(np.concatenate(hidden).var(axis=0) / variance))
+    assert leftover(tracks, noise, variance) < 0.1 * share
+    assert leftover(tracks, [n + h for n, h in zip(noise, hidden, strict=True)], variance) > 0.6 * share
 
 
 def test_a_size_beyond_its_bounds_explains_nothing():

@@ -1,0 +1,101 @@
+"""A set of candidates as an explanation of the recordings, fitted by forward runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mismatch.fit import Problem, Unknown, solve
+from mismatch.noise import fit_whitener
+from mismatch.picture import Picture, Variant, is_amplitude, is_fault, price, typical
+from physics.simulator import Array
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A set of candidates, fitted.
+
+    Attributes:
+        names: candidates in it.
+        problem, z: the fit; its unknowns hold the candidates' parameters after those of the base problem.
+        cost: whitened sum of squares with priors.
+    """
+
+    names: tuple[str, ...]
+    chosen: tuple[Variant, ...]
+    problem: Problem
+    z: Array
+    cost: float
+
+    @property
+    def faults(self) -> int:
+        """How many of them are faults of sensors or inputs."""
+        return sum(is_fault(self.problem.machine.candidates[v.candidate]) for v in self.chosen)
+
+    def score(self, penalty: float) -> float:
+        """Cost and what its effects must earn."""
+        return self.cost + price(len(self.names), self.faults, penalty)
+
+
+def with_candidates(problem: Problem, chosen: Sequence[Variant], ridge: float = 5.0) -> Problem:
+    """The problem with the candidates' parameters among its unknowns.
+
+    Args:
+        ridge: prior standard deviation of their sizes, in typical ones.
+    """
+    added = []
+    for variant in chosen:
+        candidate = problem.machine.candidates[variant.candidate]
+        amplitude = is_amplitude(candidate)
+        values = candidate.null if amplitude else np.array([candidate.null[0], *variant.shape])
+        for place, (at, v, value) in enumerate(zip(candidate.at, candidate.mechanism.parameters, values, strict=True)):
+            scale = abs(typical(candidate)) if place == 0 else (v.high - v.low) / 6.0
+            sd = ridge * scale if place == 0 or amplitude else (v.high - v.low) / 2.0
+            ends = (min(v.low, value), max(v.high, value))
+            added.append(Unknown(f"{candidate.name}.{v.name}", "mechanism", at, *ends, value, sd, scale))
+    return replace(problem, unknowns=(*problem.unknowns, *added))
+
+
+def refit(problem: Problem, z: Array, shown: Picture, chosen: Sequence[int], rounds: int = 0) -> Explanation:
+    """Fit a set: a few steps with the picture's columns, then ``rounds`` with its own."""
+    picked = tuple(shown.variants[i] for i in chosen)
+    whole = with_candidates(problem, picked)
+    known = []
+    for nuisance, columns in zip(shown.nuisance, shown.columns, strict=True):
+        own = np.zeros((*nuisance.shape[:2], len(whole.unknowns) - len(z)))
+        at = 0
+        for i, variant in zip(chosen, picked, strict=True):
+            own[:, :, at] = columns[:, :, i]
+            at += len(problem.machine.candidates[variant.candidate].at)
+        known.append(np.concatenate((nuisance, own), axis=-1))
+    begin = np.concatenate((z, whole.z0[len(z) :]))
+    at = len(z)
+    for i, variant in zip(chosen, picked, strict=True):
+        begin[at] += shown.sizes[i]
+        at += len(problem.machine.candidates[variant.candidate].at)
+    fitted = solve(whole, begin, 1, chords=5, known=known)
+    if rounds:
+        fitted = solve(whole, fitted[0], rounds)
+    names = tuple(problem.machine.candidates[v.candidate].name for v in picked)
+    return Explanation(names, picked, whole, *fitted)
+
+
+def present(explanation: Explanation) -> dict[Variant, float]:
+    """The fitted variants of an explanation and their sizes."""
+    machine = explanation.problem.machine
+    at = len(explanation.z) - sum(len(machine.candidates[v.candidate].at) for v in explanation.chosen)
+    found = {}
+    for variant in explanation.chosen:
+        candidate = machine.candidates[variant.candidate]
+        values = explanation.z[at : at + len(candidate.at)]
+        at += len(candidate.at)
+        shape = variant.shape if is_amplitude(candidate) else tuple(float(v) for v in values[1:])
+        found[Variant(variant.candidate, shape)] = float(values[0] - candidate.null[0])
+    return found
+
+
+def rewhitened(fitted: Problem, z: Array, floor: Array, order: int, problem: Problem | None = None) -> Problem:
+    """``problem`` (the fitted one if left out) with its noise model learnt from the residuals of a fit."""
+    return replace(problem or fitted, whitener=fit_whitener(fitted.residuals(z), floor, order))

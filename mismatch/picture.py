@@ -1,0 +1,197 @@
+"""One linear picture of everything that might be missing.
+
+Around a fit, every candidate is a column: what the readings would do if it were there. What
+parameters, start states and drifts can imitate is projected out of the columns, so a candidate is
+judged by what it alone can explain. The picture is right near the fit only, so what looks best in it
+is fitted in full before anything is said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from mismatch.fit import Problem, parallel
+from mismatch.machine import Candidate, Machine
+from physics.simulator import Array
+
+PROBE = 0.2
+"""Share of its typical size at which a candidate's column is taken."""
+RARE = 20.0
+"""Units that every faulty sensor or input after the first must earn besides: that two fail at once is rare."""
+SHAPES = (0.5, 0.15, 0.85)
+"""Where in its range a shape parameter is tried: its nominal value for the first."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A candidate with its shape parameters at one trial value."""
+
+    candidate: int
+    shape: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Picture:
+    """All variants at once, nuisances eliminated: gain of a set S is ``b_S' G_S^-1 b_S``.
+
+    Attributes:
+        G, b: (V, V), (V,), in units of each variant's typical size.
+        low, high: (V,) what the sizes may be, in the same units.
+        units: (V,) the variants' typical sizes.
+        nuisance, columns: whitened, per recording: (B, ny, K) of the unknowns, (B, ny, V) per unit of size.
+        sizes: (V,) what was there where the picture was taken.
+        faults: (V,) is the variant a fault of a sensor or an input?
+    """
+
+    variants: tuple[Variant, ...]
+    G: Array
+    b: Array
+    low: Array
+    high: Array
+    units: Array
+    nuisance: Sequence[Array]
+    columns: Sequence[Array]
+    sizes: Array
+    faults: np.ndarray
+
+    def gain(self, chosen: Sequence[int]) -> float:
+        """What a set explains; minus infinity if a size would leave its physical range."""
+        return float(self.gains([chosen])[0])
+
+    def gains(self, sets: Sequence[Sequence[int]]) -> Array:
+        """Of many sets at once."""
+        out = np.zeros(len(sets))
+        lengths = np.array([len(chosen) for chosen in sets])
+        for k in np.unique(lengths[lengths > 0]):
+            of_length = np.flatnonzero(lengths == k)
+            i = np.array([sets[int(place)] for place in of_length])
+            b = self.b[i]
+            # A hair on the diagonal: of two columns that are the same, neither may be divided by.
+            G = self.G[i[:, :, None], i[:, None, :]] + 1e-9 * np.eye(k) * self.G[i, i][:, None, :]
+            size = np.linalg.solve(G, b[:, :, None])[:, :, 0]
+            outside = ((size < self.low[i] - 1e-9) | (size > self.high[i] + 1e-9)).any(axis=1)
+            out[of_length] = np.where(outside, -np.inf, np.sum(b * size, axis=1))
+        return out
+
+    def score(self, chosen: Sequence[int], penalty: float) -> float:
+        """Gain of a set less what its effects must earn."""
+        return float(self.scores([chosen], penalty)[0])
+
+    def scores(self, sets: Sequence[Sequence[int]], penalty: float) -> Array:
+        """Of many sets at once."""
+        faults = [int(self.faults[list(chosen)].sum()) if len(chosen) else 0 for chosen in sets]
+        return self.gains(sets) - [price(len(c), n, penalty) for c, n in zip(sets, faults, strict=True)]
+
+
+def price(effects: int, faults: int, penalty: float) -> float:
+    """What so many effects, faults among them, must earn."""
+    return penalty * effects + RARE * max(0, faults - 1)
+
+
+def is_fault(candidate: Candidate) -> bool:
+    """Of a sensor or of an input."""
+    return candidate.mechanism.kind != "physics"
+
+
+def variants(candidates: Sequence[Candidate]) -> tuple[Variant, ...]:
+    """Every candidate with its shape parameters at their nominal and at an early and a late value."""
+    out = []
+    for j, candidate in enumerate(candidates):
+        shapes = candidate.mechanism.parameters[1:] if not is_amplitude(candidate) else ()
+        nominal = tuple(v.nominal for v in shapes)
+        out.append(Variant(j, nominal))
+        for place, v in enumerate(shapes):
+            for share in SHAPES[1:]:
+                moved = list(nominal)
+                moved[place] = _within(v.low, v.high, share)
+                out.append(Variant(j, tuple(moved)))
+    return tuple(out)
+
+
+def is_amplitude(candidate: Candidate) -> bool:
+    return candidate.mechanism.term is None and candidate.mechanism.series is None
+
+
+def _within(low: float, high: float, share: float) -> float:
+    """A share of the way from low to high, by ratio where the range spans decades."""
+    if low > 0 and high / low > 20.0:
+        return float(low * (high / low) ** share)
+    return low + share * (high - low)
+
+
+def typical(candidate: Candidate) -> float:
+    """Size that a candidate plainly has, measured from its absence."""
+    size = float(candidate.typical[0] - candidate.null[0])
+    return size or candidate.mechanism.parameters[0].scale
+
+
+def picture(
+    problem: Problem, z: Array, listed: Sequence[Variant], present: Mapping[Variant, float] = MappingProxyType({}),
+    advance: Callable[[], None] = lambda: None, projection: bool = True,
+) -> Picture:  # fmt: skip
+    """Linearise around a fit.
+
+    Args:
+        problem, z: parameters, start states and drifts, and where they stand.
+        listed: variants to show; those of ``present`` are added.
+        present: what the fit holds already, and how much of it; sizes are shown from its absence all the same.
+        projection: take out what the unknowns can imitate.
+    """
+    machine = problem.machine
+    listed = (*present, *(v for v in listed if v not in present))
+    sizes = np.array([present.get(v, 0.0) for v in listed])
+    for variant, size in present.items():
+        problem = replace(problem, theta=switched(machine, problem.theta, variant, size))
+    residuals = problem.residuals(z)
+    theta = problem.theta
+    clean = [problem.clean(r, z) for r in range(len(problem.tracks))]
+    n = len(listed)
+    columns = [np.zeros((*track.means.shape, n)) for track in problem.tracks]
+
+    def column(r: int, v: int) -> None:
+        variant = listed[v]
+        candidate = machine.candidates[variant.candidate]
+        step = PROBE * typical(candidate)
+        first = candidate.mechanism.parameters[0]
+        if not first.low <= candidate.null[0] + sizes[v] + step <= first.high:
+            step = -step
+        changed = switched(machine, theta, variant, sizes[v] + step)
+        # A sensor's fault leaves the machine's own course as it is.
+        known = clean[r] if candidate.mechanism.port.startswith("output:") and candidate.mechanism.series else None
+        columns[r][:, :, v] = (residuals[r] - problem.residual(r, z, changed, known)) / step
+        advance()
+
+    parallel([lambda r=r, v=v: column(r, v) for r in range(len(problem.tracks)) for v in range(n)])
+    _, _, nuisance = problem.normal(z, residuals)
+    columns = [problem.whitener(c) for c in columns]
+    units = np.array([typical(machine.candidates[v.candidate]) for v in listed])
+    fixed = problem if projection else replace(problem, unknowns=())
+    imitated = nuisance if projection else [c[:, :, :0] for c in nuisance]
+    G, b = fixed.projected(z if projection else z[:0], residuals, imitated, [c * units for c in columns])
+    ends = np.empty((n, 2))
+    for i, variant in enumerate(listed):
+        candidate = machine.candidates[variant.candidate]
+        bounds = np.array([candidate.mechanism.parameters[0].low, candidate.mechanism.parameters[0].high])
+        ends[i] = np.sort((bounds - candidate.null[0]) / units[i])
+    faults = np.array([is_fault(machine.candidates[v.candidate]) for v in listed])
+    # A candidate that moves nothing here must not be divided by.
+    G = G + 1e-6 * np.eye(n)
+    b = b + G @ (sizes / units)
+    return Picture(tuple(listed), G, b, ends[:, 0], ends[:, 1], units, nuisance, columns, sizes, faults)
+
+
+def switched(machine: Machine, theta: Array, variant: Variant, size: float) -> Array:
+    """Parameters with a variant there, ``size`` from its absence."""
+    candidate = machine.candidates[variant.candidate]
+    changed = theta.copy()
+    changed[candidate.at[0]] = candidate.null[0] + size
+    if is_amplitude(candidate):
+        rest = candidate.null[1:] + size / typical(candidate) * (candidate.typical[1:] - candidate.null[1:])
+    else:
+        rest = np.array(variant.shape)
+    changed[list(candidate.at[1:])] = rest
+    return changed
