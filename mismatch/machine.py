@@ -272,7 +272,7 @@ def _run(rhs, output, u, seconds, samples, x0, theta, varying, values, step_s, l
             theta[varying[j]] = values[k, j]
         substeps = max(1, int(np.ceil(seconds[k] / step_s - 1e-6)))
         h = seconds[k] / substeps
-        n, read = samples[k], 0
+        n, read, diverged = samples[k], 0, False
         total[:] = 0.0
         for step in range(substeps):
             before = after = 0.0
@@ -297,10 +297,15 @@ def _run(rhs, output, u, seconds, samples, x0, theta, varying, values, step_s, l
             k4 = rhs(z[2], u[k], theta)
             for i in range(x.size):
                 x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
+            for i in range(x.size):
+                diverged |= not abs(x[i]) < limit[i]
+            if diverged and (read < n or after > 0.0):
+                return
             if after > 0.0:
                 total += after * output(x, u[k], theta)
-        for i in range(x.size):
-            if not abs(x[i]) < limit[i]:
-                return
+            if diverged:
+                break
         for i in range(total.size):
             y_out[k, i] = total[i] / n
+        if diverged:
+            return

@@ -111,7 +111,7 @@ def conclude(d: Diagnosis) -> Verdict:
     sd = standard_deviations(held)
     parameters = _parameters(d, held, sd)
     chi2, limit = residual_chi2(held)
-    located = locate(d) if (d.best is not None or chi2 > limit) else None
+    located = locate(d) if (d.best is not None or chi2 > limit or lasting(d)) else None
     findings = _findings(d, sd, located)
     mechanisms: tuple[Mechanism, ...] = ()
     if d.chosen is not None:
@@ -120,7 +120,7 @@ def conclude(d: Diagnosis) -> Verdict:
     if mechanisms:
         kinds = {f.kind for f in findings if f.mechanism} or {"unexplained"}
         verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
-    elif d.best is not None:
+    elif d.best is not None or lasting(d):
         verdict = "unexplained"
     else:
         verdict = "parameter change" if changed else "consistent"
@@ -129,6 +129,12 @@ def conclude(d: Diagnosis) -> Verdict:
         verdict, _words(d, verdict, findings, changed, fit, chi2, limit), findings, parameters, fit,
         _more_data(d, findings), mechanisms, _values(held), located, d,
     )  # fmt: skip
+
+
+def lasting(d: Diagnosis) -> list[tuple[str, float]]:
+    """Outputs whose calibrated errors last too long for noise, and the blocks to an independent one."""
+    memory = np.broadcast_to(d.before.problem.whitener.memory, len(d.simulator.outputs))
+    return [(v.name, float(m)) for v, m in zip(d.simulator.outputs, memory, strict=True) if m > 1.0]
 
 
 def standard_deviations(explanation: Explanation) -> Array:
@@ -175,11 +181,16 @@ def _changed(d: Diagnosis, value: Value) -> bool:
 def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding, ...]:
     ports = located.ports if located is not None else ()
     if d.chosen is None:
-        if d.best is None:
+        if d.best is not None:
+            names = ", ".join(d.best.names)
+            says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
+        elif lasting(d):
+            errors = ", ".join(name for name, _ in lasting(d))
+            says = f"the errors of {errors} last too long for noise, and nothing in the catalogue explains them"
+        else:
             return ()
-        names = ", ".join(d.best.names)
-        says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
-        return (Finding("unexplained", None, "", 0.0, (), ports[0][0] if ports else "", ports, None, (), "", (), says),)
+        where = ports[0][0] if ports else ""
+        return (Finding("unexplained", None, "", 0.0, (), where, ports, None, (), "", (), says),)
     found = []
     machine = d.machine
     at = len(d.chosen.z) - sum(len(machine.candidates[v.candidate].at) for v in d.chosen.chosen)

@@ -11,7 +11,6 @@ from motor_case import record
 from scipy.signal import lfilter
 
 from mismatch.fit import Problem, Unknown, solve
-from mismatch.leftover import leftover
 from mismatch.machine import Machine
 from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from mismatch.onset import first_onset
@@ -193,17 +192,6 @@ def test_a_second_faulty_sensor_must_earn_more():
     healthy, faulty = pictured(C, r), replace(pictured(C, r), faults=np.ones(2, bool))
     assert healthy.score((0, 1), PENALTY) - faulty.score((0, 1), PENALTY) == pytest.approx(RARE)
     assert healthy.score((0,), PENALTY) == faulty.score((0,), PENALTY)
-
-
-def test_what_is_left_over_is_told_from_noise():
-    tracks = prepare([record(f"run {seed}", seed, seconds=200.0) for seed in (10, 11)], MOTOR)
-    rng = np.random.default_rng(9)
-    noise = [lfilter([1.0], [1.0, -0.7], rng.normal(size=t.means.shape), axis=0) for t in tracks]
-    variance = np.concatenate(noise).var(axis=0)
-    hidden = [np.sin(t.coarse.u[:, :1] / 60.0) * [1.4, 0.0, 0.0] for t in tracks]
-    share = float(np.mean(np.concatenate(hidden).var(axis=0) / variance))
-    assert leftover(tracks, noise, variance) < 0.1 * share
-    assert leftover(tracks, [n + h for n, h in zip(noise, hidden, strict=True)], variance) > 0.6 * share
 
 
 def test_a_size_beyond_its_bounds_explains_nothing():
