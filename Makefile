@@ -3,13 +3,16 @@ PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3 python,$(if $(sh
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off -c constraints.txt
 
-.PHONY: bench test lint clean
+.PHONY: bench test test-slow lint clean
 
 bench: .venv/.ready
 	$(BIN)/twinbench run --profile quick
 
 test: .venv/.ready-dev lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+test-slow: .venv/.ready-dev
+	$(BIN)/python -m pytest -m slow
 
 lint: .venv/.ready-dev
 	$(BIN)/ruff check .

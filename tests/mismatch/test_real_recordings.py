@@ -47,7 +47,7 @@ def test_the_tanks_overflow():
 
 
 @recorded
-@pytest.mark.parametrize("name", ["air_chamber_a", "air_chamber_b"])
+@pytest.mark.parametrize("name", ["air_chamber_a", pytest.param("air_chamber_b", marks=pytest.mark.slow)])
 def test_a_chamber_that_leaks_is_not_called_tight(name):
     """Nor is what leaks called something else: it is named, or nothing is."""
     before, after = held_out(name, "p_gauge_bar")
@@ -66,6 +66,7 @@ def test_of_the_tight_chamber_nothing_is_missing():
 
 
 @recorded
+@pytest.mark.slow
 def test_the_train_loses_air_and_heat():
     verdict = verdict_on("train_compressor")
     assert verdict.verdict == "missing physics"
