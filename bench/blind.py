@@ -78,7 +78,7 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     recordings = read([folder / f"{name}.csv" for name in names], simulator)
     fitted, held_out = recordings[: len(case["train"])], recordings[len(case["train"]) :]
     period_s = float(fitted[0].time_s[1] - fitted[0].time_s[0])
-    catalogue = [m for m in whole_catalogue(simulator, (), period_s) if m.name not in case["without"]]
+    catalogue = [m for m in whole_catalogue(simulator, (), period_s) if not {m.name, m.contains} & set(case["without"])]
     if "only" in case:  # the oracle is told
         catalogue = [m for m in catalogue if m.name in case["only"]]
     module, _, function = engine.partition(":")

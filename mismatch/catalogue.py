@@ -7,6 +7,7 @@ Faults of sensors and actuators - saturation, lag and delay of inputs and output
 from __future__ import annotations
 
 import functools
+import math
 
 import numpy as np
 
@@ -31,7 +32,9 @@ _SLOWEST_S = 10.0  # a state that nothing seems to move: its scale in ten times 
 
 
 @functools.cache
-def generic(simulator: Simulator) -> tuple[Mechanism, ...]:
+def generic(
+    simulator: Simulator, longest_s: float = math.inf, period_s: float | None = None
+) -> tuple[Mechanism, ...]:
     """Effects that the machine's balances and inputs may lack.
 
     - every balance: an unknown constant rate, a periodic force;
@@ -46,6 +49,10 @@ def generic(simulator: Simulator) -> tuple[Mechanism, ...]:
 
     Typical sizes come from the states' scales and from how fast the simulator's own equations move
     them around the nominal point.
+
+    Args:
+        longest_s: what takes longer is no period.
+        period_s: of a typical periodic force; ten times a state's own time if left out.
     """
     rates = typical_rates(simulator)
     places = [Place(i, v, float(rates[i])) for i, v in enumerate(simulator.states)]
@@ -54,7 +61,7 @@ def generic(simulator: Simulator) -> tuple[Mechanism, ...]:
     for p in places:
         if p.index in positions.values():
             continue
-        found += [effects.offset(p), *_by_nature(p, simulator, places), effects.periodic(p)]
+        found += [effects.offset(p), *_by_nature(p, simulator, places), effects.periodic(p, longest_s, period_s)]
         if p.index in positions:
             q = positions[p.index]
             of = simulator.states[q]

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from mismatch.explanation import Explanation, with_candidates
 from mismatch.fit import Problem, solve
 from mismatch.noise import LONGEST
-from mismatch.picture import PROBE, Variant, price, typical
-from mismatch.search import PENALTY
+from mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
 from physics.simulator import Array
 
-GROSS, CHEAP_BLOCKS = 5.0, 3000
+GROSS, CHEAP_BLOCKS = 5.0, 1200
 """Errors of so many noises are far beyond any linear picture; with so few blocks in all, sets are fitted instead."""
-KEPT, EFFECTS = 4, 4
-"""Sets of each size that are grown on, and effects that they grow to."""
+KEPT, EFFECTS, WITH_FAULTS = 4, 4, 2
+"""Sets of each size that are grown on, and effects that they grow to: of physics alone, and with faults among them."""
+FINISHED = 24
+"""Sets of each size that are fitted to the end: those that promise most after a first step."""
+AGAIN, RESTARTS = 6, 12
+"""Sets of each size that are fitted again from so many other sizes and shapes: thresholds have many optima."""
 
 
 def gross(problem: Problem, z: Array, floor: Array) -> bool:
@@ -28,31 +32,74 @@ def gross(problem: Problem, z: Array, floor: Array) -> bool:
 def climb(
     before: Explanation, choices: Sequence[Variant], pairs: bool = True,
     advance: Callable[[float], None] = lambda share: None,
-) -> Explanation:  # fmt: skip
-    """Add one effect after the other to the best few sets of each size; the best set of any size.
+) -> list[Explanation]:  # fmt: skip
+    """Sets of effects that explain the recordings, best first: of physics alone, and of physics and faults.
+
+    Errors so large are missing physics more often than not, and a flexible fault may stand in for it on the way.
 
     Args:
         pairs: keep more than one set of each size.
         advance: told the share that is done.
     """
+    kept = KEPT if pairs else 1
     candidates = before.problem.machine.candidates
-    kept, sizes = [before], [before]
-    for effects in range(EFFECTS):
+    physics = [j for j, candidate in enumerate(candidates) if not is_fault(candidate)]
+    found = _grown(before, choices, physics, EFFECTS, kept, RESTARTS, lambda share: advance(0.5 * share))
+    every = range(len(candidates))
+    found += _grown(before, choices, every, WITH_FAULTS, kept, 0, lambda share: advance(0.5 + 0.5 * share))
+    first = {frozenset(e.names): e for e in sorted(found, key=misfit, reverse=True)}
+    return sorted(first.values(), key=lambda e: misfit(e) + owed(e))
+
+
+def _grown(
+    before: Explanation, choices: Sequence[Variant], candidates: Sequence[int], effects: int, most: int,
+    restarts: int, advance: Callable[[float], None],
+) -> list[Explanation]:  # fmt: skip
+    """Add one effect after the other to the best few sets of each size; the sets that were kept, of all sizes."""
+    listed = before.problem.machine.candidates
+    names, families = [c.name for c in listed], [c.mechanism.contains or c.name for c in listed]
+    rng = np.random.default_rng(0)
+    kept, all_kept = [before], [before]
+    for size in range(effects):
         sets = {
-            frozenset((*parent.names, candidate.name)): (parent, j)
-            for parent in kept[::-1] for j, candidate in enumerate(candidates) if candidate.name not in parent.names
+            frozenset((*parent.names, names[j])): (parent, j)
+            for parent in kept[::-1] for j in candidates
+            if families[j] not in {families[v.candidate] for v in parent.chosen}
         }  # fmt: skip
-        grown = []
+        begun = []
         for done, (parent, j) in enumerate(sets.values()):
-            advance((effects + done / len(sets)) / EFFECTS)
-            grown.append(grafted(parent, [v for v in choices if v.candidate == j]))
-        kept = sorted((e for e in grown if np.isfinite(e.cost)), key=misfit)[: KEPT if pairs else 1]
-        sizes += kept[:1]
-    return min(sizes, key=lambda e: misfit(e) + price(len(e.names), e.faults, PENALTY))
+            advance((size + done / len(sets)) / effects)
+            begun.append(grafted(parent, [v for v in choices if v.candidate == j]))
+        begun.sort(key=misfit)
+        grown = sorted((_solved(e, e.z) for e in begun[:FINISHED] if np.isfinite(e.cost)), key=misfit)
+        for place, e in enumerate(grown[:AGAIN]):
+            tries = [_solved(e, _elsewhere(e, rng)) for _ in range(restarts)]
+            grown[place] = min([e, *(f for f in tries if np.isfinite(f.cost))], key=misfit)
+        kept = sorted(grown, key=misfit)[:most]
+        all_kept += kept
+    return all_kept
+
+
+def _elsewhere(explanation: Explanation, rng: np.random.Generator) -> Array:
+    """Unknowns (K,) with the effects' sizes and shapes drawn anew from their ranges."""
+    machine = explanation.problem.machine
+    z = explanation.z.copy()
+    at = explanation.first
+    for variant in explanation.chosen:
+        candidate = machine.candidates[variant.candidate]
+        for place, v in enumerate(candidate.mechanism.parameters):
+            if place:
+                z[at] = rng.uniform(v.low, v.high)
+            else:
+                small, large = PROBE * abs(typical(candidate)), 0.25 * max(abs(v.low), abs(v.high))
+                sign = np.sign(z[at] - candidate.null[0]) or 1.0
+                z[at] = candidate.null[0] + sign * np.exp(rng.uniform(np.log(small), np.log(max(large, small))))
+            at += 1
+    return z
 
 
 def grafted(parent: Explanation, variants: Sequence[Variant]) -> Explanation:
-    """An explanation with one candidate more, fitted from whichever of its variants promises most at once."""
+    """An explanation with one candidate more, in whichever of its variants promises most after a first step."""
     problem, machine = parent.problem, parent.problem.machine
     candidate = machine.candidates[variants[0].candidate]
     starts = []
@@ -61,9 +108,23 @@ def grafted(parent: Explanation, variants: Sequence[Variant]) -> Explanation:
         z = np.concatenate((parent.z, whole.z0[len(parent.z) :]))
         z[len(parent.z)] += PROBE * typical(candidate)
         starts.append((*solve(whole, z, 1, chords=3), variant, whole))
-    z, _, variant, whole = min(starts, key=lambda s: s[1])
-    fitted = solve(whole, z, 8)
-    return Explanation((*parent.names, candidate.name), (*parent.chosen, variant), whole, *fitted)
+    z, cost, variant, whole = min(starts, key=lambda s: s[1])
+    return Explanation((*parent.names, candidate.name), (*parent.chosen, variant), whole, z, cost)
+
+
+def _solved(explanation: Explanation, z: Array) -> Explanation:
+    """Fitted to the end from z."""
+    z, cost = solve(explanation.problem, z, 8)
+    return replace(explanation, z=z, cost=cost)
+
+
+def owed(explanation: Explanation) -> float:
+    """What an explanation must earn in independent readings: by BIC, and for the choice among so many candidates."""
+    problem = explanation.problem
+    log_n = np.log(sum(len(t.starts) for t in problem.tracks) / LONGEST)
+    shapes = sum(shape_count(problem.machine.candidates[v.candidate]) for v in explanation.chosen)
+    each = log_n + 2.0 * np.log(len(problem.machine.candidates))
+    return float(price(len(explanation.names), explanation.faults, 0, each) + shapes * log_n)
 
 
 def misfit(explanation: Explanation) -> float:

@@ -10,10 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mismatch.place import Place, bracketed
+from mismatch.place import CLOCK, Place, bracketed
 from mismatch.series import held, play
 from physics.simulator import Array, Mechanism, Variable
 
+RIM = 1000.0
+"""What runs over a rim may grow to this many times its typical value."""
 SMOOTH = 0.05
 """Dry friction turns round within this many scales of standstill, so that it can be integrated."""
 
@@ -99,8 +101,9 @@ def hysteresis(p: Place) -> Mechanism:
     size = p.size("hysteresis", f"{p.unit}/s")
     reach = p.shape("hysteresis", "travel", unit, 0.05 * travel, 5.0 * travel, 0.5 * travel, "travel to full force")
     own = Variable(f"hysteresis_force_{p.name}", "1", -1.0, 1.0, 0.0, 0.5, "hysteretic force over its largest")
+    # Over a short travel it is dry friction.
     return p.add("hysteresis", says, "-{0} z, z' = ({x} - |{x}| z)/{1}", term, size, reach,
-                 states=(own,), derivative=derivative)  # fmt: skip
+                 states=(own,), derivative=derivative, contains=f"coulomb_friction@{p.name}")  # fmt: skip
 
 
 def hardening_spring(p: Place, position: int, of: Variable) -> Mechanism:
@@ -213,8 +216,8 @@ def second_thermal_mass(p: Place) -> Mechanism:
     return replace(mechanism, initial=initial)
 
 
-def periodic(p: Place) -> Mechanism:
-    """A sine in time, from a clock of its own."""
+def periodic(p: Place, longest_s: float, typical_s: float | None) -> Mechanism:
+    """A sine in time, from a clock of its own; a period longer than ``longest_s`` would be no period."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
         return theta[-3] * math.sin(2.0 * math.pi * x[-1] / theta[-2] + theta[-1])
@@ -224,9 +227,11 @@ def periodic(p: Place) -> Mechanism:
 
     says = f"something drives {p.name} to and fro with a fixed period"
     size = p.size("periodic", f"{p.unit}/s")
-    period = p.shape("periodic", "period_s", "s", p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s, "period")
-    phase = p.shape("periodic", "phase", "rad", -math.pi, math.pi, 0.0, "phase at the start of the record")
-    clock = Variable(f"periodic_clock_{p.name}", "s", 0.0, math.inf, 0.0, p.tau_s, "time since the record began")
+    longest = min(100.0 * p.tau_s, longest_s) if typical_s is None else longest_s
+    typical = typical_s or 0.1 * longest
+    period = p.shape("periodic", "period_s", "s", min(0.01 * longest, 0.5 * typical), longest, typical, "period")
+    phase = p.shape("periodic", "phase", "rad", -math.pi, math.pi, 0.0, "phase when the recordings' clock began")
+    clock = Variable(f"{CLOCK}_{p.name}", "s", -math.inf, math.inf, 0.0, p.tau_s, "time by the recordings' clock")
     return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase,
                  states=(clock,), derivative=derivative)  # fmt: skip
 
@@ -260,4 +265,5 @@ def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:
     v = of.variable
     low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + 3.0 * v.scale)
     limit = p.shape(effect, "above", v.unit, low, high, v.nominal + 0.5 * v.scale, f"{v.name} at which it begins")
-    return p.size(effect, "1/s", v.scale), limit
+    # Over a rim all runs off that comes.
+    return p.size(effect, "1/s", v.scale, generous=RIM), limit

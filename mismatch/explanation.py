@@ -9,7 +9,7 @@ import numpy as np
 
 from mismatch.fit import Problem, Unknown, solve
 from mismatch.noise import fit_whitener
-from mismatch.picture import Picture, Variant, is_amplitude, is_fault, price, typical
+from mismatch.picture import Picture, Variant, is_amplitude, is_fault, price, shape_count, typical
 from physics.simulator import Array
 
 
@@ -34,9 +34,21 @@ class Explanation:
         """How many of them are faults of sensors or inputs."""
         return sum(is_fault(self.problem.machine.candidates[v.candidate]) for v in self.chosen)
 
+    @property
+    def first(self) -> int:
+        """Where in z the effects' parameters begin."""
+        machine = self.problem.machine
+        return len(self.z) - sum(len(machine.candidates[v.candidate].at) for v in self.chosen)
+
+    @property
+    def bare(self) -> Problem:
+        """The problem without its effects."""
+        return replace(self.problem, unknowns=self.problem.unknowns[: self.first])
+
     def score(self, penalty: float) -> float:
         """Cost and what its effects must earn."""
-        return self.cost + price(len(self.names), self.faults, penalty)
+        shapes = sum(shape_count(self.problem.machine.candidates[v.candidate]) for v in self.chosen)
+        return self.cost + price(len(self.names), self.faults, shapes, penalty)
 
 
 def with_candidates(problem: Problem, chosen: Sequence[Variant], ridge: float = 5.0) -> Problem:
@@ -53,8 +65,8 @@ def with_candidates(problem: Problem, chosen: Sequence[Variant], ridge: float = 
         for place, (at, v, value) in enumerate(zip(candidate.at, candidate.mechanism.parameters, values, strict=True)):
             scale = abs(typical(candidate)) if place == 0 else (v.high - v.low) / 6.0
             sd = ridge * scale if place == 0 or amplitude else (v.high - v.low) / 2.0
-            ends = (min(v.low, value), max(v.high, value))
-            added.append(Unknown(f"{candidate.name}.{v.name}", "mechanism", at, *ends, value, sd, scale))
+            low, high = (min(v.low, value), max(v.high, value)) if place or amplitude else (v.low, v.high)
+            added.append(Unknown(f"{candidate.name}.{v.name}", "mechanism", at, low, high, value, sd, scale))
     return replace(problem, unknowns=(*problem.unknowns, *added))
 
 
@@ -75,9 +87,7 @@ def refit(problem: Problem, z: Array, shown: Picture, chosen: Sequence[int], rou
     for i, variant in zip(chosen, picked, strict=True):
         begin[at] += shown.sizes[i]
         at += len(problem.machine.candidates[variant.candidate].at)
-    fitted = solve(whole, begin, 1, chords=5, known=known)
-    if rounds:
-        fitted = solve(whole, fitted[0], rounds)
+    fitted = solve(whole, begin, 1 + rounds, chords=5, known=known)
     names = tuple(problem.machine.candidates[v.candidate].name for v in picked)
     return Explanation(names, picked, whole, *fitted)
 
@@ -85,7 +95,7 @@ def refit(problem: Problem, z: Array, shown: Picture, chosen: Sequence[int], rou
 def present(explanation: Explanation) -> dict[Variant, float]:
     """The fitted variants of an explanation and their sizes."""
     machine = explanation.problem.machine
-    at = len(explanation.z) - sum(len(machine.candidates[v.candidate].at) for v in explanation.chosen)
+    at = explanation.first
     found = {}
     for variant in explanation.chosen:
         candidate = machine.candidates[variant.candidate]

@@ -24,7 +24,8 @@ _DRIFT_S = 600.0  # a typical drift moves by one scale in ten minutes
 def faults(simulator: Simulator, sample_period_s: float = 0.05) -> tuple[Mechanism, ...]:
     """Bias, gain, lag, delay, drift, saturation, quantisation and a stuck channel, for every output and input.
 
-    All but saturation have one parameter, the size; 0 is none. NaN in the values is held over.
+    All but saturation have one parameter, the size; 0 is none. What saturates keeps a fifth of its excess at most.
+    NaN in the values is held over.
 
     Args:
         sample_period_s: lags and delays are typically two of them.
@@ -71,7 +72,7 @@ def _of_channel(port: str, v: Variable, sample_period_s: float) -> list[Mechanis
         fault("saturation", "does not go above a limit",
               f"{n} - {{saturation_{n}}} max(0, {n} - {{limit_{n}}})",
               lambda t, y, p: y - p[0] * np.maximum(0.0, y - p[1]),
-              size("saturation", "1", 0.0, 1.0, 1.0), _limit(v)),
+              size("saturation", "1", 0.8, 1.0, 1.0), _limit(v)),
         fault("quantisation", "moves in steps", f"{n} rounded to steps of {{quantisation_{n}}}",
               lambda t, y, p: y if p[0] <= 0.0 else np.round(y / p[0]) * p[0],
               size("quantisation", unit, 0.0, span, 0.5 * v.scale)),

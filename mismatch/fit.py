@@ -19,6 +19,10 @@ KNOTS = 5
 """Knots of a parameter that drifts, per recording."""
 ENOUGH = 0.05
 """A fit is done when a step gains less than this, in units of twice the log-likelihood."""
+HALVINGS = 4
+"""Times that a step which does not help is shortened before it is damped."""
+LITTLE = 0.1
+"""Share of the cost by which a fit may fall and still be where it was, more or less."""
 STEP = 0.02
 """Forward-difference step, in scales of an unknown."""
 
@@ -87,7 +91,11 @@ class Problem:
 
     def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
         """Simulated block means (B, ny) of recording r before the sensors' faults."""
-        return self.machine.clean(*self._setting(r, z, self.tracks[r].coarse, theta), blocks=True)
+        return self.machine.clean(*self._setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
+
+    def states(self, r: int, z: Array) -> Array:
+        """Simulated states (B, nx) of recording r, candidates' own last."""
+        return self.machine.clean(*self._setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
     def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
         """Block means measured minus simulated, (B, ny).
@@ -95,7 +103,7 @@ class Problem:
         Args:
             clean: simulated block means before the sensors' faults, if they are known.
         """
-        track, theta, _, _, _, since_s = self._setting(r, z, self.tracks[r].coarse, theta)
+        track, theta, _, _, _, since_s = self._setting(r, z, self.machine.grid(self.tracks[r]), theta)
         y = self.machine.read(track, theta, self.clean(r, z, theta) if clean is None else clean, since_s)
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 
@@ -188,7 +196,7 @@ class Problem:
         self, z: Array, residuals: Sequence[Array], known: Sequence[Array] | None = None
     ) -> tuple[Array, Array, list[Array]]:
         """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns."""
-        whitened = [self.whitener(c) for c in self.columns(z, residuals)] if known is None else list(known)
+        whitened = self.whitened(z, residuals) if known is None else list(known)
         precision = np.array([u.sd**-2 for u in self.unknowns])
         G, b = np.diag(precision), precision * (self.z0 - z)
         for column, residual in zip(whitened, residuals, strict=True):
@@ -198,6 +206,20 @@ class Problem:
             G += J.T @ J
             b += J.T @ r[seen]
         return G, b, whitened
+
+    def whitened(self, z: Array, residuals: Sequence[Array], near: Sequence[Array] | None = None) -> list[Array]:
+        """Whitened columns (B, ny, K) per recording.
+
+        Args:
+            near: those of a point nearby, of which the start states' are kept: they change little, and are many.
+        """
+        which = [k for k, u in enumerate(self.unknowns) if u.kind != "start"]
+        if near is None or not which:
+            return [self.whitener(c) for c in self.columns(z, residuals)]
+        out = [c.copy() for c in near]
+        for whole, fresh in zip(out, self.columns(z, residuals, which), strict=True):
+            whole[:, :, which] = self.whitener(fresh)
+        return out
 
     def projected(
         self, z: Array, residuals: Sequence[Array], nuisance: Sequence[Array], columns: Sequence[Array]
@@ -251,22 +273,27 @@ def solve(
     z = np.clip(z, low, high)
     cost = problem.cost(z)
     damping = 1e-6
-    for _ in range(rounds):
-        G, b, known = problem.normal(z, problem.residuals(z), known)
-        whitened, known = known, None
+    whitened, near = known, False
+    for k in range(rounds):
+        exact = not near and (k > 0 or known is None)
+        if k or known is None:
+            whitened = problem.whitened(z, problem.residuals(z), whitened if near else None)
+        G, b, whitened = problem.normal(z, problem.residuals(z), whitened)
         before = cost
-        for _ in range(chords + 1):
+        for chord in range(chords + 1):
             last = cost
             z, cost, moved = _step(problem, z, cost, G, b, low, high, scale, damping)
-            if not moved:
-                damping = min(damping * 100.0, 1e3)
+            while not moved and chord == 0 and damping < 1.0:
+                damping = 100.0 * max(damping, 1e-4)
+                z, cost, moved = _step(problem, z, cost, G, b, low, high, scale, damping)
+            if not moved or last - cost < ENOUGH:
                 break
             damping = max(damping / 10.0, 1e-9)
-            if last - cost < ENOUGH:
-                break
             b = _right_side(problem, z, whitened)
-        if before - cost < ENOUGH and damping < 1.0:
+        if exact and before - cost < ENOUGH:
             break
+        # Start states' columns serve again as long as the fit moves on with them, but not far.
+        near = ENOUGH <= before - cost < LITTLE * before
     return z, cost
 
 
@@ -293,7 +320,7 @@ def _step(
     except np.linalg.LinAlgError:
         step[free] = np.linalg.lstsq(A, b[free], rcond=None)[0]
     share = 1.0
-    for _ in range(7):
+    for _ in range(HALVINGS):
         candidate = np.clip(z + share * step, low, high)
         found = problem.cost(candidate)
         if found < cost - 1e-9:

@@ -14,13 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, types
 
-from mismatch.tracks import Track
-from physics.compile import FUNCTION, VECTOR, as_argument, compiled
+from mismatch.place import CLOCK
+from mismatch.tracks import Grid, Track
+from physics.compile import EQUATION, FUNCTION, VECTOR, as_argument, compiled
 from physics.compose import compose
 from physics.integrate import INDICES, MATRIX
 from physics.simulator import Array, Mechanism, Simulator, Variable
 
 HALVINGS = 7
+BLOCKED = 0.05
+"""Share of a signal that a run by blocks may miss."""
 _DIVERGED = 1e9  # in scales of a state: whatever runs there is no machine any more
 
 
@@ -48,7 +51,7 @@ class Machine:
     """A simulator, its candidates and forces.
 
     The parameter vector ``theta`` holds the simulator's own parameters, then one per force, then those
-    of term mechanisms, then those of faults (series).
+    of term mechanisms, then those of faults (series). Mechanisms' clocks show time since ``epoch_s``.
     """
 
     def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism]) -> None:
@@ -92,13 +95,18 @@ class Machine:
         self.states = self.whole.states
         self._n_ode = len(theta)
         self.step_s = self.block_step_s = np.inf
+        self.parts = 1
+        self.epoch_s = 0.0
+        self._clocks = np.array([v.name.startswith(CLOCK) for v in self.states])
+        self._clocks[: len(simulator.states)] = False
 
     def start(self, track: Track) -> Array:
         """The state (nx,) that the simulator's ``initial`` makes of the first inputs and readings."""
         first = np.array([_first(column) for column in track.y.T])
         nominal = np.array([v.nominal for v in self.simulator.outputs])
         readings = np.where(np.isnan(first), nominal, first)
-        return np.asarray(self.whole.initial(track.u[0], readings, self.theta[: self._n_ode]), dtype=float)
+        x0 = np.asarray(self.whole.initial(track.u[0], readings, self.theta[: self._n_ode]), dtype=float)
+        return x0 + self._clocks * (track.time_s[0] - self.epoch_s)
 
     def run(
         self, track: Track, theta: Array, x0: Array, varying: np.ndarray | None = None, values: Array | None = None,
@@ -110,41 +118,45 @@ class Machine:
             varying, values: positions (V,) in theta that change in time, and their values (N, V).
             since_s: time from which candidates are there.
             blocks: step from block to block under their mean inputs: block means (B, ny), many times
-                faster and nearly the same; ``values`` are then (B, V).
+                faster and nearly the same; ``values`` are then those of ``grid``.
         """
         return self.read(track, theta, self.clean(track, theta, x0, varying, values, since_s, blocks), since_s)
 
     def clean(
         self, track: Track, theta: Array, x0: Array, varying: np.ndarray | None = None, values: Array | None = None,
-        since_s: float = -np.inf, blocks: bool = False,
+        since_s: float = -np.inf, blocks: bool = False, states: bool = False,
     ) -> Array:  # fmt: skip
-        """As ``run``, before the sensors' faults."""
-        grid = track.coarse if blocks else track.fine
+        """As ``run``, before the sensors' faults; or the ``states`` (N, nx) in place of the readings."""
+        grid = self.grid(track) if blocks else track.fine
         late = track.time_s < since_s
         u = track.u
         for candidate, kind, column in self._faults:
             if kind == "input" and theta[candidate.at[0]] != candidate.null[0]:
                 u = _with_fault(candidate, track.time_s, u, column, theta, late)
         if u is not track.u:
-            grid = track.grid(u, track.starts if blocks else np.arange(len(u)))
+            grid = track.grid(u, track.split_starts(self.parts) if blocks else np.arange(len(u)))
         if varying is None or values is None:
             varying, values = np.empty(0, dtype=np.int64), np.empty((len(grid.u), 0))
         if late.any():
-            # Of the block that the start falls into, the candidates are there in part.
-            absent = np.add.reduceat(late, track.starts) / grid.samples if blocks else late
+            # Of the stretch that the start falls into, the candidates are there in part.
+            absent = np.add.reduceat(late, track.split_starts(self.parts)) / grid.samples if blocks else late
             there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
             varying = np.concatenate((varying, np.array([c.at[0] for c in there], dtype=np.int64)))
             sizes = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
             values = np.concatenate((values, np.reshape(sizes, (len(there), len(grid.u))).T), axis=1)
-        y = np.full((len(grid.u), len(self.simulator.outputs)), np.nan)
+        y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
         loop = _run if self._equations.native else _run.py_func
         loop(
-            self._rhs, self._output, grid.u, grid.seconds, grid.samples, np.ascontiguousarray(x0),
-            np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values),
+            self._rhs, as_argument(_state) if states else self._output, grid.u, grid.seconds, grid.samples,
+            np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values),
             self.block_step_s if blocks else self.step_s, limit, y,
         )  # fmt: skip
-        return y
+        return track.joined(y, grid) if blocks else y
+
+    def grid(self, track: Track) -> Grid:
+        """What a run by blocks goes through: the blocks, or as many parts of each as it takes."""
+        return track.coarse if self.parts == 1 else track.split(self.parts)
 
     def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf) -> Array:
         """What faulty sensors make of clean readings (N, ny) or block means (B, ny)."""
@@ -187,12 +199,17 @@ class Machine:
                 "integrated to a twentieth of the noise; it is stiff, or its equations jump"
             )
         # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
-        enough = np.maximum(0.2 * noise, 0.02 * np.std(self.run(track, self.theta, x0), axis=0))
-        try:
-            longest = float(np.median(track.coarse.seconds))
-            self.block_step_s = self._settled(track, x0, longest, enough, blocks=True)
-        except _TooCoarse:
-            self.block_step_s = self.step_s
+        exact = self.run(track, self.theta, x0)
+        enough = np.maximum(0.2 * noise, BLOCKED * np.std(exact, axis=0))
+        for self.parts in (1, 2, 4, 8, 16, 32):
+            try:
+                longest = float(np.median(self.grid(track).seconds))
+                self.block_step_s = self._settled(track, x0, longest, enough, blocks=True)
+            except _TooCoarse:
+                self.block_step_s = self.step_s
+            missed = self.run(track, self.theta, x0, blocks=True) - track.block_means(exact)
+            if (np.sqrt(np.nanmean(missed**2, axis=0)) < enough).all() or len(self.grid(track).u) == len(track.time_s):
+                break
         return remark
 
     def _settled(self, track: Track, x0: Array, step_s: float, most: Array, blocks: bool) -> float:
@@ -225,6 +242,11 @@ def _with_fault(
     faulty = candidate.mechanism.series(time_s, values[:, column].copy(), theta[list(candidate.at)])
     changed[:, column] = np.where(late, values[:, column], faulty)
     return changed
+
+
+@njit(EQUATION, cache=True)
+def _state(x, u, theta):  # type: ignore[no-untyped-def]
+    return x.copy()
 
 
 def _ports(simulator: Simulator) -> tuple[str, ...]:

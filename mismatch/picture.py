@@ -22,6 +22,8 @@ PROBE = 0.2
 """Share of its typical size at which a candidate's column is taken."""
 RARE = 20.0
 """Units that every faulty sensor or input after the first must earn besides: that two fail at once is rare."""
+SHAPED = 8.0
+"""Units that each parameter which shapes an effect must earn besides its size: a flexible form fits by chance."""
 SHAPES = (0.5, 0.15, 0.85)
 """Where in its range a shape parameter is tried: its nominal value for the first."""
 
@@ -45,6 +47,8 @@ class Picture:
         nuisance, columns: whitened, per recording: (B, ny, K) of the unknowns, (B, ny, V) per unit of size.
         sizes: (V,) what was there where the picture was taken.
         faults: (V,) is the variant a fault of a sensor or an input?
+        shapes: (V,) how many parameters shape it.
+        families: (V,) what can become the same effect: one of a family is enough.
     """
 
     variants: tuple[Variant, ...]
@@ -57,6 +61,8 @@ class Picture:
     columns: Sequence[Array]
     sizes: Array
     faults: np.ndarray
+    shapes: np.ndarray
+    families: np.ndarray
 
     def gain(self, chosen: Sequence[int]) -> float:
         """What a set explains; minus infinity if a size would leave its physical range."""
@@ -83,18 +89,26 @@ class Picture:
 
     def scores(self, sets: Sequence[Sequence[int]], penalty: float) -> Array:
         """Of many sets at once."""
-        faults = [int(self.faults[list(chosen)].sum()) if len(chosen) else 0 for chosen in sets]
-        return self.gains(sets) - [price(len(c), n, penalty) for c, n in zip(sets, faults, strict=True)]
+        owed = []
+        for chosen in sets:
+            i = list(chosen)
+            owed.append(price(len(i), int(self.faults[i].sum()), int(self.shapes[i].sum()), penalty))
+        return self.gains(sets) - np.array(owed)
 
 
-def price(effects: int, faults: int, penalty: float) -> float:
-    """What so many effects, faults among them, must earn."""
-    return penalty * effects + RARE * max(0, faults - 1)
+def price(effects: int, faults: int, shapes: int, penalty: float) -> float:
+    """What so many effects, faults among them, with so many parameters that shape them, must earn."""
+    return penalty * effects + RARE * max(0, faults - 1) + SHAPED * shapes
 
 
 def is_fault(candidate: Candidate) -> bool:
     """Of a sensor or of an input."""
     return candidate.mechanism.kind != "physics"
+
+
+def shape_count(candidate: Candidate) -> int:
+    """Parameters besides its size that a fit may move."""
+    return 0 if is_amplitude(candidate) else len(candidate.at) - 1
 
 
 def variants(candidates: Sequence[Candidate]) -> tuple[Variant, ...]:
@@ -177,11 +191,23 @@ def picture(
         candidate = machine.candidates[variant.candidate]
         bounds = np.array([candidate.mechanism.parameters[0].low, candidate.mechanism.parameters[0].high])
         ends[i] = np.sort((bounds - candidate.null[0]) / units[i])
+    # However much of a candidate there must be, in the picture it begins at nothing.
+    ends[:, 0] = np.minimum(ends[:, 0], 0.0)
     faults = np.array([is_fault(machine.candidates[v.candidate]) for v in listed])
+    shapes = np.array([shape_count(machine.candidates[v.candidate]) for v in listed])
+    families = _families([machine.candidates[v.candidate] for v in listed])
     # A candidate that moves nothing here must not be divided by.
     G = G + 1e-6 * np.eye(n)
     b = b + G @ (sizes / units)
-    return Picture(tuple(listed), G, b, ends[:, 0], ends[:, 1], units, nuisance, columns, sizes, faults)
+    return Picture(
+        tuple(listed), G, b, ends[:, 0], ends[:, 1], units, nuisance, columns, sizes, faults, shapes, families
+    )
+
+
+def _families(listed: Sequence[Candidate]) -> np.ndarray:
+    plainest = [c.mechanism.contains or c.name for c in listed]
+    known = {name: i for i, name in enumerate(dict.fromkeys(plainest))}
+    return np.array([known[name] for name in plainest])
 
 
 def switched(machine: Machine, theta: Array, variant: Variant, size: float) -> Array:

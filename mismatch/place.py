@@ -10,6 +10,8 @@ from physics.simulator import Array, Equation, Mechanism, Variable
 Term = Callable[[Array, Array, Array], float]
 SHARE = 0.1
 """A typical effect changes a balance by this share of what commonly moves it."""
+CLOCK = "clock"
+"""A mechanism's own state whose name begins so goes by the recordings' clock."""
 GENEROUS = 100.0
 """A size may grow to this many times its typical value."""
 
@@ -41,13 +43,15 @@ class Place:
         """A common magnitude of the state."""
         return max(abs(self.variable.nominal), self.variable.scale)
 
-    def size(self, effect: str, unit: str, at: float = 1.0, low: float = 0.0) -> Variable:
+    def size(
+        self, effect: str, unit: str, at: float = 1.0, low: float = 0.0, generous: float = GENEROUS
+    ) -> Variable:  # fmt: skip
         """An effect's size, such that it is common where ``at`` is what the size multiplies.
 
         ``low`` is in shares of the upper bound: 0 or -1.
         """
         typical = SHARE * self.rate / at
-        high, says = GENEROUS * typical, f"size of the {effect.replace('_', ' ')}"
+        high, says = generous * typical, f"size of the {effect.replace('_', ' ')}"
         return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)
 
     def shape(self, effect: str, what: str, unit: str, low: float, high: float, typical: float, says: str) -> Variable:

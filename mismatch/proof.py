@@ -17,6 +17,8 @@ from mismatch.tracks import Track
 from physics.simulator import Array
 
 RESAMPLES = 500
+NOTHING = 0.02
+"""Share of the removable error that makes no difference."""
 PIECES = 8
 """Pieces of each held-out recording that are resampled as wholes."""
 
@@ -67,21 +69,37 @@ def held_out(problem: Problem, z: Array, tracks: Sequence[Track], own: Sequence[
     return Held([residual for residual, _ in found], np.sqrt(np.mean([square for _, square in found], axis=0)))
 
 
-def gain(before: Held, after: Held, variance: Array, seed: int = 0) -> Gain:
+def gain(before: Held, after: Held, variance: Array) -> Gain:
     """Share of the removable excess error removed, mean over channels in noise variances."""
-
-    def pieces(held: Held) -> Array:
-        return np.array([
-            np.nanmean(np.nanmean(piece**2, axis=0) / variance)
-            for residual in held.residuals for piece in np.array_split(residual, PIECES) if np.isfinite(piece).any()
-        ])  # fmt: skip
-
-    b, a = pieces(before), pieces(after)
-    rng = np.random.default_rng(seed)
-    picks = rng.integers(0, len(b), (RESAMPLES, len(b)))
+    b, a = _pieces(before, variance), _pieces(after, variance)
+    picks = _resamples(len(b))
     shares = _share(b[picks].mean(axis=1), a[picks].mean(axis=1))
     low, high = np.quantile(shares, (0.05, 0.95))
     return Gain(float(_share(b.mean(), a.mean())), float(low), float(high), float(b.mean() - 1.0))
+
+
+def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
+    """Does a model predict the held-out recordings worse than another, beyond what their pieces differ by chance?"""
+    worse = _pieces(simple, variance) - _pieces(whole, variance)
+    return bool(np.quantile(worse[_resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
+
+
+def as_good(simple: Held, whole: Held, before: Held, variance: Array) -> bool:
+    """Does a plainer model predict the held-out recordings as well as another, all but?"""
+    lost = gain(before, whole, variance).share - gain(before, simple, variance).share
+    return lost < NOTHING and not clearly_worse(simple, whole, variance)
+
+
+def _pieces(held: Held, variance: Array) -> Array:
+    """Mean squares, in noise variances, of pieces of the recordings."""
+    return np.array([
+        np.nanmean(np.nanmean(piece**2, axis=0) / variance)
+        for residual in held.residuals for piece in np.array_split(residual, PIECES) if np.isfinite(piece).any()
+    ])  # fmt: skip
+
+
+def _resamples(n: int) -> np.ndarray:
+    return np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
 
 
 def _share(before: Array, after: Array) -> Array:

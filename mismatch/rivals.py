@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,57 +16,77 @@ NEAR, NEAR_SHARE, NEAR_MOST = 10.0, 0.02, 45.0
 is exact, up to so many in all."""
 LIKELY = 4
 """Replacements of each effect that are fitted in full, if the linear picture holds them for possible."""
+FEW = 3
+"""Effects of an explanation whose alternatives are fitted with columns of their own, not only with the picture's."""
 TIED = 0.97
 """Two effects whose sizes are correlated so much can take each other's place in any share."""
 
 
-def slack(before: Explanation, best: Explanation) -> float:
-    """Units that another explanation may lie behind the best and still be possible."""
-    return min(NEAR + NEAR_SHARE * (before.cost - best.cost), NEAR_MOST)
+def slack(worth: float) -> float:
+    """Units that another explanation may lie behind and still be possible, of something that gains so much."""
+    return min(NEAR + NEAR_SHARE * max(worth, 0.0), NEAR_MOST)
 
 
-def rivals(
-    before: Explanation, best: Explanation, shown: Picture, tried: Sequence[Explanation], pairs: bool = True
-) -> list[list[str]]:
-    """For each effect of ``best``, names that could stand in its place, likeliest first.
+def alternatives(before: Explanation, best: Explanation, shown: Picture, pairs: bool = True) -> list[Explanation]:
+    """What could stand in the place of one effect of ``best`` or another, and ``best`` without each, fitted in full.
 
-    Another name can stand alone in an effect's place; several can together, where the best explanation
-    without it is nearly as good; and a fellow whose size is tied to its own can take over its part.
+    Another candidate can stand alone in an effect's place; several can together, where the picture without the
+    effect is nearly as good.
 
     Args:
         shown: a picture around ``best``.
-        tried: other explanations that were fitted in full.
     """
-    near = slack(before, best)
+    near = slack(before.cost - best.cost)
     machine = best.problem.machine
-    n_base = len(best.z) - sum(len(machine.candidates[v.candidate].at) for v in best.chosen)
-    base = replace(best.problem, unknowns=best.problem.unknowns[:n_base])
     owner = [v.candidate for v in shown.variants]
     chosen = [owner.index(v.candidate) for v in best.chosen]
     here = shown.score(chosen, PENALTY)
-    # What can become an effect is no other thing than it.
-    same = [{c.name for c in machine.candidates if name in (c.name, c.mechanism.contains)} for name in best.names]
-    sets = set()
+    sets: set[tuple[int, ...]] = set()
     for k, options in enumerate(replacements(shown, chosen)):
         rest = (*chosen[:k], *chosen[k + 1 :])
         sets |= {(*rest, i) for loss, i in options[:LIKELY] if loss < 2.0 * near}
-        out_of_play = {j for j, c in enumerate(machine.candidates) if c.name in same[k]}
+        sets |= {rest} if rest else set()
+        out_of_play = {j for j, c in enumerate(machine.candidates) if c.name in _same(best, best.names[k])}
         without = local_search(shown, rest, len(chosen) + 1, PENALTY, pairs, out_of_play)
-        if here - shown.score(without, PENALTY) < 2.0 * near:
+        if without and here - shown.score(without, PENALTY) < 2.0 * near:
             sets.add(without)
-    fitted = [*tried, *(refit(base, best.z[:n_base], shown, s, rounds=1) for s in sorted(sets))]
-    tied = _tied(best, n_base)
+    return [refit(best.bare, best.z[: best.first], shown, s, fresh_rounds(best)) for s in sorted(sets)]
+
+
+def fresh_rounds(best: Explanation) -> int:
+    """Rounds with columns of its own that a set like it but for one effect needs: few of many change little."""
+    return 1 if len(best.names) <= FEW else 0
+
+
+def rivals(before: Explanation, best: Explanation, fitted: Sequence[Explanation]) -> list[list[str]]:
+    """For each effect of ``best``, names that could stand in its place, likeliest first.
+
+    They come from explanations without it that are nearly as good; and a fellow whose size is tied to its own
+    can take over its part.
+
+    Args:
+        fitted: other explanations, ``alternatives`` among them.
+    """
+    tied = _tied(best)
     out = []
-    for k in range(len(chosen)):
-        close: dict[str, float] = {}
-        for e in fitted:
-            behind = e.score(PENALTY) - best.score(PENALTY)
-            if not same[k] & set(e.names) and behind < near:
-                for other in set(e.names) - set(best.names):
-                    close[other] = min(close.get(other, np.inf), behind)
-        ranked = sorted(close, key=lambda other: close[other])
+    for k, name in enumerate(best.names):
+        without = [e for e in fitted if not _same(best, name) & set(e.names)]
+        # What it gains over the best explanation of fewer effects that lacks it.
+        worth = min([before.cost, *(e.cost for e in without if len(e.names) < len(best.names))]) - best.cost
+        behind = {e.names: e.score(PENALTY) - best.score(PENALTY) for e in sorted(without, key=lambda e: -e.cost)}
+        close = {frozenset(names): b for names, b in behind.items() if b < slack(worth)}
+        # Of one that does with less than another nothing is learnt from the other.
+        plain = {names: b for names, b in close.items() if not any(other < names for other in close)}
+        others = {other: min(b for names, b in plain.items() if other in names) for other in set().union(*plain)}
+        ranked = sorted(set(others) - set(best.names), key=lambda other: (others[other], other))
         out.append([*(best.names[j] for j in np.flatnonzero(tied[k])), *ranked])
     return out
+
+
+def _same(explanation: Explanation, name: str) -> set[str]:
+    """Itself, and what can become it: no other thing."""
+    candidates = explanation.problem.machine.candidates
+    return {c.name for c in candidates if name in (c.name, c.mechanism.contains)}
 
 
 def plainest(tried: Sequence[Explanation]) -> Explanation:
@@ -81,14 +100,14 @@ def plainest(tried: Sequence[Explanation]) -> Explanation:
     return best
 
 
-def _tied(best: Explanation, n_base: int) -> np.ndarray:
+def _tied(best: Explanation) -> np.ndarray:
     """Which effects' sizes are tied to which others', (n, n) of bool."""
     problem = best.problem
     G, _, _ = problem.normal(best.z, problem.residuals(best.z))
     scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
     covariance = np.linalg.pinv(G * np.outer(scale, scale), hermitian=True, rcond=1e-12)
     lengths = [len(problem.machine.candidates[v.candidate].at) for v in best.chosen]
-    at = n_base + np.concatenate(([0], np.cumsum(lengths[:-1]))).astype(int)
+    at = best.first + np.concatenate(([0], np.cumsum(lengths[:-1]))).astype(int)
     sizes: Array = covariance[np.ix_(at, at)]
     spread = np.sqrt(np.maximum(np.diag(sizes), 1e-300))
     return (np.abs(sizes / np.outer(spread, spread)) > TIED) & ~np.eye(len(at), dtype=bool)

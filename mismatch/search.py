@@ -27,17 +27,19 @@ def best_sets(
     The local search adds, drops, swaps, and puts one for two until nothing helps.
     """
     n = len(shown.variants)
-    owner = [v.candidate for v in shown.variants]
+    owner, family = [v.candidate for v in shown.variants], shown.families
     alone = shown.gains([(i,) for i in range(n)])
     once = _first_of_each([int(i) for i in np.argsort(-alone)], owner)
-    found: list[tuple[int, ...]] = [(i,) for i in once[:REFITS] if np.isfinite(alone[i])]
+    # What the best faulty sensor or input explains is always told.
+    singles = dict.fromkeys([*once[:REFITS], *[i for i in once if shown.faults[i]][:1]])
+    found: list[tuple[int, ...]] = [(i,) for i in singles if np.isfinite(alone[i])]
     if pairs:
         # Two effects that each look poor alone can be plain together.
         diagonal = np.maximum(np.diag(shown.G), 1e-12)
         options = [
             (i, j)
             for i, j in itertools.combinations(range(n), 2)
-            if owner[i] != owner[j] and abs(shown.G[i, j]) < 0.995 * np.sqrt(diagonal[i] * diagonal[j])
+            if family[i] != family[j] and abs(shown.G[i, j]) < 0.995 * np.sqrt(diagonal[i] * diagonal[j])
         ]
         together = shown.gains(options)
         seen: set[frozenset[int]] = set()
@@ -67,19 +69,20 @@ def local_search(
     Args:
         without: candidates that may not be in it.
     """
-    owner = [v.candidate for v in shown.variants]
+    owner, family = [v.candidate for v in shown.variants], shown.families.tolist()
     current = tuple(sorted(begin))
     score = shown.score(current, penalty)
     n = len(owner)
     while True:
         options = [current[:k] + current[k + 1 :] for k in range(len(current))]
-        taken = without | {owner[i] for i in current}
-        outside = [i for i in range(n) if owner[i] not in taken]
+        taken = {family[i] for i in current}
+        outside = [i for i in range(n) if family[i] not in taken and owner[i] not in without]
         if len(current) < most:
             options += [(*current, i) for i in outside]
         for k in range(len(current)):
             rest = current[:k] + current[k + 1 :]
-            same = [i for i in range(n) if owner[i] == owner[current[k]] and i != current[k]]
+            kin = [i for i in range(n) if family[i] == family[current[k]] and i != current[k]]
+            same = [i for i in kin if owner[i] not in without]
             options += [(*rest, i) for i in (*outside, *same)]
         if pairs and len(current) >= 2:
             for k, m in itertools.combinations(range(len(current)), 2):
@@ -99,7 +102,7 @@ def wander(shown: Picture, begin: Sequence[int], most: int, penalty: float, seed
     for a search that takes one step after another.
     """
     rng = np.random.default_rng(seed)
-    owner = np.array([v.candidate for v in shown.variants])
+    family = shown.families
     memory: dict[tuple[int, ...], float] = {}
 
     def score(chosen: tuple[int, ...]) -> float:
@@ -111,10 +114,10 @@ def wander(shown: Picture, begin: Sequence[int], most: int, penalty: float, seed
     for _ in range(MOVES):
         out = rng.permutation(len(current))[: rng.integers(0, min(2, len(current)) + 1)]
         rest = [i for place, i in enumerate(current) if place not in out]
-        free = np.flatnonzero(~np.isin(owner, owner[rest]))
+        free = np.flatnonzero(~np.isin(family, family[rest]))
         added: list[int] = []
         for i in rng.permutation(free)[: rng.integers(0, 3)]:
-            if owner[i] not in owner[added]:
+            if family[i] not in family[added]:
                 added.append(int(i))
         option = tuple(sorted((*rest, *added)))
         if option == current or len(option) > most:

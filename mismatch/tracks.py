@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -13,8 +13,10 @@ import pandas as pd
 from data.recording import Recording
 from physics.simulator import Array, Simulator
 
-BLOCKS = 1500
-"""Blocks that a recording is averaged into at most: what a fit sees, whatever the sample rate."""
+BLOCKS = 1000
+"""Blocks that a long recording is averaged into, more or less: what a fit sees, whatever the sample rate."""
+SEEN = 0.6
+"""Share of a block's readings that must be there."""
 _HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
 
 
@@ -52,10 +54,17 @@ class Track:
     y: Array
     starts: np.ndarray
     means: Array
+    _splits: dict[int, Grid] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def block_means(self, readings: Array) -> Array:
         """Means (B, ny) of simulated readings (N, ny) over the samples that were measured too."""
         return _means(np.where(np.isnan(self.y), np.nan, readings), self.starts)
+
+    def without(self, channel: int, since_s: float, until_s: float) -> Track:
+        """The same without a channel's readings of some time."""
+        y = self.y.copy()
+        y[(self.time_s >= since_s) & (self.time_s <= until_s), channel] = np.nan
+        return replace(self, y=y, means=_means(y, self.starts))
 
     @cached_property
     def fine(self) -> Grid:
@@ -66,6 +75,25 @@ class Track:
     def coarse(self) -> Grid:
         """Block by block."""
         return self.grid(self.u, self.starts)
+
+    def split(self, parts: int) -> Grid:
+        """Blocks in so many parts each, or sample by sample where they hold fewer."""
+        if parts not in self._splits:
+            self._splits[parts] = self.grid(self.u, self.split_starts(parts))
+        return self._splits[parts]
+
+    def split_starts(self, parts: int) -> np.ndarray:
+        """First samples of the parts of blocks."""
+        counts = self.coarse.samples
+        return np.unique(np.concatenate([self.starts + k * counts // parts for k in range(parts)]))
+
+    def joined(self, values: Array, grid: Grid) -> Array:
+        """Means (B, n) over blocks of what holds over the parts (P, n) that they were split in."""
+        if len(values) == len(self.starts):
+            return values
+        ends = np.cumsum(grid.samples)
+        first = np.searchsorted(ends, self.starts, side="right")
+        return np.asarray(np.add.reduceat(values * grid.samples[:, None], first) / self.coarse.samples[:, None])
 
     def grid(self, u: Array, starts: np.ndarray) -> Grid:
         """Stretches that begin at the samples ``starts``, with inputs u (N, nu)."""
@@ -93,7 +121,7 @@ def prepare(recordings: Sequence[Recording], simulator: Simulator, blocks: int =
         missing = np.full(len(recording.time_s), np.nan)
         y = np.stack([recording.values[:, place[n]] if n in place else missing for n in outputs], axis=-1)
         y = np.stack([despiked(column) for column in y.T], axis=-1)
-        starts = np.arange(0, len(y), -(-len(y) // blocks))
+        starts = np.arange(0, len(y), max(1, round(len(y) / blocks)))
         tracks.append(Track(recording.name, recording.time_s, u, y, starts, _means(y, starts)))
     return tracks
 
@@ -123,4 +151,6 @@ def _means(values: Array, starts: np.ndarray) -> Array:
     seen = ~np.isnan(values)
     counts = np.add.reduceat(seen, starts, axis=0, dtype=float)
     sums = np.add.reduceat(np.where(seen, values, 0.0), starts, axis=0)
-    return np.where(counts > 0, sums / np.maximum(counts, 1.0), np.nan)
+    # What is missing is missing where a reading jumps, often; half a block is not a block then.
+    whole = np.add.reduceat(np.ones_like(values), starts, axis=0)
+    return np.where(counts > SEEN * whole, sums / np.maximum(counts, 1.0), np.nan)

@@ -112,7 +112,7 @@ def conclude(d: Diagnosis) -> Verdict:
     parameters = _parameters(d, held, sd)
     chi2, limit = residual_chi2(held)
     located = locate(d) if (d.best is not None or chi2 > limit or lasting(d)) else None
-    findings = _findings(d, sd, located)
+    findings = (*_stuck(d), *_findings(d, sd, located))
     mechanisms: tuple[Mechanism, ...] = ()
     if d.chosen is not None:
         mechanisms = tuple(d.machine.candidates[v.candidate].mechanism for v in d.chosen.chosen)
@@ -122,6 +122,8 @@ def conclude(d: Diagnosis) -> Verdict:
         verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
     elif d.best is not None or lasting(d):
         verdict = "unexplained"
+    elif d.stuck:
+        verdict = "sensor fault"
     else:
         verdict = "parameter change" if changed else "consistent"
     fit = _fits(d)
@@ -155,7 +157,7 @@ def _values(explanation: Explanation) -> dict[str, float]:
         for u, v in zip(explanation.problem.unknowns, explanation.z, strict=True)
         if u.kind == "parameter"
     }
-    at = len(explanation.z) - sum(len(machine.candidates[v.candidate].at) for v in explanation.chosen)
+    at = explanation.first
     for variant in explanation.chosen:
         for v in machine.candidates[variant.candidate].mechanism.parameters:
             found[v.name] = float(explanation.z[at])
@@ -178,6 +180,25 @@ def _changed(d: Diagnosis, value: Value) -> bool:
     return abs(value.value - v.nominal) > max(MOVED * sd, PLAIN * v.scale)
 
 
+def _stuck(d: Diagnosis) -> list[Finding]:
+    """Sensors that stand still, one finding per channel."""
+    found = []
+    for c in sorted({s.channel for s in d.stuck}):
+        v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
+        name, port = f"sensor_stuck@{v.name}", f"output:{v.name}"
+        where = ", ".join(
+            f"at {_with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while the "
+            f"simulator says that it moved by {_with_unit(s.moved, v.unit)}"
+            for s in stretches
+        )
+        says = f"the sensor of {v.name} stands still ({name}, at {port}): {where}; its readings there were set aside"
+        times = tuple((s.since_s, s.until_s) for s in stretches)
+        found.append(
+            Finding("sensor fault", name, "", 1.0, (), port, ((port, 1.0),), times[0][0], times, "", (), says)
+        )
+    return found
+
+
 def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding, ...]:
     ports = located.ports if located is not None else ()
     if d.chosen is None:
@@ -193,7 +214,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
         return (Finding("unexplained", None, "", 0.0, (), where, ports, None, (), "", (), says),)
     found = []
     machine = d.machine
-    at = len(d.chosen.z) - sum(len(machine.candidates[v.candidate].at) for v in d.chosen.chosen)
+    at = d.chosen.first
     since = first_onset(d.chosen.problem.since, [t.time_s[0] for t in d.tracks]) if d.chosen.problem.since else None
     where = regime(d)
     for variant, rivals in zip(d.chosen.chosen, d.rivals, strict=True):

@@ -23,9 +23,12 @@ from mismatch.noise import ORDER, Whitener, noise_floor
 from mismatch.onset import find_onsets, settled_onsets
 from mismatch.picture import Picture, Variant, picture, variants
 from mismatch.proof import Gain, Held, gain, held_out
-from mismatch.rivals import plainest, rivals
+from mismatch.rivals import alternatives, plainest, rivals
 from mismatch.search import LARGEST, PENALTY, best_sets, local_search
+from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
+from mismatch.visited import resized
+from mismatch.weigh import contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -33,6 +36,12 @@ PRIOR = 4.0
 LEAST_GAIN = 20.0
 """Log-likelihood units (twice) below which nothing is named, whatever the noise would allow."""
 TURNS = 8
+FINALISTS = 8
+"""Explanations of gross errors that are weighed against the best at the end."""
+PROVED = 3
+"""Times that a plainer explanation than the last is looked for."""
+PROMISING = 5
+"""Sets that are fitted in full on the way; all at the end, where they may be rivals."""
 SHORTEST_BLOCKS = 30
 NULL_DRAWS, NULL_INFLATION = 400, 1.3
 SPLIT = 0.7
@@ -50,6 +59,7 @@ class Diagnosis:
         rivals: for each effect of ``chosen``, names that these data cannot tell from it.
         threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
         share: what was gained on held-out recordings; None without any.
+        stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
     """
 
     simulator: Simulator
@@ -70,6 +80,7 @@ class Diagnosis:
     held_after: Held | None
     share: Gain | None
     refused: str
+    stuck: list[Stuck]
 
 
 def examine(
@@ -85,9 +96,10 @@ def examine(
     recordings, hold_out = _split(recordings, hold_out)
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in recordings])))
     listed = whole_catalogue(simulator, (), period_s) if catalogue is None else tuple(catalogue)
-    listed = tuple(m for m in listed if not _calibrated(simulator, m))
+    listed = tuple(m for m in listed if not (_is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
     machine = Machine(simulator, listed)
     tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
+    machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
     for track in (*tracks, *held):
         if len(track.starts) < SHORTEST_BLOCKS:
             raise BadInput(
@@ -103,34 +115,64 @@ def examine(
     remarks += [coarse] if coarse else []
 
     progress("calibrate", 0.0)
-    unknowns = (*_parameters(simulator), *_own(simulator, tracks))
-    problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
-    z, _ = solve(problem, problem.z0, 12)
-    # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
-    problem = rewhitened(problem.refined(z), z, floor, 0)
-    z, cost = solve(problem, z, 4)
+    problem, z, cost = _calibrated(machine, tracks, floor)
+    stuck: list[Stuck] = []
+    if found := find_stuck(tracks, problem.residuals(z), floor):
+        problem, z, cost = _calibrated(machine, without(tracks, found), floor)
+        # Where it begins shows best against a fit that has not seen it.
+        whole = dataclasses.replace(problem, tracks=tracks, offsets=()).refined(z)
+        stuck = find_stuck(tracks, whole.residuals(z), floor) or found
+        tracks = without(tracks, stuck)
+        problem, z, cost = _calibrated(machine, tracks, floor)
+    if held and (found := find_stuck(held, held_out(problem, z, held, _own(simulator, held)).residuals, floor)):
+        held, stuck = without(held, found), [*stuck, *found]
 
+    machine.candidates = resized(machine.candidates, problem, z, period_s)
     choices = variants(machine.candidates)
-    before, best, tried, shown, threshold = _search(problem, z, cost, choices, floor, progress, guards)
+    before, best, tried, finalists, shown, threshold = _search(problem, z, cost, choices, floor, progress, guards)
     problem, z = before.problem, before.z
 
     progress("prove", 0.0)
     own = _own(simulator, held)
     tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
     held_before = held_out(problem, z, held, own) if held else None
-    held_after, share, refused, alternatives = None, None, "", []
+    held_after, share, refused, others = None, None, "", []
     if best is not None:
+        fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
         if held_before is not None:
-            best, held_after = _proved(best, shown, held_before, held, own)
+            proved = contended(before, best, fitted, finalists, held, own)
+            for _ in range(PROVED):
+                if proved is not best:
+                    best = _again(problem, proved)
+                    at = dataclasses.replace(problem, offsets=best.problem.offsets)
+                    shown = _pictured(at, best, choices, progress, TURNS, guards)
+                    fitted += alternatives(before, best, shown, guards.pairs)
+                proved = plainest_that_predicts(before, best, fitted, shown, held_before, held, own)
+                if proved is best:
+                    break
+            held_after = held_out(best.problem, best.z, held, own)
             share = gain(held_before, held_after, best.problem.whitener.variance())
-        refused = _refusal(best, before, threshold, share if guards.held_out_gate else None)
-        alternatives = rivals(before, best, shown, tried, guards.pairs)
+        refused = refusal(best, before, threshold, share if guards.held_out_gate else None)
+        others = rivals(before, best, fitted)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None
     return Diagnosis(
-        simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, alternatives,
-        threshold, held_before, held_after, share, refused,
+        simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, others,
+        threshold, held_before, held_after, share, refused, stuck,
     )  # fmt: skip
+
+
+def _calibrated(machine: Machine, tracks: list[Track], floor: Array) -> tuple[Problem, Array, float]:
+    """The simulator as it came, fitted."""
+    unknowns = (*_parameters(machine.simulator), *_own(machine.simulator, tracks))
+    problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
+    z, _ = solve(problem, problem.z0, 12)
+    # What blocks leave out depends on where the fit is.
+    problem = problem.refined(z)
+    z, _ = solve(problem, z, 4)
+    # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
+    problem = rewhitened(problem.refined(z), z, floor, 0)
+    return problem, *solve(problem, z, 4)
 
 
 def _split(
@@ -151,7 +193,7 @@ def _piece(recording: Recording, rows: slice, suffix: str) -> Recording:
     )
 
 
-def _calibrated(simulator: Simulator, mechanism: Mechanism) -> bool:
+def _is_parameter(simulator: Simulator, mechanism: Mechanism) -> bool:
     """Is the mechanism only a parameter that calibration moves anyway?"""
     if mechanism.term is not None or mechanism.series is not None:
         return False
@@ -218,22 +260,23 @@ def null_threshold(shown: Picture, guards: Guards = Guards(), seed: int = 0) -> 
 def _search(
     problem: Problem, z: Array, cost: float, choices: Sequence[Variant], floor: Array,
     progress: Callable[[str, float], None], guards: Guards,
-) -> tuple[Explanation, Explanation | None, list[Explanation], Picture, float]:  # fmt: skip
+) -> tuple[Explanation, Explanation | None, list[Explanation], list[Explanation], Picture, float]:  # fmt: skip
     """Picture, fit what looks best, picture again from there, until nothing changes; then judge with true noise.
 
     Returns:
-        The calibrated model, the best explanation or None, all explanations in the order of merit, the
-        last picture, and the gain that an effect must have.
+        The calibrated model, the best explanation or None, all explanations in the order of merit, those that
+        gross errors are explained by nearly as well, the last picture, and the gain that an effect must have.
     """
     order = ORDER if guards.whitening else 0
     before = Explanation((), (), problem, z, cost)
-    best = before
+    best, finalists = before, []
     if gross(problem, z, floor):
-        best = climb(before, choices, guards.pairs, lambda share: progress("screen", share / (TURNS + 1)))
+        climbed = climb(before, choices, guards.pairs, lambda share: progress("screen", share / (TURNS + 1)))
+        best, finalists = climbed[0], [e for e in climbed[1:] if e.names][:FINALISTS]
         problem = rewhitened(best.problem, best.z, floor, order, problem)
         best = _again(problem, best)
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
-    for turn in range(TURNS):
+    for turn in range(0 if finalists else TURNS):
         shown = _pictured(problem, best, choices, progress, turn, guards)
         if best.names and _unchanged(shown, best, guards):
             break
@@ -249,7 +292,7 @@ def _search(
         problem = rewhitened(best.problem, best.z, floor, order, problem)
         best = _again(problem, best)
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
-    if len(best.names) >= MANY:
+    if len(best.names) >= MANY and not finalists:
         problem = dataclasses.replace(problem, whitener=best.problem.whitener)
         best = from_everything(best, problem, choices)
     problem = rewhitened(best.problem, best.z, 0.3 * floor, order, problem)
@@ -260,41 +303,20 @@ def _search(
     problem = dataclasses.replace(problem, offsets=best.problem.offsets)
     shown = _pictured(problem, best, choices, progress, TURNS, guards)
     threshold = null_threshold(shown, guards)
-    tried = _refitted(problem, best, shown, threshold, progress, TURNS, guards)
+    # What was climbed to has earned its place by independent readings.
+    tried = _refitted(problem, best, shown, threshold, progress, TURNS, guards) if not finalists else []
     if best.names:
         tried.append(best)
+    finalists = [_again(problem, e) for e in finalists]
     tried.sort(key=lambda e: e.score(threshold))
-    if not tried or not tried[0].score(threshold) < before.cost:
-        return before, None, tried, shown, threshold
-    if plainest(tried) is not best:
+    if not tried or not (finalists or tried[0].score(threshold) < before.cost):
+        return before, None, tried, finalists, shown, threshold
+    if not finalists and plainest(tried) is not best:
         best = _again(problem, plainest(tried))
         tried = [best, *(e for e in tried if e.names != best.names)]
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
         shown = _pictured(problem, best, choices, progress, TURNS, guards)
-    return before, best, tried, shown, threshold
-
-
-def _proved(
-    best: Explanation, shown: Picture, held_before: Held, held: Sequence[Track], own: Sequence[Unknown]
-) -> tuple[Explanation, Held]:
-    """The explanation without the effects that do nothing for the held-out recordings, and its errors there."""
-    held_best = held_out(best.problem, best.z, held, own)
-    variance = best.problem.whitener.variance()
-    chosen = list(range(len(best.chosen)))
-    n_base = len(best.z) - sum(len(best.problem.machine.candidates[v.candidate].at) for v in best.chosen)
-    base = dataclasses.replace(best.problem, unknowns=best.problem.unknowns[:n_base])
-    while len(chosen) > 1:
-        without = []
-        for i in chosen:
-            e = refit(base, best.z[:n_base], shown, [j for j in chosen if j != i], rounds=1)
-            h = held_out(e.problem, e.z, held, own)
-            without.append((gain(held_before, h, variance).share, i, e, h))
-        share, i, e, h = max(without, key=lambda w: w[0])
-        if share < gain(held_before, held_best, variance).share:
-            break
-        chosen.remove(i)
-        best, held_best = e, h
-    return best, held_best
+    return before, best, tried, finalists, shown, threshold
 
 
 def _unchanged(shown: Picture, best: Explanation, guards: Guards) -> bool:
@@ -324,6 +346,8 @@ def _refitted(
     """The promising sets fitted, the best of them with its shape parameters free; best first."""
     z = at.z[: len(problem.unknowns)]
     sets = best_sets(shown, LARGEST, penalty, guards.pairs, range(len(at.chosen)))
+    if turn < TURNS:
+        sets = sorted(sets, key=lambda s: -shown.score(s, penalty))[:PROMISING]
     found = []
     for k, chosen in enumerate(sets):
         progress("refit", (turn + k / len(sets)) / (TURNS + 1))
@@ -341,21 +365,6 @@ def _again(problem: Problem, explanation: Explanation) -> Explanation:
     moved = moved.refined(explanation.z)
     z, cost = solve(moved, explanation.z, 3)
     return dataclasses.replace(explanation, problem=moved, z=z, cost=cost)
-
-
-def _refusal(best: Explanation, before: Explanation, threshold: float, share: Gain | None) -> str:
-    """Why the best explanation is not accepted; empty if it is."""
-    gained = before.cost - best.cost
-    if gained < threshold * len(best.names):
-        return f"it explains {gained:.3g} units, noise alone could {threshold * len(best.names):.3g}"
-    if share is not None and share.excess < 0.01:
-        return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
-    if share is not None and (share.share < 0.5 or share.low < 0.2):
-        return (
-            f"on held-out recordings it removes {100 * share.share:.0f} % of the excess error "
-            f"(90 % interval {100 * share.low:.0f} to {100 * share.high:.0f})"
-        )
-    return ""
 
 
 def residual_chi2(explanation: Explanation) -> tuple[float, float]:

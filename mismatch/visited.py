@@ -1,0 +1,83 @@
+"""The catalogue sized for where the machine was in these recordings, not for where somebody guessed it would be.
+
+Typical sizes and the ranges of thresholds follow from what a state commonly is and how fast it moves. A simulator's
+nominal values say so before there are recordings; the calibrated run says it better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mismatch.catalogue import generic
+from mismatch.faults import faults
+from mismatch.fit import Problem
+from mismatch.machine import Candidate
+from mismatch.periods import loudest_period_s
+from physics.simulator import Array, Mechanism, Simulator, Variable
+
+PERIODS = 10
+"""So often must something come back within a recording to be called periodic."""
+_EDGE = 0.02
+"""Share of the time at either end that does not count as commonly."""
+
+
+def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_s: float) -> list[Candidate]:
+    """Candidates of the generic catalogue with sizes and thresholds that fit the run of a fitted problem.
+
+    Of the size that was declared and the one that the run shows the larger holds: where the simulator lacks
+    what moves a state, its run shows too little.
+    """
+    there = _moved(problem, z)
+    longest_s = max(float(t.time_s[-1] - t.time_s[0]) for t in problem.tracks) / PERIODS
+    white = [problem.whitener(r) for r in problem.residuals(z)]
+    loudest_s = loudest_period_s(problem.tracks, white, longest_s)
+    listed = generic(there, longest_s, loudest_s)
+    known = {m.name: m for m in (*listed, *faults(there, period_s))}
+    return [_resized(c, known[c.name]) if _is_generic(c, known) else c for c in candidates]
+
+
+def _is_generic(candidate: Candidate, known: dict[str, Mechanism]) -> bool:
+    return candidate.name in known and [v.name for v in known[candidate.name].parameters] == [
+        v.name for v in candidate.mechanism.parameters
+    ]
+
+
+def _resized(candidate: Candidate, seen: Mechanism) -> Candidate:
+    declared = candidate.mechanism.parameters
+    size = declared[0]
+    if seen.kind == "physics":
+        size = max(declared[0], seen.parameters[0], key=lambda v: abs(v.nominal))
+    parameters = (size, *seen.parameters[1:])
+    null = np.array([candidate.null[0], *(v.nominal for v in parameters[1:])])
+    return replace(
+        candidate, mechanism=replace(candidate.mechanism, parameters=parameters), null=null,
+        typical=np.array([v.nominal for v in parameters]),
+    )  # fmt: skip
+
+
+def _moved(problem: Problem, z: Array) -> Simulator:
+    """The simulator with its fitted parameters, and every variable's nominal value and scale where the machine was."""
+    simulator, tracks = problem.machine.simulator, problem.tracks
+    x = np.concatenate([problem.states(r, z)[:, : len(simulator.states)] for r in range(len(tracks))])
+    u, y = (np.concatenate([getattr(t, name) for t in tracks]) for name in ("u", "y"))
+    values = {v.name: z[k] for k, v in enumerate(problem.unknowns) if v.kind == "parameter"}
+    return replace(
+        simulator.with_values(**values),
+        states=tuple(_seen(v, column) for v, column in zip(simulator.states, x.T, strict=True)),
+        inputs=tuple(_seen(v, column) for v, column in zip(simulator.inputs, u.T, strict=True)),
+        outputs=tuple(_seen(v, column) for v, column in zip(simulator.outputs, y.T, strict=True)),
+    )
+
+
+def _seen(v: Variable, values: Array) -> Variable:
+    """A variable where it was; as declared if it hardly moved."""
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return v
+    low, high = np.clip(np.quantile(values, (_EDGE, 1.0 - _EDGE)), v.low, v.high)
+    if high - low < 0.5 * v.scale:
+        return v
+    return replace(v, nominal=0.5 * (low + high), scale=0.5 * (high - low))

@@ -1,0 +1,99 @@
+"""Explanations weighed by recordings that were held back: which predicts best, which does with least, which will do.
+
+Training residuals cannot tell a false name from a right one. Of explanations that are tied there, the held-out
+recordings choose; what they say of the chosen one is by so much the kinder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mismatch.explanation import Explanation, refit
+from mismatch.fit import Unknown
+from mismatch.picture import Picture
+from mismatch.proof import Gain, Held, as_good, clearly_worse, gain, held_out
+from mismatch.rivals import fresh_rounds, slack
+from mismatch.search import PENALTY
+from mismatch.tracks import Track
+
+FORM, PLAINER = 0.05, 4
+"""Share of what is gained that a form, being inexact, may miss of it; so many plainer explanations within that are
+weighed."""
+LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.01
+"""Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
+error, in noise variances, that there must be."""
+
+
+def contended(
+    before: Explanation, best: Explanation, fitted: Sequence[Explanation], finalists: Sequence[Explanation],
+    held: Sequence[Track], own: Sequence[Unknown],
+) -> Explanation:  # fmt: skip
+    """Of explanations that the fitted recordings can hardly tell apart, the one that predicts the held-out best."""
+    variance = best.problem.whitener.variance()
+    near = best.score(PENALTY) + slack(before.cost - best.cost)
+    tied = sorted((e for e in fitted if e.names and e.score(PENALTY) < near), key=lambda e: e.score(PENALTY))
+    held_best = held_out(best.problem, best.z, held, own)
+    for e in (*tied[:PLAINER], *finalists):
+        if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own), variance):
+            best, held_best = e, found
+    return best
+
+
+def plainest_that_predicts(
+    before: Explanation, best: Explanation, fitted: Sequence[Explanation], shown: Picture, held_before: Held,
+    held: Sequence[Track], own: Sequence[Unknown],
+) -> Explanation:  # fmt: skip
+    """The plainest explanation that predicts the held-out recordings no worse than the best.
+
+    Effects that do nothing for held-out recordings go; so do several that a plainer explanation, which fits
+    nearly as well, replaces: no form is exact, and what a form lacks is soon made up by others.
+
+    Args:
+        fitted: other explanations.
+        shown: a picture around the best.
+    """
+    variance = best.problem.whitener.variance()
+
+    def predicted(e: Explanation) -> Held:
+        return held_out(e.problem, e.z, held, own)
+
+    def subset(chosen: Sequence[int]) -> tuple[Explanation, Held]:
+        e = refit(best.bare, best.z[: best.first], shown, chosen, fresh_rounds(best))
+        return e, predicted(e)
+
+    now, held_now, chosen = best, predicted(best), list(range(len(best.chosen)))
+    while len(chosen) > 1:
+        without = {i: subset([j for j in chosen if j != i]) for i in chosen}
+        idle = [i for i in chosen if as_good(without[i][1], held_now, held_before, variance)]
+        if not idle:
+            break
+        rest = [i for i in chosen if i not in idle]
+        together = subset(rest) if rest and len(idle) > 1 else None
+        if together is None or not as_good(together[1], held_now, held_before, variance):
+            least = max(idle, key=lambda i: gain(held_now, without[i][1], variance).share)
+            rest, together = [i for i in chosen if i != least], without[least]
+        chosen, (now, held_now) = rest, together
+    nearly = now.cost + FORM * (before.cost - now.cost)
+    plainer = [
+        e for e in fitted
+        if 0 < len(e.names) <= len(now.names) and e.cost < (now.cost if len(e.names) == len(now.names) else nearly)
+    ]  # fmt: skip
+    for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
+        if as_good(predicted(e), held_now, held_before, variance):
+            return e
+    return now
+
+
+def refusal(best: Explanation, before: Explanation, threshold: float, share: Gain | None) -> str:
+    """Why the best explanation is not accepted; empty if it is."""
+    gained = before.cost - best.cost
+    if gained < threshold * len(best.names):
+        return f"it explains {gained:.3g} units, noise alone could {threshold * len(best.names):.3g}"
+    if share is not None and share.excess < LEAST_EXCESS:
+        return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
+    if share is not None and (share.share < LEAST_SHARE or share.low < LEAST_LOW):
+        return (
+            f"on held-out recordings it removes {100 * share.share:.0f} % of the excess error "
+            f"(90 % interval {100 * share.low:.0f} to {100 * share.high:.0f})"
+        )
+    return ""

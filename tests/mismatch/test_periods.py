@@ -1,0 +1,55 @@
+"""The period of a force shows in what it leaves, sharply over several recordings of one clock."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from motor import MOTOR
+from motor_case import record
+
+from mismatch import diagnose
+from mismatch.catalogue import generic
+from mismatch.periods import loudest_period_s
+from mismatch.tracks import prepare
+
+PERIOD_S = 7.3
+
+
+def later(recording, start_s):
+    return dataclasses.replace(recording, time_s=recording.time_s + start_s)
+
+
+@pytest.mark.parametrize("period_s", [2.1, PERIOD_S, 31.0])
+def test_a_sine_in_noise_is_found(period_s):
+    tracks = prepare([later(record(f"run {s}", s), 400.0 * s) for s in (1, 2)], MOTOR)
+    rng = np.random.default_rng(5)
+    white = []
+    for t in tracks:
+        wave = 0.5 * np.sin(2.0 * np.pi * t.coarse.time_s / period_s + 0.4)
+        white.append(np.stack([wave, 0.0 * wave, 0.0 * wave], axis=1) + rng.normal(size=t.means.shape))
+    assert loudest_period_s(tracks, white, 40.0) == pytest.approx(period_s, rel=5e-3)
+
+
+def test_what_takes_longer_than_is_asked_is_no_period():
+    (track,) = prepare([record("run", 1)], MOTOR)
+    slow = np.sin(2.0 * np.pi * track.coarse.time_s / 110.0)[:, None]
+    assert loudest_period_s([track], [slow], 40.0) <= 40.0
+
+
+def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
+    def shaken(start_s):
+        return lambda t, x, u: np.array([0.0, 2.0 * np.sin(2.0 * np.pi * (t + start_s) / PERIOD_S), 0.0])
+
+    starts_s = {"run 1": 0.0, "run 2": 500.0, "held out": 900.0}
+    runs = [
+        later(record(name, seed, shaken(start_s)), start_s)
+        for seed, (name, start_s) in enumerate(starts_s.items(), 1)
+    ]  # fmt: skip
+    listed = [m for m in generic(MOTOR) if m.name.partition("@")[0] in ("periodic", "coulomb_friction", "offset")]
+    (finding,) = diagnose(MOTOR, runs[:2], runs[2:], listed).findings
+    assert finding.mechanism == "periodic@omega_rad_s"
+    size, period, _ = (v.value for v in finding.parameters)
+    assert size == pytest.approx(2.0, rel=0.1)
+    assert period == pytest.approx(PERIOD_S, rel=1e-3)

@@ -1,0 +1,55 @@
+"""A sensor that stands still is found by itself, dated, and set aside."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from motor import MOTOR
+from motor_case import record
+
+from mismatch import diagnose
+from mismatch.stuck import find_stuck
+from mismatch.tracks import prepare
+
+SPEED = 0
+
+
+def sticks(time_s, y):
+    stuck = y.copy()
+    first = int(np.argmax(time_s > 70.0))
+    stuck[first:, SPEED] = y[first, SPEED]
+    return stuck
+
+
+def test_it_is_named_dated_and_its_readings_bend_nothing_else():
+    fitted = [record("run 1", 1), record("run 2", 2, sensor=sticks)]
+    verdict = diagnose(MOTOR, fitted, [record("held out", 9, reach=1.3)], ())
+    assert verdict.verdict == "sensor fault"
+    (finding,) = verdict.findings
+    assert finding.mechanism == "sensor_stuck@speed_rad_s"
+    assert finding.port == "output:speed_rad_s"
+    assert finding.since_s == pytest.approx(70.0, abs=4.0)
+    assert "stands still" in verdict.says
+    assert "run 2" in verdict.says
+    assert verdict.values["R_ohm"] == pytest.approx(0.65, rel=0.01)
+    seen = verdict.diagnosis.tracks[1].y[:, SPEED]
+    assert np.isnan(seen[verdict.diagnosis.tracks[1].time_s > 75.0]).all()
+
+
+def test_one_that_sticks_in_the_held_out_recording_only_is_found_too():
+    fitted = [record(f"run {s}", s) for s in (1, 2)]
+    verdict = diagnose(MOTOR, fitted, [record("held out", 9, sensor=sticks)], ())
+    assert [f.mechanism for f in verdict.findings] == ["sensor_stuck@speed_rad_s"]
+    assert "held out" in verdict.findings[0].says
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_one_that_follows_or_follows_by_half_is_not_stuck(share):
+    track = prepare([record("run", 3)], MOTOR)[0]
+    simulated = track.means / (1.0 - share)
+    assert find_stuck([track], [track.means - simulated], np.array([0.5, 0.3, 0.3])) == []
+
+
+def test_a_machine_that_rests_is_no_stuck_sensor():
+    track = prepare([record("run", 3, sensor=lambda t, y: 0.0 * y)], MOTOR)[0]
+    assert find_stuck([track], [track.means - 0.0], np.array([0.5, 0.3, 0.3])) == []
