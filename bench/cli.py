@@ -139,6 +139,16 @@ def _parser() -> argparse.ArgumentParser:
         help="so many cases for all but twinbench and oracle, the first ones (default: all)",
     )  # fmt: skip
 
+    flagship = command(
+        "flagship", "let mismatch mend the nominal model on drawn plants that differ from it in eleven ways",
+        "twinbench flagship --draws 10 --out results/flagship\n\n"
+        "draws each plant from the seed, seals the truth, asks the engine blindly, filters with what it mended",
+    )  # fmt: skip
+    flagship.add_argument("--draws", type=int, default=2, metavar="N", help="how many plants (default: 2)")
+    flagship.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
+    flagship.add_argument("--out", type=Path, default=Path("results/flagship"), metavar="DIR")
+    flagship.add_argument("--told", action="store_true", help="also ask an engine that is told the effects' names")
+
     report = command("report", "draw tables, figures and report again", "twinbench report results/quick")
     report.add_argument("results", type=Path, metavar="DIR")
 
@@ -345,6 +355,18 @@ def _prove(a: argparse.Namespace) -> int:
     return 0
 
 
+def _flagship(a: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from bench.flagship.suite import ENGINES, run
+    from bench.prove.gates import as_markdown
+
+    command = "twinbench " + shlex.join(sys.argv[1:])
+    engines = ENGINES if a.told else ENGINES[:1]
+    print(as_markdown(run(a.draws, a.seed, a.out, Console(stderr=True), engines, command=command)))
+    return 0
+
+
 def _report(a: argparse.Namespace) -> int:
     from bench.report import write_report
     from data.errors import BadInput
@@ -392,6 +414,7 @@ _COMMANDS = {
     "estimate": _estimate,
     "mismatch": _mismatch,
     "prove": _prove,
+    "flagship": _flagship,
     "report": _report,
     "latency": _latency,
 }

@@ -29,10 +29,12 @@ class Held(NamedTuple):
     Attributes:
         residuals: block means measured minus simulated, (B, ny) per recording.
         rmse: (ny,) sample by sample, in the channels' units.
+        own: what each recording has for itself, as fitted.
     """
 
     residuals: list[Array]
     rmse: Array
+    own: list[Array]
 
 
 class Gain(NamedTuple):
@@ -44,29 +46,35 @@ class Gain(NamedTuple):
     excess: float  # excess of the model before, in noise variances
 
 
-def held_out(problem: Problem, z: Array, tracks: Sequence[Track], own: Sequence[Unknown]) -> Held:
+def held_out(
+    problem: Problem, z: Array, tracks: Sequence[Track], own: Sequence[Unknown], near: Held | None = None
+) -> Held:  # fmt: skip
     """Open-loop errors on other recordings.
 
     Args:
         problem, z: a fit; what is shared between recordings is taken from it.
         own: unknowns of the held-out recordings themselves.
+        near: a similar fit's, to begin from.
     """
     theta = problem.theta.copy()
     for value, unknown in zip(z, problem.unknowns, strict=True):
         if unknown.recording == -1:
             theta[unknown.at] = value
 
-    def fitted(r: int) -> tuple[Array, Array]:
+    rounds = (10, 4) if near is None else (3, 1)
+
+    def fitted(r: int) -> tuple[Array, Array, Array]:
         # One recording at a time: they share nothing that is free.
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
         alone = Problem(problem.machine, [tracks[r]], mine, problem.whitener, theta=theta)
-        best, _ = solve(alone, alone.z0, 10)
+        best, _ = solve(alone, alone.z0 if near is None else near.own[r], rounds[0])
         alone = alone.refined(best)
-        best, _ = solve(alone, best, 4)
-        return alone.residual(0, best), alone.squares(0, best)
+        best, _ = solve(alone, best, rounds[1])
+        return alone.residual(0, best), alone.squares(0, best), best
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])
-    return Held([residual for residual, _ in found], np.sqrt(np.mean([square for _, square in found], axis=0)))
+    residuals, squares, best = (list(part) for part in zip(*found, strict=True))
+    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best)
 
 
 def gain(before: Held, after: Held, variance: Array) -> Gain:

@@ -292,6 +292,8 @@ def _search(
         problem = rewhitened(best.problem, best.z, floor, order, problem)
         best = _again(problem, best)
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
+        if len(best.names) >= MANY:
+            break
     if len(best.names) >= MANY and not finalists:
         problem = dataclasses.replace(problem, whitener=best.problem.whitener)
         best = from_everything(best, problem, choices)

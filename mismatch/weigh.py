@@ -34,7 +34,7 @@ def contended(
     tied = sorted((e for e in fitted if e.names and e.score(PENALTY) < near), key=lambda e: e.score(PENALTY))
     held_best = held_out(best.problem, best.z, held, own)
     for e in (*tied[:PLAINER], *finalists):
-        if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own), variance):
+        if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
             best, held_best = e, found
     return best
 
@@ -54,14 +54,15 @@ def plainest_that_predicts(
     """
     variance = best.problem.whitener.variance()
 
+    now, held_now, chosen = best, held_out(best.problem, best.z, held, own), list(range(len(best.chosen)))
+
     def predicted(e: Explanation) -> Held:
-        return held_out(e.problem, e.z, held, own)
+        return held_out(e.problem, e.z, held, own, held_now)
 
     def subset(chosen: Sequence[int]) -> tuple[Explanation, Held]:
         e = refit(best.bare, best.z[: best.first], shown, chosen, fresh_rounds(best))
         return e, predicted(e)
 
-    now, held_now, chosen = best, predicted(best), list(range(len(best.chosen)))
     while len(chosen) > 1:
         without = {i: subset([j for j in chosen if j != i]) for i in chosen}
         idle = [i for i in chosen if as_good(without[i][1], held_now, held_before, variance)]

@@ -1,0 +1,47 @@
+"""The engine's own process in the flagship study: it sees a case's folder of sensor columns and nothing else.
+
+``python -m bench.flagship.ask FOLDER KEEP_OUT`` reads ``case.json`` and the recordings in FOLDER and leaves
+``verdict.json``, ``model.toml`` (the mended nominal model) and ``calibrated.toml`` (the same without what was
+found) there. First of all it gives up the right to look into KEEP_OUT, where the study's results are.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from pathlib import Path
+
+from bench.blind import conceal
+from bench.store import write_text
+
+MODEL, CALIBRATED = "model.toml", "calibrated.toml"
+
+
+def answer(folder: Path) -> None:
+    """Put the question to the engine and write down what it says."""
+    from mismatch import diagnose
+    from mismatch.model import load_simulator, model_toml, whole_catalogue
+    from mismatch.recordings import read
+
+    case = json.loads((folder / "case.json").read_text())
+    nominal = load_simulator("nominal")
+    train, held_out = (read([folder / f"{n}.csv" for n in case[part]], nominal) for part in ("train", "held_out"))
+    catalogue = [m for m in whole_catalogue(nominal) if m.name not in case["without"]]
+    if case["only"]:  # an engine that is told
+        catalogue = [m for m in catalogue if m.name in case["only"]]
+    began = time.perf_counter()
+    verdict = diagnose(nominal, train, hold_out=held_out, catalogue=catalogue)
+    seconds = time.perf_counter() - began
+    before = verdict.diagnosis.before
+    calibrated = {
+        u.name: float(z) for u, z in zip(before.problem.unknowns, before.z, strict=True) if u.kind == "parameter"
+    }
+    write_text(folder / MODEL, model_toml("nominal", nominal, verdict.mechanisms, verdict.values, folder))
+    write_text(folder / CALIBRATED, model_toml("nominal", nominal, (), calibrated, folder))
+    write_text(folder / "verdict.json", json.dumps(verdict.to_dict() | {"seconds": seconds}, indent=1))
+
+
+if __name__ == "__main__":
+    conceal([Path(p) for p in sys.argv[2:]])
+    answer(Path(sys.argv[1]))
