@@ -94,8 +94,12 @@ def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
 
 def as_good(simple: Held, whole: Held, before: Held, variance: Array) -> bool:
     """Does a plainer model predict the held-out recordings as well as another, all but?"""
-    lost = gain(before, whole, variance).share - gain(before, simple, variance).share
-    return lost < NOTHING and not clearly_worse(simple, whole, variance)
+    return lost(simple, whole, before, variance) < NOTHING and not clearly_worse(simple, whole, variance)
+
+
+def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
+    """Share of the removable held-out error that one model removes less than another."""
+    return gain(before, whole, variance).share - gain(before, simple, variance).share
 
 
 def _pieces(held: Held, variance: Array) -> Array:

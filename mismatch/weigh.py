@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
 from mismatch.picture import Picture
-from mismatch.proof import Gain, Held, as_good, clearly_worse, gain, held_out
+from mismatch.proof import NOTHING, Gain, Held, as_good, clearly_worse, gain, held_out, lost
 from mismatch.rivals import fresh_rounds, slack
 from mismatch.search import PENALTY
 from mismatch.tracks import Track
@@ -22,6 +22,8 @@ weighed."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.01
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
 error, in noise variances, that there must be."""
+UNSURE = 0.015
+"""By so much of itself the noise's variance is not known; of a small error that is a good share."""
 
 
 def contended(
@@ -75,13 +77,14 @@ def plainest_that_predicts(
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
     nearly = now.cost + FORM * (before.cost - now.cost)
-    plainer = [
-        e for e in fitted
-        if 0 < len(e.names) <= len(now.names) and e.cost < (now.cost if len(e.names) == len(now.names) else nearly)
-    ]  # fmt: skip
+    plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
     for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
         if as_good(predicted(e), held_now, held_before, variance):
             return e
+    # Of as many effects the set that fits best, unless it predicts less.
+    fits = min((e for e in fitted if len(e.names) == len(now.names)), key=lambda e: e.cost, default=now)
+    if fits.cost < now.cost and lost(predicted(fits), held_now, held_before, variance) < NOTHING:
+        return fits
     return now
 
 
@@ -92,7 +95,10 @@ def refusal(best: Explanation, before: Explanation, threshold: float, share: Gai
         return f"it explains {gained:.3g} units, noise alone could {threshold * len(best.names):.3g}"
     if share is not None and share.excess < LEAST_EXCESS:
         return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
-    if share is not None and (share.share < LEAST_SHARE or share.low < LEAST_LOW):
+    if share is None:
+        return ""
+    doubt = UNSURE / max(share.excess, UNSURE)
+    if share.share < LEAST_SHARE - doubt or share.low < LEAST_LOW - doubt:
         return (
             f"on held-out recordings it removes {100 * share.share:.0f} % of the excess error "
             f"(90 % interval {100 * share.low:.0f} to {100 * share.high:.0f})"

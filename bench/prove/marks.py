@@ -44,9 +44,11 @@ def marks(row: pd.Series) -> Marks:
     alone = all(effect & named for effect in truth) and not wrong
     inside = all(effect & named or any(effect & s for s in small) for effect in truth) and not wrong
     single = detectable and cell in WITH_NAME
+    # Who says that nothing explains it calls it nothing.
+    called = [] if row["verdict"] == "unexplained" else _parts(row["ports_named"], "+")
+    physics = [p for p in called if p.startswith(("balance:", "flux:"))]
     ports = [set(p.split("|")) for p in _parts(row["port_truth"], "+")]
     pointed = set(row["ports_named"].replace("+", "|").split("|"))
-    physics = [p for p in _parts(row["ports_named"], "+") if p.startswith(("balance:", "flux:"))]
     return Marks(
         named_right=alone if single else None,
         set_right=inside if single or (detectable and cell == "confusable") else None,
