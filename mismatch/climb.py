@@ -9,8 +9,10 @@ import numpy as np
 
 from mismatch.explanation import Explanation, with_candidates
 from mismatch.fit import Problem, solve
+from mismatch.machine import Candidate
 from mismatch.noise import LONGEST
 from mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
+from mismatch.place import CLOCK
 from physics.simulator import Array
 
 GROSS, CHEAP_BLOCKS = 5.0, 1200
@@ -19,8 +21,9 @@ KEPT, EFFECTS, WITH_FAULTS = 4, 4, 2
 """Sets of each size that are grown on, and effects that they grow to: of physics alone, and with faults among them."""
 FINISHED = 24
 """Sets of each size that are fitted to the end: those that promise most after a first step."""
-AGAIN, RESTARTS = 6, 12
-"""Sets of each size that are fitted again from so many other sizes and shapes: thresholds have many optima."""
+AGAIN, RESTARTS = 6, 8
+"""Sets of each size that are fitted again from other sizes and shapes, so many times for each effect after the first:
+thresholds have many optima."""
 
 
 def gross(problem: Problem, z: Array, floor: Array) -> bool:
@@ -43,12 +46,17 @@ def climb(
     """
     kept = KEPT if pairs else 1
     candidates = before.problem.machine.candidates
-    physics = [j for j, candidate in enumerate(candidates) if not is_fault(candidate)]
+    every = [j for j, candidate in enumerate(candidates) if not _goes_by_clock(candidate)]
+    physics = [j for j in every if not is_fault(candidates[j])]
     found = _grown(before, choices, physics, EFFECTS, kept, RESTARTS, lambda share: advance(0.5 * share))
-    every = range(len(candidates))
     found += _grown(before, choices, every, WITH_FAULTS, kept, 0, lambda share: advance(0.5 + 0.5 * share))
     first = {frozenset(e.names): e for e in sorted(found, key=misfit, reverse=True)}
     return sorted(first.values(), key=lambda e: misfit(e) + owed(e))
+
+
+def _goes_by_clock(candidate: Candidate) -> bool:
+    """Is it periodic? In errors so large, any slow one looks like part of a period."""
+    return any(v.name.startswith(CLOCK) for v in candidate.mechanism.states)
 
 
 def _grown(
@@ -73,7 +81,7 @@ def _grown(
         begun.sort(key=misfit)
         grown = sorted((_solved(e, e.z) for e in begun[:FINISHED] if np.isfinite(e.cost)), key=misfit)
         for place, e in enumerate(grown[:AGAIN]):
-            tries = [_solved(e, _elsewhere(e, rng)) for _ in range(restarts)]
+            tries = [_solved(e, _elsewhere(e, rng)) for _ in range(restarts * size)]
             grown[place] = min([e, *(f for f in tries if np.isfinite(f.cost))], key=misfit)
         kept = sorted(grown, key=misfit)[:most]
         all_kept += kept
@@ -85,11 +93,13 @@ def _elsewhere(explanation: Explanation, rng: np.random.Generator) -> Array:
     machine = explanation.problem.machine
     z = explanation.z.copy()
     at = explanation.first
+    drawn: dict[str, float] = {}
     for variant in explanation.chosen:
         candidate = machine.candidates[variant.candidate]
         for place, v in enumerate(candidate.mechanism.parameters):
             if place:
-                z[at] = rng.uniform(v.low, v.high)
+                # What means the same (two effects that begin at one rim) is drawn the same.
+                z[at] = drawn.setdefault(v.says, rng.uniform(v.low, v.high))
             else:
                 small, large = PROBE * abs(typical(candidate)), 0.25 * max(abs(v.low), abs(v.high))
                 sign = np.sign(z[at] - candidate.null[0]) or 1.0

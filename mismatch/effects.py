@@ -263,7 +263,7 @@ def backlash(v: Variable) -> Mechanism:
 def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:
     """Size and threshold of what happens to a balance when a state exceeds a limit."""
     v = of.variable
-    low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + 3.0 * v.scale)
+    low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + 1.5 * v.scale)
     limit = p.shape(effect, "above", v.unit, low, high, v.nominal + 0.5 * v.scale, f"{v.name} at which it begins")
     # Over a rim all runs off that comes.
     return p.size(effect, "1/s", v.scale, generous=RIM), limit
