@@ -18,6 +18,7 @@ from physics.simulator import Array, Mechanism
 Z90 = 1.645
 MOVED = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
+KINDS = {"physics": "missing physics"}
 LARGEST_SET = 3
 """Names that a set may hold and still say something."""
 PLAIN = 0.5
@@ -118,7 +119,7 @@ def conclude(d: Diagnosis) -> Verdict:
         mechanisms = tuple(d.machine.candidates[v.candidate].mechanism for v in d.chosen.chosen)
     changed = [v for v in parameters if v.before is not None and _changed(d, v)]
     if mechanisms:
-        kinds = {f.kind for f in findings if f.mechanism} or {"unexplained"}
+        kinds = {*_kinds(d), *(f.kind for f in findings if f.mechanism)} or {"unexplained"}
         verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
     elif d.best is not None or lasting(d):
         verdict = "unexplained"
@@ -131,6 +132,14 @@ def conclude(d: Diagnosis) -> Verdict:
         verdict, _words(d, verdict, findings, changed, fit, chi2, limit), findings, parameters, fit,
         _more_data(d, findings), mechanisms, _values(held), located, d,
     )  # fmt: skip
+
+
+def _kinds(d: Diagnosis) -> set[str]:
+    """What is wrong for sure, even where its name is not: all that cannot be told apart is of one kind."""
+    assert d.chosen is not None
+    kind_of = {c.name: KINDS.get(c.mechanism.kind, "sensor fault") for c in d.machine.candidates}
+    kinds = [{kind_of[n] for n in (name, *others)} for name, others in zip(d.chosen.names, d.rivals, strict=True)]
+    return {next(iter(k)) for k in kinds if len(k) == 1}
 
 
 def lasting(d: Diagnosis) -> list[tuple[str, float]]:
@@ -226,7 +235,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
             at += 1
         mechanism = candidate.mechanism
         probability = _probability(d, mechanism.name)
-        kind = {"physics": "missing physics"}.get(mechanism.kind, "sensor fault")
+        kind = KINDS.get(mechanism.kind, "sensor fault")
         term = _formula(mechanism, values)
         size = values[0]
         words = [
