@@ -207,8 +207,8 @@ class Machine:
                 self.block_step_s = self._settled(track, x0, longest, enough, blocks=True)
             except _TooCoarse:
                 self.block_step_s = self.step_s
-            missed = self.run(track, self.theta, x0, blocks=True) - track.block_means(exact)
-            if (np.sqrt(np.nanmean(missed**2, axis=0)) < enough).all() or len(self.grid(track).u) == len(track.time_s):
+            missed = np.nan_to_num(self.run(track, self.theta, x0, blocks=True) - track.block_means(exact))
+            if (np.sqrt(np.mean(missed**2, axis=0)) < enough).all() or len(self.grid(track).u) == len(track.time_s):
                 break
         return remark
 

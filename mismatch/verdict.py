@@ -19,6 +19,8 @@ Z90 = 1.645
 MOVED = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
 KINDS = {"physics": "missing physics"}
+LASTING = 60.0
+"""Blocks to an independent error from which on errors last too long for noise, beyond doubt."""
 LARGEST_SET = 3
 """Names that a set may hold and still say something."""
 PLAIN = 0.5
@@ -145,7 +147,7 @@ def _kinds(d: Diagnosis) -> set[str]:
 def lasting(d: Diagnosis) -> list[tuple[str, float]]:
     """Outputs whose calibrated errors last too long for noise, and the blocks to an independent one."""
     memory = np.broadcast_to(d.before.problem.whitener.memory, len(d.simulator.outputs))
-    return [(v.name, float(m)) for v, m in zip(d.simulator.outputs, memory, strict=True) if m > 1.0]
+    return [(v.name, float(m)) for v, m in zip(d.simulator.outputs, memory, strict=True) if m > LASTING]
 
 
 def standard_deviations(explanation: Explanation) -> Array:
