@@ -65,14 +65,14 @@ def _grown(
 ) -> list[Explanation]:  # fmt: skip
     """Add one effect after the other to the best few sets of each size; the sets that were kept, of all sizes."""
     listed = before.problem.machine.candidates
-    names, families = [c.name for c in listed], [c.mechanism.contains or c.name for c in listed]
+    names = [c.name for c in listed]
     rng = np.random.default_rng(0)
     kept, all_kept = [before], [before]
     for size in range(effects):
         sets = {
             frozenset((*parent.names, names[j])): (parent, j)
             for parent in kept[::-1] for j in candidates
-            if families[j] not in {families[v.candidate] for v in parent.chosen}
+            if listed[j].family not in {listed[v.candidate].family for v in parent.chosen}
         }  # fmt: skip
         begun = []
         for done, (parent, j) in enumerate(sets.values()):

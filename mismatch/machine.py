@@ -46,6 +46,11 @@ class Candidate:
     def name(self) -> str:
         return self.mechanism.name
 
+    @property
+    def family(self) -> str:
+        """The plainest effect that it can be: one of a family is enough."""
+        return self.mechanism.contains or self.name
+
 
 class Machine:
     """A simulator, its candidates and forces.

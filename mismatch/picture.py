@@ -205,9 +205,8 @@ def picture(
 
 
 def _families(listed: Sequence[Candidate]) -> np.ndarray:
-    plainest = [c.mechanism.contains or c.name for c in listed]
-    known = {name: i for i, name in enumerate(dict.fromkeys(plainest))}
-    return np.array([known[name] for name in plainest])
+    known = {family: i for i, family in enumerate(dict.fromkeys(c.family for c in listed))}
+    return np.array([known[c.family] for c in listed])
 
 
 def switched(machine: Machine, theta: Array, variant: Variant, size: float) -> Array:

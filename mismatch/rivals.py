@@ -92,8 +92,7 @@ def _same(explanation: Explanation, name: str) -> set[str]:
 def plainest(tried: Sequence[Explanation]) -> Explanation:
     """The best of these, or one hardly worse that has what an effect of the best contains in its place."""
     best = tried[0]
-    contained = {c.name: c.mechanism.contains for c in best.problem.machine.candidates}
-    plainer = {contained[name] or name for name in best.names}
+    plainer = {best.problem.machine.candidates[v.candidate].family for v in best.chosen}
     for e in tried[1:]:
         if set(e.names) == plainer and e.cost - best.cost < PENALTY:
             return e

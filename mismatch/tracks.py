@@ -45,7 +45,7 @@ class Track:
         u: (N, nu), without gaps.
         y: (N, ny), NaN where missing or a spike.
         starts: (B,) first sample of each block.
-        means: (B, ny) block means of y; NaN where a block has no reading.
+        means: (B, ny) block means of y; NaN where a block lacks too many readings.
     """
 
     name: str

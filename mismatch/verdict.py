@@ -18,13 +18,13 @@ from physics.simulator import Array, Mechanism
 Z90 = 1.645
 MOVED = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
+PLAIN = 0.5
+"""And scales of the parameter."""
 KINDS = {"physics": "missing physics"}
 LASTING = 60.0
 """Blocks to an independent error from which on errors last too long for noise, beyond doubt."""
 LARGEST_SET = 3
 """Names that a set may hold and still say something."""
-PLAIN = 0.5
-"""And scales of the parameter."""
 
 
 @dataclass(frozen=True)

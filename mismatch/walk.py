@@ -140,17 +140,18 @@ def examine(
     if best is not None:
         fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
         if held_before is not None:
-            proved = contended(before, best, fitted, finalists, held, own)
+            held_after = held_out(best.problem, best.z, held, own)
+            proved = contended(before, best, fitted, finalists, held_after, held, own)
             for _ in range(PROVED):
                 if proved is not best:
                     best = _again(problem, proved)
+                    held_after = held_out(best.problem, best.z, held, own)
                     at = dataclasses.replace(problem, offsets=best.problem.offsets)
                     shown = _pictured(at, best, choices, progress, TURNS, guards)
                     fitted += alternatives(before, best, shown, guards.pairs)
-                proved = plainest_that_predicts(before, best, fitted, shown, held_before, held, own)
+                proved = plainest_that_predicts(before, best, fitted, shown, held_before, held_after, held, own)
                 if proved is best:
                     break
-            held_after = held_out(best.problem, best.z, held, own)
             share = gain(held_before, held_after, best.problem.whitener.variance())
         refused = refusal(best, before, threshold, share if guards.held_out_gate else None)
         others = rivals(before, best, fitted)

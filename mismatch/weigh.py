@@ -28,13 +28,12 @@ UNSURE = 0.015
 
 def contended(
     before: Explanation, best: Explanation, fitted: Sequence[Explanation], finalists: Sequence[Explanation],
-    held: Sequence[Track], own: Sequence[Unknown],
+    held_best: Held, held: Sequence[Track], own: Sequence[Unknown],
 ) -> Explanation:  # fmt: skip
     """Of explanations that the fitted recordings can hardly tell apart, the one that predicts the held-out best."""
     variance = best.problem.whitener.variance()
     near = best.score(PENALTY) + slack(before.cost - best.cost)
     tied = sorted((e for e in fitted if e.names and e.score(PENALTY) < near), key=lambda e: e.score(PENALTY))
-    held_best = held_out(best.problem, best.z, held, own)
     for e in (*tied[:PLAINER], *finalists):
         if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
             best, held_best = e, found
@@ -43,7 +42,7 @@ def contended(
 
 def plainest_that_predicts(
     before: Explanation, best: Explanation, fitted: Sequence[Explanation], shown: Picture, held_before: Held,
-    held: Sequence[Track], own: Sequence[Unknown],
+    held_best: Held, held: Sequence[Track], own: Sequence[Unknown],
 ) -> Explanation:  # fmt: skip
     """The plainest explanation that predicts the held-out recordings no worse than the best.
 
@@ -53,10 +52,10 @@ def plainest_that_predicts(
     Args:
         fitted: other explanations.
         shown: a picture around the best.
+        held_before, held_best: errors on the held-out recordings of the calibrated model and of the best.
     """
     variance = best.problem.whitener.variance()
-
-    now, held_now, chosen = best, held_out(best.problem, best.z, held, own), list(range(len(best.chosen)))
+    now, held_now, chosen = best, held_best, list(range(len(best.chosen)))
 
     def predicted(e: Explanation) -> Held:
         return held_out(e.problem, e.z, held, own, held_now)

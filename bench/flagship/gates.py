@@ -9,9 +9,7 @@ import pandas as pd
 
 from bench.bootstrap import interval, resample_weights
 from bench.flagship.judge import ABSTAINS, COLUMNS, METRICS, MODELS
-from bench.prove.gates import _line as line
-from bench.prove.gates import _quantile as quantile
-from bench.prove.gates import _rate as rate
+from bench.prove.gates import gate_line, quantile, rate
 
 TEXTS = (
     "case", "cell", "engine", "truth", "without", "verdict", "named_right", "named_wrong", "sets", "sets_right",
@@ -74,11 +72,11 @@ def _hits(hits: int, of: int) -> pd.Series:
 def _mean(gate: str, required: float, values: np.ndarray) -> dict[str, object]:
     n = len(values)
     low, high = interval(resample_weights(n) @ values, n) if n else (np.nan, np.nan)
-    return line(gate, ">=", required, float(values.mean()) if n else np.nan, low, high, n)
+    return gate_line(gate, ">=", required, float(values.mean()) if n else np.nan, low, high, n)
 
 
 def _worst(gate: str, required: float, values: np.ndarray) -> dict[str, object]:
-    return line(gate, ">=", required, float(values.min(initial=np.inf)), np.nan, np.nan, len(values))
+    return gate_line(gate, ">=", required, float(values.min(initial=np.inf)), np.nan, np.nan, len(values))
 
 
 def draws_table(rows: pd.DataFrame) -> str:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.prove.machine import levels
-from data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
+from data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from data.corrupt import Corruption, corrupt
-from data.recording import Recording
 from data.scenario import Scenario, draw, stream
 from physics.integrate import simulate
 from physics.simulator import Simulator
@@ -61,11 +60,6 @@ def record(simulator: Simulator, part: Part, seed: int, number: int) -> Batch:
     u, health, x, y, measured = (np.ascontiguousarray(a[:, warm:]) for a in (u, health, x, y, measured))
     time_s = np.arange(u.shape[1], dtype=np.float64) * SAMPLE_PERIOD_S
     return Batch(tuple(s.name for s in scenarios), time_s, measured, Truth(x, health, y, u))
-
-
-def recordings(batch: Batch) -> list[Recording]:
-    """What the sensors wrote, and nothing else."""
-    return [Recording(n, batch.time_s, CHANNELS, m) for n, m in zip(batch.names, batch.measured, strict=True)]
 
 
 def _scenario(part: Part, i: int, seed: int, number: int) -> Scenario:

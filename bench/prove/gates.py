@@ -59,22 +59,22 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
     # Who says nothing gains nothing.
     any_gain = rows.loc[detectable & ~rows["cell"].isin(SOUND), "gain"].fillna(0.0)
     table = [
-        _rate("right name, single detectable effect", ">=", 0.85, marked["named_right"]),
-        _rate("right name, alone or in a set of at most three", "", np.nan, marked["set_right"]),
-        _rate("both of two effects", ">=", 0.75, marked["pair_right"]),
-        _rate("false name: clean, parameters, poor excitation", "<=", 0.02, marked["false_name"]),
-        _rate("sensor fault called physics", "<=", 0.02, marked["physics_for_sensor"]),
-        _rate("sensor or input fault named", "", np.nan, marked["fault_right"]),
-        _rate("confidently wrong", "<=", 0.03, marked["confidently_wrong"]),
-        _rate("truth not in the catalogue: abstains or a right set", ">=", 0.85, marked["abstained_right"]),
-        _rate("located within two ports", ">=", 0.90, marked["located"]),
-        _quantile("onset error, median, s", "<=", 10.0, rows.loc[detectable, "onset_error_s"]),
-        _quantile("error of the size, median, %", "<=", 5.0, sized["size_error_pct"]),
-        _rate("90 % interval covers the size", "in", (0.85, 0.95), sized["size_covered"].dropna() > 0.5),
-        _quantile("held-out gain, median", ">=", 0.9, gains["gain"]),
-        _quantile("held-out gain, 5 % quantile", ">=", 0.5, gains["gain"], 0.05),
-        _quantile("held-out gain of every detectable effect, median", "", np.nan, any_gain),
-        _quantile("share of the oracle's gain, median", ">=", 0.95, gains["gain"] / gains["oracle_gain"]),
+        rate("right name, single detectable effect", ">=", 0.85, marked["named_right"]),
+        rate("right name, alone or in a set of at most three", "", np.nan, marked["set_right"]),
+        rate("both of two effects", ">=", 0.75, marked["pair_right"]),
+        rate("false name: clean, parameters, poor excitation", "<=", 0.02, marked["false_name"]),
+        rate("sensor fault called physics", "<=", 0.02, marked["physics_for_sensor"]),
+        rate("sensor or input fault named", "", np.nan, marked["fault_right"]),
+        rate("confidently wrong", "<=", 0.03, marked["confidently_wrong"]),
+        rate("truth not in the catalogue: abstains or a right set", ">=", 0.85, marked["abstained_right"]),
+        rate("located within two ports", ">=", 0.90, marked["located"]),
+        quantile("onset error, median, s", "<=", 10.0, rows.loc[detectable, "onset_error_s"]),
+        quantile("error of the size, median, %", "<=", 5.0, sized["size_error_pct"]),
+        rate("90 % interval covers the size", "in", (0.85, 0.95), sized["size_covered"].dropna() > 0.5),
+        quantile("held-out gain, median", ">=", 0.9, gains["gain"]),
+        quantile("held-out gain, 5 % quantile", ">=", 0.5, gains["gain"], 0.05),
+        quantile("held-out gain of every detectable effect, median", "", np.nan, any_gain),
+        quantile("share of the oracle's gain, median", ">=", 0.95, gains["gain"] / gains["oracle_gain"]),
     ]
     return pd.DataFrame(table)
 
@@ -107,23 +107,28 @@ def misses(rows: pd.DataFrame) -> pd.DataFrame:
     return said.loc[said["miss"] != "", columns].sort_values(["miss", "machine", "case"], ignore_index=True)
 
 
-def _rate(gate: str, sense: str, required: Any, hits: pd.Series) -> dict[str, Any]:
+def rate(gate: str, sense: str, required: Any, hits: pd.Series) -> dict[str, Any]:
+    """A gate on a rate, with Wilson's interval; cases that do not ask are None."""
     asked = hits.dropna().astype(bool)
     low, high = wilson(int(asked.sum()), len(asked))
-    return _line(gate, sense, required, float(asked.mean()) if len(asked) else np.nan, low, high, len(asked))
+    return gate_line(gate, sense, required, float(asked.mean()) if len(asked) else np.nan, low, high, len(asked))
 
 
-def _quantile(gate: str, sense: str, required: float, values: pd.Series, share: float = 0.5) -> dict[str, Any]:
+def quantile(gate: str, sense: str, required: float, values: pd.Series, share: float = 0.5) -> dict[str, Any]:
+    """A gate on a quantile, with the interval of its order statistics."""
     known = np.sort(values.dropna().to_numpy(dtype=float))
     n = len(known)
     if n == 0:
-        return _line(gate, sense, required, np.nan, np.nan, np.nan, 0)
+        return gate_line(gate, sense, required, np.nan, np.nan, np.nan, 0)
     low, high = wilson(round(share * n), n)
     ends = np.quantile(known, [share, low, high])
-    return _line(gate, sense, required, float(ends[0]), float(ends[1]), float(ends[2]), n)
+    return gate_line(gate, sense, required, float(ends[0]), float(ends[1]), float(ends[2]), n)
 
 
-def _line(gate: str, sense: str, required: Any, measured: float, low: float, high: float, cases: int) -> dict[str, Any]:
+def gate_line(
+    gate: str, sense: str, required: Any, measured: float, low: float, high: float, cases: int
+) -> dict[str, Any]:  # fmt: skip
+    """One gate: what is required of it, what was measured with its 95 % interval, and is it met? None without cases."""
     met: bool | None = None
     if cases and sense:
         met = {
