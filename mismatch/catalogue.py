@@ -32,9 +32,7 @@ _SLOWEST_S = 10.0  # a state that nothing seems to move: its scale in ten times 
 
 
 @functools.cache
-def generic(
-    simulator: Simulator, longest_s: float = math.inf, period_s: float | None = None
-) -> tuple[Mechanism, ...]:
+def generic(simulator: Simulator, longest_s: float = math.inf, period_s: float | None = None) -> tuple[Mechanism, ...]:
     """Effects that the machine's balances and inputs may lack.
 
     - every balance: an unknown constant rate, a periodic force;

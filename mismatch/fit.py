@@ -258,11 +258,13 @@ def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
 
 
 def solve(
-    problem: Problem, z: Array, rounds: int = 8, chords: int = 2, known: Sequence[Array] | None = None
-) -> tuple[Array, float]:
+    problem: Problem, z: Array, rounds: int = 8, chords: int = 2, known: Sequence[Array] | None = None,
+    share: float = 0.0,
+) -> tuple[Array, float]:  # fmt: skip
     """Gauss-Newton with step halving; each Jacobian serves a few steps.
 
     Args:
+        share: a round that gains less than this of the cost is the last, for a fit that need only be near.
         known: whitened columns per recording, (B, ny, K), from nearby, for the first round.
 
     Returns:
@@ -290,7 +292,7 @@ def solve(
                 break
             damping = max(damping / 10.0, 1e-9)
             b = _right_side(problem, z, whitened)
-        if exact and before - cost < ENOUGH:
+        if (exact and before - cost < ENOUGH) or before - cost < share * before:
             break
         # Start states' columns serve again as long as the fit moves on with them, but not far.
         near = ENOUGH <= before - cost < LITTLE * before

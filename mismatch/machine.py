@@ -10,19 +10,23 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
+from mismatch.march import RUNGE_KUTTA, legendre, march
 from mismatch.place import CLOCK
 from mismatch.tracks import Grid, Track
-from physics.compile import EQUATION, FUNCTION, VECTOR, as_argument, compiled
+from physics.compile import EQUATION, as_argument, compiled
 from physics.compose import compose
-from physics.integrate import INDICES, MATRIX
 from physics.simulator import Array, Mechanism, Simulator, Variable
 
 HALVINGS = 7
-BLOCKED = 0.05
+PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7)
+"""How a run by blocks may be made, the cheapest first that does: parts of a block that each have an input of their
+own, integration steps of each part, and stages of the stabilised integrator or none for Runge-Kutta's."""
+BLOCKED = 0.02
 """Share of a signal that a run by blocks may miss."""
 _DIVERGED = 1e9  # in scales of a state: whatever runs there is no machine any more
 
@@ -100,7 +104,7 @@ class Machine:
         self.states = self.whole.states
         self._n_ode = len(theta)
         self.step_s = self.block_step_s = np.inf
-        self.parts = 1
+        self.parts, self.scheme = 1, RUNGE_KUTTA
         self.epoch_s = 0.0
         self._clocks = np.array([v.name.startswith(CLOCK) for v in self.states])
         self._clocks[: len(simulator.states)] = False
@@ -151,11 +155,11 @@ class Machine:
             values = np.concatenate((values, np.reshape(sizes, (len(there), len(grid.u))).T), axis=1)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
-        loop = _run if self._equations.native else _run.py_func
+        loop = march if self._equations.native else march.py_func
         loop(
             self._rhs, as_argument(_state) if states else self._output, grid.u, grid.seconds, grid.samples,
             np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values),
-            self.block_step_s if blocks else self.step_s, limit, y,
+            self.block_step_s if blocks else self.step_s, self.scheme if blocks else RUNGE_KUTTA, limit, y,
         )  # fmt: skip
         return track.joined(y, grid) if blocks else y
 
@@ -188,55 +192,60 @@ class Machine:
         """
         track = min(tracks, key=lambda t: len(t.time_s))
         x0 = self.start(track)
-        self.step_s = float(np.median(np.diff(track.time_s)))
-        remark = ""
-        try:
-            self.step_s = self._settled(track, x0, self.step_s, 0.05 * noise, blocks=False)
-        except _TooCoarse as error:
-            if not np.isfinite(error.y).all():
-                k = int(np.argmax(~np.isfinite(error.y).all(axis=1)))
-                raise ValueError(
-                    f"simulator {self.simulator.name!r} diverges on recording {track.name} at "
-                    f"{track.time_s[k]:.6g} s, at its nominal parameters; check its equations, units and initial state"
-                ) from None
+        remark, exact = "", self._settle_fine(track, x0, 0.05 * noise)
+        if exact is None:
             remark = (
                 f"a step of {self.step_s:.3g} s is still too coarse for simulator {self.simulator.name!r} to be "
                 "integrated to a twentieth of the noise; it is stiff, or its equations jump"
             )
+            exact = self.run(track, self.theta, x0)
         # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
-        exact = self.run(track, self.theta, x0)
         enough = np.maximum(0.2 * noise, BLOCKED * np.std(exact, axis=0))
-        for self.parts in (1, 2, 4, 8, 16, 32):
-            try:
-                longest = float(np.median(self.grid(track).seconds))
-                self.block_step_s = self._settled(track, x0, longest, enough, blocks=True)
-            except _TooCoarse:
-                self.block_step_s = self.step_s
-            missed = np.nan_to_num(self.run(track, self.theta, x0, blocks=True) - track.block_means(exact))
-            if (np.sqrt(np.mean(missed**2, axis=0)) < enough).all() or len(self.grid(track).u) == len(track.time_s):
+        means = track.block_means(exact)
+        finest = 4 * len(track.time_s)
+        for parts, steps, stages in sorted(product(PARTS, STEPS, STAGES), key=_evaluations):
+            self.parts = parts
+            grid = self.grid(track)
+            if len(grid.u) * _evaluations((1, steps, stages)) >= finest:
                 break
+            self.block_step_s = float(np.median(grid.seconds)) / steps
+            self.scheme = legendre(stages) if stages else RUNGE_KUTTA
+            missed = self.run(track, self.theta, x0, blocks=True) - means
+            if np.isfinite(missed[np.isfinite(means)]).all() and (_rms(missed) < enough).all():
+                # A fit moves time constants: a stage more keeps the steps well within what is stable.
+                self.scheme = legendre(stages + 1) if stages else RUNGE_KUTTA
+                return remark
+        self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), self.step_s, RUNGE_KUTTA
         return remark
 
-    def _settled(self, track: Track, x0: Array, step_s: float, most: Array, blocks: bool) -> float:
-        """The first of halved steps that is fine enough; it stays set while it is tried."""
-        name = "block_step_s" if blocks else "step_s"
-        setattr(self, name, step_s)
-        coarse = self.run(track, self.theta, x0, blocks=blocks)
+    def _settle_fine(self, track: Track, x0: Array, most: Array) -> Array | None:
+        """Halve ``step_s`` until the readings no longer move by so much (ny,), rms; the readings, or None."""
+        self.step_s = float(np.median(np.diff(track.time_s)))
+        coarse = self.run(track, self.theta, x0)
         for _ in range(HALVINGS):
-            setattr(self, name, step_s / 2.0)
-            fine = self.run(track, self.theta, x0, blocks=blocks)
-            if np.isfinite(coarse).all() and (np.sqrt(np.mean((fine - coarse) ** 2, axis=0)) < most).all():
-                return step_s
-            step_s, coarse = step_s / 2.0, fine
-        raise _TooCoarse(coarse)
+            step_s, self.step_s = self.step_s, self.step_s / 2.0
+            fine = self.run(track, self.theta, x0)
+            if np.isfinite(coarse).all() and (_rms(fine - coarse) < most).all():
+                self.step_s = step_s
+                return coarse
+            coarse = fine
+        if not np.isfinite(coarse).all():
+            k = int(np.argmax(~np.isfinite(coarse).all(axis=1)))
+            raise ValueError(
+                f"simulator {self.simulator.name!r} diverges on recording {track.name} at "
+                f"{track.time_s[k]:.6g} s, at its nominal parameters; check its equations, units and initial state"
+            )
+        return None
 
 
-class _TooCoarse(Exception):
-    """No step was fine enough; the readings at the finest."""
+def _rms(values: Array) -> Array:
+    return np.sqrt(np.nanmean(values**2, axis=0)) if np.isfinite(values).any() else np.full(values.shape[1], np.inf)
 
-    def __init__(self, y: Array) -> None:
-        super().__init__()
-        self.y = y
+
+def _evaluations(plan: tuple[int, int, int]) -> int:
+    """Of the equations per block, by its parts, each part's steps and each step's stages."""
+    parts, steps, stages = plan
+    return parts * steps * (stages or 4)
 
 
 def _with_fault(
@@ -276,63 +285,3 @@ def _first(values: Array) -> float:
     """Median of the first few readings that are there."""
     seen = values[~np.isnan(values)][:5]
     return float(np.median(seen)) if len(seen) else np.nan
-
-
-@njit(
-    types.void(
-        FUNCTION, FUNCTION, MATRIX, VECTOR, INDICES, VECTOR, VECTOR, INDICES, MATRIX, types.float64, VECTOR, MATRIX
-    ),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
-def _run(rhs, output, u, seconds, samples, x0, theta, varying, values, step_s, limit, y_out):  # type: ignore[no-untyped-def]
-    """Classical Runge-Kutta under inputs that hold over each stretch; ``y_out`` stays NaN after a divergence.
-
-    A stretch's reading is the mean over its samples, which lie on lines between the steps.
-    """
-    theta = theta.copy()
-    x = x0.copy()
-    # One buffer for each stage: an equation may hand back its argument.
-    z = np.empty((3, x.size))
-    total = np.zeros(y_out.shape[1])
-    for k in range(u.shape[0]):
-        for j in range(varying.size):
-            theta[varying[j]] = values[k, j]
-        substeps = max(1, int(np.ceil(seconds[k] / step_s - 1e-6)))
-        h = seconds[k] / substeps
-        n, read, diverged = samples[k], 0, False
-        total[:] = 0.0
-        for step in range(substeps):
-            before = after = 0.0
-            while read < n and read * substeps < (step + 1) * n:
-                share = read * substeps / n - step
-                before += 1.0 - share
-                after += share
-                read += 1
-            if before > 0.0:
-                total += before * output(x, u[k], theta)
-            if read == n and after == 0.0 and k + 1 == u.shape[0]:
-                break
-            k1 = rhs(x, u[k], theta)
-            for i in range(x.size):
-                z[0, i] = x[i] + 0.5 * h * k1[i]
-            k2 = rhs(z[0], u[k], theta)
-            for i in range(x.size):
-                z[1, i] = x[i] + 0.5 * h * k2[i]
-            k3 = rhs(z[1], u[k], theta)
-            for i in range(x.size):
-                z[2, i] = x[i] + h * k3[i]
-            k4 = rhs(z[2], u[k], theta)
-            for i in range(x.size):
-                x[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
-            for i in range(x.size):
-                diverged |= not abs(x[i]) < limit[i]
-            if diverged and (read < n or after > 0.0):
-                return
-            if after > 0.0:
-                total += after * output(x, u[k], theta)
-            if diverged:
-                break
-        for i in range(total.size):
-            y_out[k, i] = total[i] / n
-        if diverged:
-            return

@@ -7,48 +7,69 @@ from dataclasses import replace
 
 import numpy as np
 
-from mismatch.explanation import Explanation, present, refit, with_candidates
+from mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
 from mismatch.fit import Problem, solve
+from mismatch.noise import ORDER
 from mismatch.picture import Picture, Variant, is_fault, picture
 from mismatch.search import LARGEST, PENALTY, local_search, wander
 from physics.simulator import Array
 
 MANY = 3
 """From so many effects on."""
-RIDGE = 1.5
-"""Prior standard deviation of a size, in typical ones, where all candidates are fitted at once."""
+TURNS = 4
+"""Pictures that are thinned out one after the other, at most."""
+RIDGE, TIGHT = 0.5, 0.5
+"""Where all candidates are fitted at once: prior standard deviation of a size, in typical ones, and what all other
+priors are shortened to. Loose, such a fit ends where large effects cancel each other."""
 
 
-def from_everything(best: Explanation, problem: Problem, choices: Sequence[Variant]) -> Explanation:
+def from_everything(best: Explanation, problem: Problem, choices: Sequence[Variant], floor: Array) -> Explanation:
     """The best of the given explanation and of those reached from the fit of everything.
+
+    That fit begins from the simulator as it came: a calibration without the effects has gone far out of its way
+    to imitate them. And its errors say what is noise: those of few effects hide the rest.
 
     Args:
         problem: of the calibrated model, under the noise of ``best``.
+        floor: (ny,) least noise.
     """
     machine = problem.machine
-    there = present(best)
-    owners = {v.candidate for v in there}
     # Each once, at its nominal shape, which comes first in the choices.
-    physics = {
-        v.candidate: v
-        for v in choices[::-1]
-        if not is_fault(machine.candidates[v.candidate]) and v.candidate not in owners
-    }
-    listed = (*there, *physics.values())
-    whole = everything(problem, best.z[: len(problem.unknowns)], listed)
-    problem = replace(problem, offsets=whole.problem.refined(whole.z).offsets)
-    z = whole.z[: len(problem.unknowns)]
-    shown = picture(problem, z, choices, present(whole))
-    starts = ((), tuple(range(len(there))), thinned(shown, range(len(listed))))
-    ends = {local_search(shown, wander(shown, start, LARGEST, PENALTY), LARGEST, PENALTY) for start in starts}
-    found = [refit(problem, z, shown, chosen, rounds=2) for chosen in sorted(ends)]
-    return min([best, *found], key=lambda e: e.score(PENALTY))
+    physics = {v.candidate: v for v in choices[::-1] if not is_fault(machine.candidates[v.candidate])}
+    at = everything(problem, tuple(physics.values()))
+    for _ in range(TURNS):
+        at = _under_own_noise(at, floor)
+        around = replace(problem, whitener=at.problem.whitener, offsets=at.problem.offsets)
+        z = at.z[: len(problem.unknowns)]
+        shown = picture(around, z, choices, present(at))
+        here = tuple(range(len(at.chosen)))
+        starts = ((), here if len(here) <= LARGEST else thinned(shown, here))
+        ends = {local_search(shown, wander(shown, start, LARGEST, PENALTY), LARGEST, PENALTY) for start in starts}
+        chosen = max(ends, key=lambda end: shown.score(end, PENALTY))
+        if {shown.variants[i].candidate for i in chosen} == {v.candidate for v in at.chosen}:
+            break
+        at = refit(around, z, shown, chosen, rounds=3)
+    else:
+        at = _under_own_noise(at, floor)
+    known = replace(best.problem, whitener=at.problem.whitener)
+    z, cost = solve(known, best.z, 3)
+    best = replace(best, problem=known, z=z, cost=cost)
+    return min(best, at, key=lambda e: e.score(PENALTY))
 
 
-def everything(problem: Problem, z: Array, listed: Sequence[Variant]) -> Explanation:
-    """All these candidates at once, each held back by a prior of its typical size."""
-    whole = with_candidates(problem, listed, RIDGE)
-    fitted = solve(whole, np.concatenate((z, whole.z0[len(z) :])), 3, chords=4)
+def _under_own_noise(explanation: Explanation, floor: Array) -> Explanation:
+    """Fitted again under the noise that it leaves."""
+    problem = rewhitened(explanation.problem, explanation.z, floor, ORDER).refined(explanation.z)
+    z, cost = solve(problem, explanation.z, 3, chords=4)
+    return replace(explanation, problem=problem, z=z, cost=cost)
+
+
+def everything(problem: Problem, listed: Sequence[Variant]) -> Explanation:
+    """All these candidates at once, held back by their priors."""
+    held_back = replace(problem, unknowns=tuple(replace(u, sd=TIGHT * u.sd) for u in problem.unknowns))
+    whole = with_candidates(held_back, listed, RIDGE)
+    whole = whole.refined(whole.z0)
+    fitted = solve(whole, whole.z0, 8, chords=4, share=0.01)
     names = tuple(problem.machine.candidates[v.candidate].name for v in listed)
     return Explanation(names, tuple(listed), whole, *fitted)
 

@@ -24,6 +24,8 @@ RARE = 20.0
 """Units that every faulty sensor or input after the first must earn besides: that two fail at once is rare."""
 SHAPED = 8.0
 """Units that each parameter which shapes an effect must earn besides its size: a flexible form fits by chance."""
+SWEEPS = 5
+"""Rounds of bringing the sizes of a set into their ranges, one after the other."""
 SHAPES = (0.5, 0.15, 0.85)
 """Where in its range a shape parameter is tried: its nominal value for the first."""
 
@@ -65,7 +67,7 @@ class Picture:
     families: np.ndarray
 
     def gain(self, chosen: Sequence[int]) -> float:
-        """What a set explains; minus infinity if a size would leave its physical range."""
+        """What a set explains, sizes in their physical ranges; minus infinity if one would have to be negative."""
         return float(self.gains([chosen])[0])
 
     def gains(self, sets: Sequence[Sequence[int]]) -> Array:
@@ -79,8 +81,12 @@ class Picture:
             # A hair on the diagonal: of two columns that are the same, neither may be divided by.
             G = self.G[i[:, :, None], i[:, None, :]] + 1e-9 * np.eye(k) * self.G[i, i][:, None, :]
             size = np.linalg.solve(G, b[:, :, None])[:, :, 0]
-            outside = ((size < self.low[i] - 1e-9) | (size > self.high[i] + 1e-9)).any(axis=1)
-            out[of_length] = np.where(outside, -np.inf, np.sum(b * size, axis=1))
+            low, high = self.low[i], self.high[i]
+            gains = np.sum(b * size, axis=1)
+            outside = ((size < low - 1e-9) | (size > high + 1e-9)).any(axis=1)
+            if outside.any():
+                gains[outside] = _gain_within(G[outside], b[outside], size[outside], low[outside], high[outside])
+            out[of_length] = gains
         return out
 
     def score(self, chosen: Sequence[int], penalty: float) -> float:
@@ -94,6 +100,21 @@ class Picture:
             i = list(chosen)
             owed.append(price(len(i), int(self.faults[i].sum()), int(self.shapes[i].sum()), penalty))
         return self.gains(sets) - np.array(owed)
+
+
+def _gain_within(G: Array, b: Array, size: Array, low: Array, high: Array) -> Array:
+    """Gains (S,) of sets whose best sizes (S, k) lie outside their ranges, with sizes inside.
+
+    One that would have to be there less than not at all does not belong into its set: minus infinity.
+    """
+    wrong = (((size < low - 1e-9) & (low == 0.0)) | ((size > high + 1e-9) & (high == 0.0))).any(axis=1)
+    size = np.clip(size, low, high)
+    for _ in range(SWEEPS):
+        for k in range(size.shape[1]):
+            left = b[:, k] - np.sum(G[:, k] * size, axis=1)
+            size[:, k] = np.clip(size[:, k] + left / G[:, k, k], low[:, k], high[:, k])
+    gains = np.sum(size * (2.0 * b - np.sum(G * size[:, None, :], axis=2)), axis=1)
+    return np.where(wrong, -np.inf, gains)
 
 
 def price(effects: int, faults: int, shapes: int, penalty: float) -> float:

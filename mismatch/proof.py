@@ -17,6 +17,8 @@ from mismatch.tracks import Track
 from physics.simulator import Array
 
 RESAMPLES = 500
+CHORDS = 8
+"""Steps with columns from nearby."""
 NOTHING = 0.02
 """Share of the removable error that makes no difference."""
 PIECES = 8
@@ -30,11 +32,13 @@ class Held(NamedTuple):
         residuals: block means measured minus simulated, (B, ny) per recording.
         rmse: (ny,) sample by sample, in the channels' units.
         own: what each recording has for itself, as fitted.
+        columns: d(block means)/d(own) there, (B, ny, K) per recording.
     """
 
     residuals: list[Array]
     rmse: Array
     own: list[Array]
+    columns: list[Array]
 
 
 class Gain(NamedTuple):
@@ -54,27 +58,29 @@ def held_out(
     Args:
         problem, z: a fit; what is shared between recordings is taken from it.
         own: unknowns of the held-out recordings themselves.
-        near: a similar fit's, to begin from.
+        near: a similar fit's, to begin from: its columns serve again.
     """
     theta = problem.theta.copy()
     for value, unknown in zip(z, problem.unknowns, strict=True):
         if unknown.recording == -1:
             theta[unknown.at] = value
 
-    rounds = (10, 4) if near is None else (3, 1)
-
-    def fitted(r: int) -> tuple[Array, Array, Array]:
+    def fitted(r: int) -> tuple[Array, Array, Array, Array]:
         # One recording at a time: they share nothing that is free.
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
         alone = Problem(problem.machine, [tracks[r]], mine, problem.whitener, theta=theta)
-        best, _ = solve(alone, alone.z0 if near is None else near.own[r], rounds[0])
+        if near is None:
+            best, _ = solve(alone, alone.z0, 10)
+            (columns,) = alone.columns(best, alone.residuals(best))
+        else:
+            best, columns = near.own[r], near.columns[r]
         alone = alone.refined(best)
-        best, _ = solve(alone, best, rounds[1])
-        return alone.residual(0, best), alone.squares(0, best), best
+        best, _ = solve(alone, best, 1, chords=CHORDS, known=[alone.whitener(columns)])
+        return alone.residual(0, best), alone.squares(0, best), best, columns
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])
-    residuals, squares, best = (list(part) for part in zip(*found, strict=True))
-    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best)
+    residuals, squares, best, columns = (list(part) for part in zip(*found, strict=True))
+    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, columns)
 
 
 def gain(before: Held, after: Held, variance: Array) -> Gain:

@@ -123,6 +123,8 @@ def conclude(d: Diagnosis) -> Verdict:
     if mechanisms:
         kinds = {*_kinds(d), *(f.kind for f in findings if f.mechanism)} or {"unexplained"}
         verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
+        if d.transferred is not None and d.transferred.fails:
+            verdict = "incomplete"
     elif d.best is not None or lasting(d):
         verdict = "unexplained"
     elif d.stuck:
@@ -204,9 +206,7 @@ def _stuck(d: Diagnosis) -> list[Finding]:
         )
         says = f"the sensor of {v.name} stands still ({name}, at {port}): {where}; its readings there were set aside"
         times = tuple((s.since_s, s.until_s) for s in stretches)
-        found.append(
-            Finding("sensor fault", name, "", 1.0, (), port, ((port, 1.0),), times[0][0], times, "", (), says)
-        )
+        found.append(Finding("sensor fault", name, "", 1.0, (), port, ((port, 1.0),), times[0][0], times, "", (), says))
     return found
 
 
@@ -357,6 +357,11 @@ def _words(
             )
         if chi2 > limit:
             words.append(f"It is incomplete: the residual is still {chi2:.3g} times the noise.")
+        if d.transferred is not None and d.transferred.fails:
+            words.append(
+                "It is incomplete: the recordings held back want other sizes than those learnt "
+                f"(chi-square {d.transferred.chi2:.0f} of {d.transferred.sizes}), so something else is missing too."
+            )
     if not findings:
         seen = smallest_seen(d)
         hidden = [name for name, size in seen if size > 1.0]

@@ -27,8 +27,9 @@ from mismatch.rivals import alternatives, plainest, rivals
 from mismatch.search import LARGEST, PENALTY, best_sets, local_search
 from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
+from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import contended, plainest_that_predicts, refusal
+from mismatch.weigh import by_chance, contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -40,8 +41,12 @@ FINALISTS = 8
 """Explanations of gross errors that are weighed against the best at the end."""
 PROVED = 3
 """Times that a plainer explanation than the last is looked for."""
+NEARLY = 0.01
+"""Share of the cost that a round of the first fits must gain to be followed by another."""
 PROMISING = 5
 """Sets that are fitted in full on the way; all at the end, where they may be rivals."""
+ON_THE_WAY = 2
+"""Rounds of fits that are not the last."""
 SHORTEST_BLOCKS = 30
 NULL_DRAWS, NULL_INFLATION = 400, 1.3
 SPLIT = 0.7
@@ -59,6 +64,7 @@ class Diagnosis:
         rivals: for each effect of ``chosen``, names that these data cannot tell from it.
         threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
         share: what was gained on held-out recordings; None without any.
+        transferred: do many sizes together hold on the held-out recordings; None if they are few.
         stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
     """
 
@@ -79,6 +85,7 @@ class Diagnosis:
     held_before: Held | None
     held_after: Held | None
     share: Gain | None
+    transferred: Transfer | None
     refused: str
     stuck: list[Stuck]
 
@@ -136,7 +143,7 @@ def examine(
     own = _own(simulator, held)
     tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
     held_before = held_out(problem, z, held, own) if held else None
-    held_after, share, refused, others = None, None, "", []
+    held_after, share, transferred, refused, others = None, None, None, "", []
     if best is not None:
         fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
         if held_before is not None:
@@ -145,7 +152,7 @@ def examine(
             for _ in range(PROVED):
                 if proved is not best:
                     best = _again(problem, proved)
-                    held_after = held_out(best.problem, best.z, held, own)
+                    held_after = held_out(best.problem, best.z, held, own, held_after)
                     at = dataclasses.replace(problem, offsets=best.problem.offsets)
                     shown = _pictured(at, best, choices, progress, TURNS, guards)
                     fitted += alternatives(before, best, shown, guards.pairs)
@@ -153,13 +160,18 @@ def examine(
                 if proved is best:
                     break
             share = gain(held_before, held_after, best.problem.whitener.variance())
-        refused = refusal(best, before, threshold, share if guards.held_out_gate else None)
-        others = rivals(before, best, fitted)
+            if len(best.names) > MANY:
+                transferred = transfer(best, held_after, held, own)
+        if by_chance(best, before, threshold):
+            best, held_after, share, transferred = None, None, None, None
+        else:
+            refused = refusal(share if guards.held_out_gate else None)
+            others = rivals(before, best, fitted)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None
     return Diagnosis(
         simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, others,
-        threshold, held_before, held_after, share, refused, stuck,
+        threshold, held_before, held_after, share, transferred, refused, stuck,
     )  # fmt: skip
 
 
@@ -167,10 +179,10 @@ def _calibrated(machine: Machine, tracks: list[Track], floor: Array) -> tuple[Pr
     """The simulator as it came, fitted."""
     unknowns = (*_parameters(machine.simulator), *_own(machine.simulator, tracks))
     problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
-    z, _ = solve(problem, problem.z0, 12)
+    z, _ = solve(problem, problem.z0, 12, share=NEARLY)
     # What blocks leave out depends on where the fit is.
     problem = problem.refined(z)
-    z, _ = solve(problem, z, 4)
+    z, _ = solve(problem, z, 4, share=NEARLY)
     # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
     problem = rewhitened(problem.refined(z), z, floor, 0)
     return problem, *solve(problem, z, 4)
@@ -291,13 +303,14 @@ def _search(
         best = found[0]
         # What is explained no longer counts as noise.
         problem = rewhitened(best.problem, best.z, floor, order, problem)
-        best = _again(problem, best)
+        best = _again(problem, best, ON_THE_WAY)
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
         if len(best.names) >= MANY:
             break
     if len(best.names) >= MANY and not finalists:
-        problem = dataclasses.replace(problem, whitener=best.problem.whitener)
-        best = from_everything(best, problem, choices)
+        problem = dataclasses.replace(problem, whitener=best.problem.whitener, since=())
+        best = from_everything(best, problem, choices, 0.3 * floor)
+        problem = dataclasses.replace(problem, since=best.problem.since)
     problem = rewhitened(best.problem, best.z, 0.3 * floor, order, problem)
     if problem.since:
         problem = dataclasses.replace(problem, since=settled_onsets(best.problem, best.z).since)
@@ -358,15 +371,15 @@ def _refitted(
     found.sort(key=lambda f: f[0].score(penalty))
     out = [e for e, _ in found]
     if found:
-        out[0] = refit(problem, z, shown, found[0][1], rounds=4)
+        out[0] = refit(problem, z, shown, found[0][1], rounds=4 if turn == TURNS else ON_THE_WAY)
     return sorted(out, key=lambda e: e.score(penalty))
 
 
-def _again(problem: Problem, explanation: Explanation) -> Explanation:
+def _again(problem: Problem, explanation: Explanation, rounds: int = 3) -> Explanation:
     """An explanation fitted again under another noise."""
     moved = dataclasses.replace(explanation.problem, whitener=problem.whitener, since=problem.since)
     moved = moved.refined(explanation.z)
-    z, cost = solve(moved, explanation.z, 3)
+    z, cost = solve(moved, explanation.z, rounds)
     return dataclasses.replace(explanation, problem=moved, z=z, cost=cost)
 
 

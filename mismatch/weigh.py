@@ -19,7 +19,9 @@ from mismatch.tracks import Track
 FORM, PLAINER = 0.05, 4
 """Share of what is gained that a form, being inexact, may miss of it; so many plainer explanations within that are
 weighed."""
-LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.01
+PLAIN = 5
+"""Effects that an explanation may have and still be a plain one."""
+LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
 error, in noise variances, that there must be."""
 UNSURE = 0.015
@@ -47,7 +49,8 @@ def plainest_that_predicts(
     """The plainest explanation that predicts the held-out recordings no worse than the best.
 
     Effects that do nothing for held-out recordings go; so do several that a plainer explanation, which fits
-    nearly as well, replaces: no form is exact, and what a form lacks is soon made up by others.
+    nearly as well, replaces: no form is exact, and what a form lacks is soon made up by others. Together they may do
+    no more than nothing.
 
     Args:
         fitted: other explanations.
@@ -66,15 +69,18 @@ def plainest_that_predicts(
 
     while len(chosen) > 1:
         without = {i: subset([j for j in chosen if j != i]) for i in chosen}
-        idle = [i for i in chosen if as_good(without[i][1], held_now, held_before, variance)]
-        if not idle:
+        idle = [i for i in chosen if as_good(without[i][1], held_best, held_before, variance)]
+        if not idle or len(chosen) - len(idle) > PLAIN:
             break
         rest = [i for i in chosen if i not in idle]
         together = subset(rest) if rest and len(idle) > 1 else None
-        if together is None or not as_good(together[1], held_now, held_before, variance):
+        if together is None or not as_good(together[1], held_best, held_before, variance):
             least = max(idle, key=lambda i: gain(held_now, without[i][1], variance).share)
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
+    if len(now.names) > PLAIN:
+        # Where nothing plain will do, what is small is not what the form of something large lacks.
+        return best
     nearly = now.cost + FORM * (before.cost - now.cost)
     plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
     for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
@@ -87,11 +93,13 @@ def plainest_that_predicts(
     return now
 
 
-def refusal(best: Explanation, before: Explanation, threshold: float, share: Gain | None) -> str:
+def by_chance(best: Explanation, before: Explanation, threshold: float) -> bool:
+    """Could noise alone gain as much?"""
+    return before.cost - best.cost < threshold * len(best.names)
+
+
+def refusal(share: Gain | None) -> str:
     """Why the best explanation is not accepted; empty if it is."""
-    gained = before.cost - best.cost
-    if gained < threshold * len(best.names):
-        return f"it explains {gained:.3g} units, noise alone could {threshold * len(best.names):.3g}"
     if share is not None and share.excess < LEAST_EXCESS:
         return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
     if share is None:

@@ -10,12 +10,27 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from bench.blind import conceal
 from bench.store import write_text
+from mismatch.walk import PRIOR
+from physics.simulator import Simulator
 
 MODEL, CALIBRATED = "model.toml", "calibrated.toml"
+
+
+def with_constants(simulator: Simulator, names: Sequence[str], tolerance: float) -> Simulator:
+    """A simulator with constants that its owner knows to a tolerance only: they are calibrated within it."""
+    return replace(
+        simulator,
+        calibrate=(*simulator.calibrate, *names),
+        parameters=tuple(
+            replace(v, scale=tolerance * v.nominal / PRIOR) if v.name in names else v for v in simulator.parameters
+        ),
+    )
 
 
 def answer(folder: Path) -> None:
@@ -25,7 +40,7 @@ def answer(folder: Path) -> None:
     from mismatch.recordings import read
 
     case = json.loads((folder / "case.json").read_text())
-    nominal = load_simulator("nominal")
+    nominal = with_constants(load_simulator("nominal"), case["constants"], case["tolerance"])
     train, held_out = (read([folder / f"{n}.csv" for n in case[part]], nominal) for part in ("train", "held_out"))
     catalogue = [m for m in whole_catalogue(nominal) if m.name not in case["without"]]
     if case["only"]:  # an engine that is told

@@ -12,9 +12,9 @@ from physics.mechanisms import CATALOGUE
 from physics.nominal import NOMINAL, REDUCED
 from physics.simulator import Mechanism, Simulator
 
-CELLS = ("plain", "left_out", "nominal", "enriched")
+CELLS = ("plain", "left_out", "nominal", "enriched", "loose")
 """The plant as it is; the same recordings with one or two of its effects taken out of the catalogue; recordings of
-the nominal model itself; the plant with two effects more."""
+the nominal model itself; the plant with two effects more; the plant with constants that nobody knows well."""
 EFFECTS = tuple(m for m in CATALOGUE if m.parameters[0].name in REDUCED)
 """What the nominal model leaves out of every plant."""
 SHARE = (0.6, 1.4)
@@ -23,7 +23,8 @@ CALIBRATED = {"V_d_m3": 0.05, "eta_0": 0.02, "UA_gw_W_K": 0.15}
 """How far the parameters that the engine calibrates lie off, as a share, evenly either way."""
 UNKNOWN = ("UA_c_W_K", "C_w_J_K", "V_int_m3", "a_in", "V_exh_m3", "tau_v_s", "tau_m_s", "UA_ha_W_K", "C_h_J_K")
 UNKNOWN_SHARE = 0.03
-"""Constants that nobody calibrates and no mechanism is about lie off by up to this share."""
+"""In cell ``loose`` constants that no mechanism is about lie off by up to this share; the engine is told which, and
+how far."""
 SEPARABLE = (
     "suction_valve_loss", "suction_preheat", "leak_reheating", "wall_conductance_with_flow", "efficiency_off_design",
     "probe_lag_with_flow", "isothermal_manifold",
@@ -64,12 +65,14 @@ class Plant:
     Attributes:
         simulator: its equations and parameters, what the oracle knows.
         effects: what the engine has to name.
+        constants: what the engine is told to calibrate besides, to ``UNKNOWN_SHARE``.
         without: mechanisms that the engine's catalogue lacks.
     """
 
     simulator: Simulator
     effects: tuple[Effect, ...]
     without: tuple[str, ...]
+    constants: tuple[str, ...]
 
 
 def draw(item: Item, seed: int) -> Plant:
@@ -78,16 +81,18 @@ def draw(item: Item, seed: int) -> Plant:
     nominal = NOMINAL.theta()
     values = {n: _off(nominal[NOMINAL.index(n)], share, rng) for n, share in CALIBRATED.items()}
     if item.cell == "nominal":
-        return Plant(replace(NOMINAL.with_values(**values), name="plant"), (), ())
-    values |= {n: _off(nominal[NOMINAL.index(n)], UNKNOWN_SHARE, rng) for n in UNKNOWN}
+        return Plant(replace(NOMINAL.with_values(**values), name="plant"), (), (), ())
+    off = {n: _off(nominal[NOMINAL.index(n)], UNKNOWN_SHARE, rng) for n in UNKNOWN}
     effects = [_effect(m, PLANT.theta()[PLANT.index(m.parameters[0].name)], rng) for m in EFFECTS]
     without = tuple(str(n) for n in rng.choice(SEPARABLE, rng.integers(1, 3), replace=False))
     if item.cell == "enriched":
         known = {m.name: m for m in CATALOGUE}
         effects += [_effect(known[n], known[n].parameters[0].nominal, rng) for n in rng.choice(ADDED, 2, replace=False)]
-    values |= {e.parameter: e.true for e in effects}
+    values |= {e.parameter: e.true for e in effects} | (off if item.cell == "loose" else {})
     simulator = replace(PLANT.with_values(**values), name="plant")
-    return Plant(simulator, tuple(effects), without if item.cell == "left_out" else ())
+    return Plant(
+        simulator, tuple(effects), without if item.cell == "left_out" else (), UNKNOWN if item.cell == "loose" else ()
+    )
 
 
 def _off(value: float, share: float, rng: np.random.Generator) -> float:

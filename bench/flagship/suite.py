@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 from rich.console import Console
@@ -20,7 +21,7 @@ from bench.flagship.ask import CALIBRATED, MODEL
 from bench.flagship.gates import draws_table, gate_table, read_draws
 from bench.flagship.judge import COLUMNS, names, shares
 from bench.flagship.measure import Errors, at_design_point, at_known_health, errors
-from bench.flagship.plant import Item, Plant, draw
+from bench.flagship.plant import UNKNOWN_SHARE, Item, Plant, draw
 from bench.flagship.record import HELD_OUT, TRAINING, record
 from bench.prove.gates import as_markdown
 from bench.prove.seal import Sealed, check, seal
@@ -36,16 +37,16 @@ TOLD = "told"
 ENGINES = ("twinbench", TOLD)
 """Ours, and ours with a catalogue that holds what is true and nothing else: how far mending gets without naming."""
 TIMEOUT_S = 3600.0
-ENRICHED_EVERY = 3
+RARE_EVERY = 3
 _ROOT = Path(__file__).resolve().parents[2]
 
 
 def plan(draws: int) -> list[Item]:
-    """The cases of so many plants: each as it is, with a poorer catalogue, and its nominal model; some enriched."""
+    """The cases of so many plants: as it is, with a poorer catalogue, the nominal model; some enriched and loose."""
     items = []
     for number in range(draws):
-        cells = ["plain", "left_out", "nominal"] + ["enriched"] * (number % ENRICHED_EVERY == ENRICHED_EVERY - 1)
-        items += [Item(cell, number) for cell in cells]
+        rare = ["enriched", "loose"] if number % RARE_EVERY == RARE_EVERY - 1 else []
+        items += [Item(cell, number) for cell in ("plain", "left_out", "nominal", *rare)]
     return items
 
 
@@ -99,7 +100,7 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
     write_text(folder / "seal.json", json.dumps({"case": item.name, "sha256": sealed.digest}))
     only = [e.name for e in plant.effects] if engine == TOLD else []
     with tempfile.TemporaryDirectory(prefix="flagship-") as given:
-        verdict = ask(Path(given), train, held_out, plant.without, only, out)
+        verdict = ask(Path(given), train, held_out, plant, only, out)
         models = {n: load_simulator(str(Path(given) / n)) for n in (MODEL, CALIBRATED) if (Path(given) / n).is_file()}
         for name in models:
             write_text(folder / name, (Path(given) / name).read_text())
@@ -110,7 +111,7 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
         "truth": "+".join(e.name for e in plant.effects), "without": "+".join(plant.without),
         "verdict": verdict["verdict"], "seconds": verdict["seconds"], **_judged(sealed, folder, verdict),
     }  # fmt: skip
-    if item.cell in ("plain", "enriched") and len(models) == 2:
+    if item.cell in ("plain", "enriched", "loose") and len(models) == 2:
         nominal = (models[CALIBRATED], at_design_point(plant.simulator), at_known_health(train))
         measured: list[Errors] = [errors(m, train, held_out) for m in (plant.simulator, *nominal, models[MODEL])]
         row |= shares(measured[0], measured[1:-1], measured[-1])
@@ -118,13 +119,16 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
 
 
 def ask(
-    folder: Path, train: Batch, held_out: Batch, without: Sequence[str], only: Sequence[str], keep_out: Path
+    folder: Path, train: Batch, held_out: Batch, plant: Plant, only: Sequence[str], keep_out: Path
 ) -> dict[str, Any]:
     """The engine's verdict on sensor columns in a folder of its own, from a process of its own."""
     for batch in (train, held_out):
         for i, name in enumerate(batch.names):
             truth_table(batch.without_truth(), i).to_csv(folder / f"{name}.csv", index=False, float_format="%.8g")
-    case = {"train": train.names, "held_out": held_out.names, "without": without, "only": only}
+    case = {
+        "train": train.names, "held_out": held_out.names, "without": plant.without, "only": only,
+        "constants": plant.constants, "tolerance": UNKNOWN_SHARE / np.sqrt(3.0),
+    }  # fmt: skip
     (folder / "case.json").write_text(json.dumps(case))
     began = time.perf_counter()
     try:

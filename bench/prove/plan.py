@@ -71,4 +71,3 @@ def _of(cell: str, machine: Machine, rng: np.random.Generator) -> list[tuple[tup
     if cell == "poor_excitation":
         return [((name,), 0.0) for name in names]
     return [((name,), s) for name in names for s in PLAIN]  # left_out, onset
-

@@ -18,7 +18,7 @@ from bench.flagship import suite
 from bench.flagship.gates import gate_table
 from bench.flagship.judge import COLUMNS, names
 from bench.flagship.measure import Errors
-from bench.flagship.plant import EFFECTS, Item, draw
+from bench.flagship.plant import EFFECTS, UNKNOWN, Item, Plant, draw
 from bench.flagship.record import HELD_OUT
 from bench.prove.seal import BrokenSeal
 from data.batch import CHANNELS, Batch
@@ -100,14 +100,27 @@ def test_an_engine_that_failed_has_mended_nothing() -> None:
 # The whole study.
 
 
+def test_constants_lie_off_where_the_engine_may_calibrate_them_and_nowhere_else() -> None:
+    plain, loose = draw(Item("plain", 0), 3), draw(Item("loose", 0), 3)
+    off = [
+        name for name in UNKNOWN
+        if loose.simulator.theta()[loose.simulator.index(name)] != NOMINAL.theta()[NOMINAL.index(name)]
+    ]  # fmt: skip
+    assert (off, loose.constants, plain.constants) == (list(UNKNOWN), UNKNOWN, ())
+    assert [plain.simulator.theta()[plain.simulator.index(n)] for n in UNKNOWN] == [
+        NOMINAL.theta()[NOMINAL.index(n)] for n in UNKNOWN
+    ]
+    assert plain.effects == loose.effects
+
+
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Sequence[str], Sequence[str]]]:
     """The same short recordings of every plant, and an engine that finds the isothermal manifold; what it was asked."""
     asked: list[tuple[Sequence[str], Sequence[str]]] = []
 
-    def answer(folder: Path, train: Batch, held_out: Batch, without: Any, only: Any, keep_out: Path) -> Any:
+    def answer(folder: Path, train: Batch, held_out: Batch, plant: Plant, only: Any, keep_out: Path) -> Any:
         assert (train.names, held_out.names, keep_out.is_dir()) == (("train_1", "train_2"), ("held_1",), True)
-        asked.append((without, only))
+        asked.append((plant.without, only))
         found = [m for m in CATALOGUE if m.name == "isothermal_manifold"]
         for name, mechanisms, values in (("model.toml", found, {"iso": 0.1}), ("calibrated.toml", [], {})):
             (folder / name).write_text(model_toml("nominal", NOMINAL, mechanisms, {"V_d_m3": 6e-3} | values, folder))
@@ -182,8 +195,11 @@ def test_a_seal_that_was_changed_meanwhile_is_noticed(
 
 def test_the_engine_gets_sensor_columns_alone_and_its_failure_is_an_answer(tmp_path: Path) -> None:
     train, held_out = recorded()
-    answered = suite.ask(tmp_path, train, held_out, [], ["isothermal_manifold"], tmp_path / "out")
-    assert set(json.loads((tmp_path / "case.json").read_text())) == {"train", "held_out", "without", "only"}
+    plant = draw(Item("loose", 0), 3)
+    answered = suite.ask(tmp_path, train, held_out, plant, ["isothermal_manifold"], tmp_path / "out")
+    case = json.loads((tmp_path / "case.json").read_text())
+    assert set(case) == {"train", "held_out", "without", "only", "constants", "tolerance"}
+    assert case["constants"] == list(UNKNOWN)
     for path in tmp_path.glob("*.csv"):
         assert tuple(pd.read_csv(path, nrows=1).columns) == ("time_s", *CHANNELS)
     assert len(list(tmp_path.glob("*.csv"))) == 3
@@ -192,7 +208,7 @@ def test_the_engine_gets_sensor_columns_alone_and_its_failure_is_an_answer(tmp_p
     assert {p.name for p in tmp_path.glob("*.toml")} == {"model.toml", "calibrated.toml"}
     blank = replace(train, measured=np.full_like(train.measured, np.nan))
     (tmp_path / "blank").mkdir()
-    refused = suite.ask(tmp_path / "blank", blank, held_out, [], [], tmp_path / "out")
+    refused = suite.ask(tmp_path / "blank", blank, held_out, plant, [], tmp_path / "out")
     assert refused["verdict"] == "failed"
     assert "is empty" in refused["says"]
 
