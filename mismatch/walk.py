@@ -29,7 +29,7 @@ from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
 from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import by_chance, contended, plainest_that_predicts, refusal
+from mismatch.weigh import PLAIN, by_chance, contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -160,7 +160,7 @@ def examine(
                 if proved is best:
                     break
             share = gain(held_before, held_after, best.problem.whitener.variance())
-            if len(best.names) > MANY:
+            if len(best.names) > PLAIN:
                 transferred = transfer(best, held_after, held, own)
         if by_chance(best, before, threshold):
             best, held_after, share, transferred = None, None, None, None
