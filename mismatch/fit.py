@@ -15,8 +15,8 @@ from mismatch.noise import Whitener
 from mismatch.tracks import Grid, Track
 from physics.simulator import Array
 
-KNOTS = 5
-"""Knots of a parameter that drifts, per recording."""
+KNOTS, DRIFT_S = 5, 180.0
+"""Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
 ENOUGH = 0.05
 """A fit is done when a step gains less than this, in units of twice the log-likelihood."""
 HALVINGS = 4

@@ -56,10 +56,13 @@ def transfer(best: Explanation, held: Held, tracks: Sequence[Track], own: Sequen
         e = alone.whitener(held.residuals[r])
         seen = np.isfinite(e) & np.isfinite(J).all(axis=-1)
         J, e = J[seen], e[seen]
-        whole = J.T @ J + np.diag([*np.zeros(len(common)), *(u.sd**-2 for u in mine)])
+        precision = np.array([u.sd**-2 for u in mine])
+        whole = J.T @ J + np.diag([*np.zeros(len(common)), *precision])
+        b = J.T @ e
+        b[len(common) :] += precision * (np.array([u.mean for u in mine]) - held.own[r])
         first = np.arange(len(whole)) < len(common)
         wanted += _without(whole, first)
-        pull += J[:, first].T @ e  # what is its own pulls no more: it was fitted
+        pull += b[first] - whole[np.ix_(first, ~first)] @ np.linalg.solve(whole[np.ix_(~first, ~first)], b[~first])
         squares.append(e**2)
     noise = max(1.0, float(np.mean(np.concatenate(squares))))
     # In the frame where the learnt sizes are independent and of unit variance.

@@ -14,7 +14,7 @@ from data.recording import Recording
 from mismatch.checks import Test, audit, residual_tests
 from mismatch.climb import climb, gross
 from mismatch.explanation import Explanation, present, refit, rewhitened
-from mismatch.fit import KNOTS, Problem, Unknown, solve
+from mismatch.fit import DRIFT_S, KNOTS, Problem, Unknown, solve
 from mismatch.guards import Guards
 from mismatch.machine import Machine
 from mismatch.many import MANY, from_everything
@@ -239,7 +239,7 @@ def _parameters(simulator: Simulator) -> tuple[Unknown, ...]:
 def _own(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown, ...]:
     """What each recording has for itself: where it starts, and how its drifting parameters go."""
     found = []
-    for r in range(len(tracks)):
+    for r, track in enumerate(tracks):
         for i, v in enumerate(simulator.states):
             found.append(
                 Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, PRIOR * v.scale, 0.2 * v.scale, r)
@@ -249,7 +249,7 @@ def _own(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown, ...]:
             v = simulator.parameters[i]
             found += [
                 Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR * v.scale, v.scale, r, k)
-                for k in range(KNOTS)
+                for k in range(max(KNOTS, 1 + round((track.time_s[-1] - track.time_s[0]) / DRIFT_S)))
             ]
     return tuple(found)
 

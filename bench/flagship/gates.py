@@ -29,16 +29,18 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
     Shares count as 1 at most, since a random-walk oracle is no hard floor, and as 0 where the engine or
     the filter with its model failed.
     """
-    whole = rows[rows["cell"].isin(["plain", "enriched"])]
-    table = []
+    whole, loose = rows[rows["cell"].isin(["plain", "enriched"])], rows[rows["cell"] == "loose"]
+    table, also = [], []
     for says, column, mean, worst in (
         ("parameter error", "parameter_share", 0.80, 0.65), ("60 s open loop", "open60_share", 0.90, 0.80),
     ):  # fmt: skip
-        capped = whole[column].fillna(0.0).clip(upper=1.0).to_numpy()
+        capped = _capped(whole[column])
         table += [_mean(f"gap closed, {says}, mean", mean, capped), _worst(f"gap closed, {says}, worst", worst, capped)]
+        also.append(_mean(f"loose constants: gap closed, {says}, mean", np.nan, _capped(loose[column])))
     right, wrong = _several(whole["named_right"]), _several(whole["named_wrong"])
     effects, missed = _several(whole["truth"]), _several(whole["missed"])
     nominal, left_out = rows[rows["cell"] == "nominal"], rows[rows["cell"] == "left_out"]
+    loosely_right, loosely_wrong = _several(loose["named_right"]), _several(loose["named_wrong"])
     sizes, covered = (
         pd.Series(_several(whole[c]), dtype=object).astype(float) for c in ("amplitude_error_pct", "amplitude_covered")
     )
@@ -57,12 +59,19 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
              left_out.loc[~said, "named_wrong"] != ""),
         quantile("error of the amplitude of single names, median, %", "", np.nan, sizes),
         rate("90 % interval covers the amplitude", "", np.nan, covered > 0.5),
+        *also,
+        rate("loose constants: wrong single names, of all", "", np.nan,
+             _hits(len(loosely_wrong), len(loosely_right) + len(loosely_wrong))),
         quantile("seconds that the engine takes, median", "<=", 300.0, rows["seconds"]),
     ])  # fmt: skip
 
 
 def _several(texts: pd.Series) -> list[str]:
     return [part for text in texts for part in str(text).split("+") if part]
+
+
+def _capped(shares: pd.Series) -> np.ndarray:
+    return np.asarray(shares.fillna(0.0).clip(upper=1.0))
 
 
 def _hits(hits: int, of: int) -> pd.Series:
@@ -72,7 +81,9 @@ def _hits(hits: int, of: int) -> pd.Series:
 def _mean(gate: str, required: float, values: np.ndarray) -> dict[str, object]:
     n = len(values)
     low, high = interval(resample_weights(n) @ values, n) if n else (np.nan, np.nan)
-    return gate_line(gate, ">=", required, float(values.mean()) if n else np.nan, low, high, n)
+    return gate_line(
+        gate, ">=" if np.isfinite(required) else "", required, float(values.mean()) if n else np.nan, low, high, n
+    )
 
 
 def _worst(gate: str, required: float, values: np.ndarray) -> dict[str, object]:
