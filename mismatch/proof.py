@@ -98,11 +98,6 @@ def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
     return bool(np.quantile(worse[_resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
 
 
-def as_good(simple: Held, whole: Held, before: Held, variance: Array) -> bool:
-    """Does a plainer model predict the held-out recordings as well as another, all but?"""
-    return lost(simple, whole, before, variance) < NOTHING and not clearly_worse(simple, whole, variance)
-
-
 def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
     """Share of the removable held-out error that one model removes less than another."""
     return gain(before, whole, variance).share - gain(before, simple, variance).share

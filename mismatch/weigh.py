@@ -11,14 +11,14 @@ from collections.abc import Sequence
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
 from mismatch.picture import Picture
-from mismatch.proof import NOTHING, Gain, Held, as_good, clearly_worse, gain, held_out, lost
+from mismatch.proof import NOTHING, Gain, Held, clearly_worse, held_out, lost
 from mismatch.rivals import fresh_rounds, slack
 from mismatch.search import PENALTY
 from mismatch.tracks import Track
 
 FORM, PLAINER = 0.05, 4
-"""Share of what is gained that a form, being inexact, may miss of it; so many plainer explanations within that are
-weighed."""
+"""Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
+plainer explanations within that are weighed."""
 PLAIN = 5
 """Effects that an explanation may have and still be a plain one."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
@@ -48,9 +48,9 @@ def plainest_that_predicts(
 ) -> Explanation:  # fmt: skip
     """The plainest explanation that predicts the held-out recordings no worse than the best.
 
-    Effects that do nothing for held-out recordings go; so do several that a plainer explanation, which fits
-    nearly as well, replaces: no form is exact, and what a form lacks is soon made up by others. Together they may do
-    no more than nothing.
+    Effects that do little for held-out recordings go, and several that a plainer explanation, which fits nearly as
+    well, replaces: no form is exact, and what a form lacks is soon made up by others. Together they may do no more
+    than that.
 
     Args:
         fitted: other explanations.
@@ -67,24 +67,27 @@ def plainest_that_predicts(
         e = refit(best.bare, best.z[: best.first], shown, chosen, fresh_rounds(best))
         return e, predicted(e)
 
+    def missed(found: Held) -> float:
+        return lost(found, held_best, held_before, variance)
+
     while len(chosen) > 1:
         without = {i: subset([j for j in chosen if j != i]) for i in chosen}
-        idle = [i for i in chosen if as_good(without[i][1], held_best, held_before, variance)]
-        if not idle or len(chosen) - len(idle) > PLAIN:
+        if sum(missed(found) > NOTHING for _, found in without.values()) > PLAIN:
+            # Where nothing plain will do, what is small is not what the form of something large lacks.
+            return best
+        idle = [i for i in chosen if missed(without[i][1]) < FORM]
+        if not idle:
             break
         rest = [i for i in chosen if i not in idle]
         together = subset(rest) if rest and len(idle) > 1 else None
-        if together is None or not as_good(together[1], held_best, held_before, variance):
-            least = max(idle, key=lambda i: gain(held_now, without[i][1], variance).share)
+        if together is None or missed(together[1]) > FORM:
+            least = min(idle, key=lambda i: missed(without[i][1]))
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
-    if len(now.names) > PLAIN:
-        # Where nothing plain will do, what is small is not what the form of something large lacks.
-        return best
     nearly = now.cost + FORM * (before.cost - now.cost)
     plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
     for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
-        if as_good(predicted(e), held_now, held_before, variance):
+        if missed(predicted(e)) < FORM:
             return e
     # Of as many effects the set that fits best, unless it predicts less.
     fits = min((e for e in fitted if len(e.names) == len(now.names)), key=lambda e: e.cost, default=now)
