@@ -349,7 +349,8 @@ def _words(
         if sensors and verdict == "missing physics":
             best = max(d.before.cost - e.cost for e in sensors)
             share = 100.0 * max(best, 0.0) / gained
-            words.append(f"The best sensor or input fault alone explains {share:.0f} % of it.")
+            much = f"{share:.0f} %" if share >= 1.5 else "no more than 1 %"
+            words.append(f"The best sensor or input fault alone explains {much} of it.")
         if d.share is not None:
             words.append(
                 f"On recordings held back it removes {100 * d.share.share:.0f} % of the excess error "

@@ -32,6 +32,8 @@ def fingerprint(function: Callable[..., Any]) -> str:
         Untold: the function uses an object of which we cannot say so.
     """
     digest = hashlib.sha256(f"{sys.version} {np.__version__} {numba.__version__}".encode())
+    # Machine code on the disk looks for the module of what it calls: under another file's name it finds none.
+    digest.update(str(getattr(function, "__module__", "")).encode())
     for part in _told(function, []):
         digest.update(f"{len(part)}:".encode())
         digest.update(part)

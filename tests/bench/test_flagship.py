@@ -100,19 +100,6 @@ def test_an_engine_that_failed_has_mended_nothing() -> None:
 # The whole study.
 
 
-def test_constants_lie_off_where_the_engine_may_calibrate_them_and_nowhere_else() -> None:
-    plain, loose = draw(Item("plain", 0), 3), draw(Item("loose", 0), 3)
-    off = [
-        name for name in UNKNOWN
-        if loose.simulator.theta()[loose.simulator.index(name)] != NOMINAL.theta()[NOMINAL.index(name)]
-    ]  # fmt: skip
-    assert (off, loose.constants, plain.constants) == (list(UNKNOWN), UNKNOWN, ())
-    assert [plain.simulator.theta()[plain.simulator.index(n)] for n in UNKNOWN] == [
-        NOMINAL.theta()[NOMINAL.index(n)] for n in UNKNOWN
-    ]
-    assert plain.effects == loose.effects
-
-
 @pytest.fixture
 def stub(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Sequence[str], Sequence[str]]]:
     """The same short recordings of every plant, and an engine that finds the isothermal manifold; what it was asked."""

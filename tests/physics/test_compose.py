@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import os
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from physics.compile import compiled
+from physics.compile import USER_FILE, compiled
 from physics.compose import compose, plain_rhs
 from physics.fingerprint import Untold, fingerprint
 from physics.integrate import simulate
@@ -182,6 +183,19 @@ def test_a_fingerprint_tells_functions_apart_by_all_that_they_use():
     assert len(set(bodies)) == len(sources)
 
 
+def test_a_renamed_file_of_the_users_is_compiled_anew(tmp_path, monkeypatch):
+    # What another process kept looks for the module by its old name, and there is none.
+    told = []
+    for name in ("brake.py", "eddy_brake.py"):
+        (tmp_path / name).write_text("def f(x, u, theta):\n    return x[0]\n")
+        spec = importlib.util.spec_from_file_location(f"{USER_FILE}{name[:-3]}", tmp_path / name)
+        module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        spec.loader.exec_module(module)
+        told.append(fingerprint(module.f))
+    assert told[0] != told[1]
+
+
 class Settings:
     k = 1.0
 
@@ -235,7 +249,7 @@ LINES = "\n".join(f"            s += math.sin(i * x[0] + {k}.0) / i - math.tanh(
 RUN = """
 import json, sys
 import numpy as np
-from physics.compile import compiled
+from physics.compile import USER_FILE, compiled
 from physics.compose import compose
 from physics.load import load_catalogue, load_simulator
 found = []
