@@ -26,7 +26,9 @@ def truth_at(truth: Batch, names: Sequence[str], time_s: Array) -> Truth:
     half_period = 0.5 * float(np.diff(truth.time_s).max(initial=0.0))
     off = np.abs(truth.time_s[ticks] - time_s) > half_period + 1e-9
     if off.any():
-        raise ValueError(f"no truth at {time_s[off][0]:g} s; it spans {truth.time_s[0]:g} to {truth.time_s[-1]:g} s")
+        raise ValueError(
+            f"no truth at {time_s[off][0]:g} s; it spans {truth.time_s[0]:g} to {truth.time_s[-1]:g} s"
+        )
     fields = (truth.truth.states, truth.truth.health, truth.truth.outputs, truth.truth.inputs)
     return Truth(*(field[rows][:, ticks] for field in fields))
 

@@ -53,7 +53,9 @@ class SequenceScores:
         return self.values[self.estimators.index(estimator)]
 
 
-def sequence_scores(scores: pd.DataFrame, metric: str, failed: Mapping[str, str] | None = None) -> SequenceScores:
+def sequence_scores(
+    scores: pd.DataFrame, metric: str, failed: Mapping[str, str] | None = None
+) -> SequenceScores:
     """One metric out of the long table, seeds averaged inside each sequence.
 
     Args:
@@ -89,7 +91,9 @@ def sequence_scores(scores: pd.DataFrame, metric: str, failed: Mapping[str, str]
             told += _gaps(wide.loc[[estimator]])
         if told:
             reasons[estimator] = "; ".join(told)
-    return SequenceScores(metric, estimators, tuple(wide.columns), values, reasons, tuple(undefined.index[undefined]))
+    return SequenceScores(
+        metric, estimators, tuple(wide.columns), values, reasons, tuple(undefined.index[undefined])
+    )
 
 
 def _gaps(wide: pd.DataFrame) -> list[str]:

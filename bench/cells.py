@@ -57,7 +57,9 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
     kind = find(spec)
     data = data_key(profile)
     settings = {**kind.settings, **profile.settings.get(kind.name, {})}
-    fit = key_of(estimator=kind.name, settings=settings, seed=seed, code=code_version(kind.__module__), data=data)
+    fit = key_of(
+        estimator=kind.name, settings=settings, seed=seed, code=code_version(kind.__module__), data=data
+    )
     estimates = key_of(fit=fit, evaluation=asdict(profile.evaluation), code=code_version("bench.evaluate"))
     return Cell(spec, kind.name, seed, data, fit, estimates)
 

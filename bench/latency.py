@@ -48,7 +48,9 @@ class _Runner:
         return took
 
 
-def measure(store: Store, updates: int, todo: list[Cell], progress: Progress) -> tuple[pd.DataFrame, list[Outcome]]:
+def measure(
+    store: Store, updates: int, todo: list[Cell], progress: Progress
+) -> tuple[pd.DataFrame, list[Outcome]]:
     """Time every trained estimator in each of its implementations; 0 updates: none.
 
     Returns:

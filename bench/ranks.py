@@ -83,7 +83,8 @@ def rank(table: SequenceScores, alpha: float = 0.05) -> Ranking:
     if len(kept) < 2 or len(table.sequences) < 2:
         raise ValueError(
             f"a ranking by {table.metric} takes two complete estimators and two sequences; there are "
-            f"{len(kept)} and {len(table.sequences)}" + "".join(f"; {name}: {why}" for name, why in dropped.items())
+            f"{len(kept)} and {len(table.sequences)}"
+            + "".join(f"; {name}: {why}" for name, why in dropped.items())
         )
     scores = np.abs(table.values[kept] - IDEAL[table.metric]) if table.metric in IDEAL else table.values[kept]
     ranks = stats.rankdata(scores, axis=0)

@@ -197,7 +197,9 @@ def _cell(value: Value, best: bool = False) -> Cell:
 def _definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
     """One line per metric; that of the mean coverage stands for the ten quantities'."""
     return tuple(
-        f"{m.group} {m.head}: {DEFINITIONS[m.metric]}".strip() for m in measures if not m.metric.startswith("coverage_")
+        f"{m.group} {m.head}: {DEFINITIONS[m.metric]}".strip()
+        for m in measures
+        if not m.metric.startswith("coverage_")
     )
 
 

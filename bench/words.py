@@ -74,8 +74,7 @@ def _best_at(summary: Summary, question: str) -> str:
     wins = int((scores.row(best) < scores.row(second)).sum())
     p, resolved = _pair(ranking, best, second)
     verdict = (
-        f"the two are told apart (Wilcoxon, {_p(p)} after Holm's correction for all pairs)"
-        if resolved
+        f"the two are told apart (Wilcoxon, {_p(p)} after Holm's correction for all pairs)" if resolved
         else f"after Holm's correction for all pairs these sequences do not tell the two apart (Wilcoxon, {_p(p)})"
     )
     return (

@@ -19,6 +19,8 @@ KNOTS, DRIFT_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
 ENOUGH = 0.05
 """A fit is done when a step gains less than this, in units of twice the log-likelihood."""
+NEARLY = 0.01
+"""Share of the cost that a round of a fit which need only be near must gain to be followed by another."""
 HALVINGS = 4
 """Times that a step which does not help is shortened before it is damped."""
 LITTLE = 0.1

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
-from mismatch.fit import Problem, solve
+from mismatch.fit import NEARLY, Problem, solve
 from mismatch.noise import ORDER
 from mismatch.picture import Picture, Variant, is_fault, picture
 from mismatch.search import LARGEST, PENALTY, local_search, wander
@@ -69,7 +69,7 @@ def everything(problem: Problem, listed: Sequence[Variant]) -> Explanation:
     held_back = replace(problem, unknowns=tuple(replace(u, sd=TIGHT * u.sd) for u in problem.unknowns))
     whole = with_candidates(held_back, listed, RIDGE)
     whole = whole.refined(whole.z0)
-    fitted = solve(whole, whole.z0, 8, chords=4, share=0.01)
+    fitted = solve(whole, whole.z0, 8, chords=4, share=NEARLY)
     names = tuple(problem.machine.candidates[v.candidate].name for v in listed)
     return Explanation(names, tuple(listed), whole, *fitted)
 

@@ -14,7 +14,6 @@ from mismatch.explanation import Explanation
 from mismatch.fit import Problem, Unknown
 from mismatch.proof import Held
 from mismatch.tracks import Track
-from physics.simulator import Array
 
 FORM = 3.0
 """Times that the chi-square may exceed what chance makes in one of a hundred: no drift's form is exact."""
@@ -45,25 +44,21 @@ def transfer(best: Explanation, held: Held, tracks: Sequence[Track], own: Sequen
     common = tuple(u for u in problem.unknowns if u.recording == -1)
     scale = np.array([u.scale for u in common])
     G, _, _ = problem.normal(z, problem.residuals(z))
-    learnt = _without(G, shared) * np.outer(scale, scale)
+    rest = ~shared
+    absorbed = G[np.ix_(shared, rest)] @ np.linalg.solve(G[np.ix_(rest, rest)], G[np.ix_(rest, shared)])
+    learnt = (G[np.ix_(shared, shared)] - absorbed) * np.outer(scale, scale)
     wanted, pull, squares = np.zeros_like(learnt), np.zeros(len(common)), []
     for r, track in enumerate(tracks):
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
-        alone = Problem(problem.machine, [track], (*common, *mine), problem.whitener, theta=problem.theta)
+        whole = Problem(problem.machine, [track], (*common, *mine), problem.whitener, theta=problem.theta)
         at = np.concatenate((z[shared], held.own[r]))
-        (columns,) = alone.columns(at, alone.residuals(at), range(len(common)))
-        J = alone.whitener(np.concatenate((columns * scale, held.columns[r]), axis=-1))
-        e = alone.whitener(held.residuals[r])
-        seen = np.isfinite(e) & np.isfinite(J).all(axis=-1)
-        J, e = J[seen], e[seen]
-        precision = np.array([u.sd**-2 for u in mine])
-        whole = J.T @ J + np.diag([*np.zeros(len(common)), *precision])
-        b = J.T @ e
-        b[len(common) :] += precision * (np.array([u.mean for u in mine]) - held.own[r])
-        first = np.arange(len(whole)) < len(common)
-        wanted += _without(whole, first)
-        pull += b[first] - whole[np.ix_(first, ~first)] @ np.linalg.solve(whole[np.ix_(~first, ~first)], b[~first])
-        squares.append(e**2)
+        (columns,) = whole.columns(at, whole.residuals(at), range(len(common)))
+        its, sizes = whole.whitener(held.columns[r]), whole.whitener(columns * scale)
+        alone = replace(whole, unknowns=mine)
+        G, b = alone.projected(held.own[r], [held.residuals[r]], [its], [sizes])
+        wanted, pull = wanted + G, pull + b
+        e = whole.whitener(held.residuals[r])
+        squares.append(e[np.isfinite(e)] ** 2)
     noise = max(1.0, float(np.mean(np.concatenate(squares))))
     # In the frame where the learnt sizes are independent and of unit variance.
     frame = cholesky(learnt, lower=True)
@@ -71,12 +66,6 @@ def transfer(best: Explanation, held: Held, tracks: Sequence[Track], own: Sequen
     information, axes = np.linalg.eigh(solve_triangular(frame, half.T, lower=True))
     along = axes.T @ solve_triangular(frame, pull, lower=True)
     told = information > TOLD
-    return Transfer(
-        float(np.sum(along[told] ** 2 / (information[told] * (1.0 + information[told])))) / noise, int(told.sum())
-    )
+    far = along[told] ** 2 / (information[told] * (1.0 + information[told]))
+    return Transfer(float(np.sum(far)) / noise, int(told.sum()))
 
-
-def _without(G: Array, kept: np.ndarray) -> Array:
-    """A normal matrix of the kept unknowns, the others eliminated."""
-    rest = ~kept
-    return G[np.ix_(kept, kept)] - G[np.ix_(kept, rest)] @ np.linalg.solve(G[np.ix_(rest, rest)], G[np.ix_(rest, kept)])

@@ -14,7 +14,7 @@ from data.recording import Recording
 from mismatch.checks import Test, audit, residual_tests
 from mismatch.climb import climb, gross
 from mismatch.explanation import Explanation, present, refit, rewhitened
-from mismatch.fit import DRIFT_S, KNOTS, Problem, Unknown, solve
+from mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
 from mismatch.guards import Guards
 from mismatch.machine import Machine
 from mismatch.many import MANY, from_everything
@@ -29,7 +29,7 @@ from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
 from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import PLAIN, by_chance, contended, plainest_that_predicts, refusal
+from mismatch.weigh import LARGEST_PLAIN, by_chance, contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -41,8 +41,6 @@ FINALISTS = 8
 """Explanations of gross errors that are weighed against the best at the end."""
 PROVED = 3
 """Times that a plainer explanation than the last is looked for."""
-NEARLY = 0.01
-"""Share of the cost that a round of the first fits must gain to be followed by another."""
 PROMISING = 5
 """Sets that are fitted in full on the way; all at the end, where they may be rivals."""
 ON_THE_WAY = 2
@@ -160,7 +158,7 @@ def examine(
                 if proved is best:
                     break
             share = gain(held_before, held_after, best.problem.whitener.variance())
-            if len(best.names) > PLAIN:
+            if len(best.names) > LARGEST_PLAIN:
                 transferred = transfer(best, held_after, held, own)
         if by_chance(best, before, threshold):
             best, held_after, share, transferred = None, None, None, None

@@ -19,7 +19,7 @@ from mismatch.tracks import Track
 FORM, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
 plainer explanations within that are weighed."""
-PLAIN = 5
+LARGEST_PLAIN = 5
 """Effects that an explanation may have and still be a plain one."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
@@ -72,7 +72,7 @@ def plainest_that_predicts(
 
     while len(chosen) > 1:
         without = {i: subset([j for j in chosen if j != i]) for i in chosen}
-        if sum(missed(found) > NOTHING for _, found in without.values()) > PLAIN:
+        if sum(missed(found) > NOTHING for _, found in without.values()) > LARGEST_PLAIN:
             # Where nothing plain will do, what is small is not what the form of something large lacks.
             return best
         idle = [i for i in chosen if missed(without[i][1]) < FORM]

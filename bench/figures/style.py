@@ -98,8 +98,7 @@ def legend_handles(names: list[str], line: bool = False) -> list[Line2D]:
     handles = []
     for name, look in looks(names).items():
         style: dict[str, Any] = (
-            {"linewidth": 1.6, "linestyle": line_style(name)}
-            if line
+            {"linewidth": 1.6, "linestyle": line_style(name)} if line
             else {"linestyle": "none", "marker": look.marker, "markersize": 5, "markerfacecolor": face(name, look)}
         )
         handles.append(Line2D([], [], color=look.colour, label=label(name), **style))

@@ -16,7 +16,6 @@ from pathlib import Path
 
 from bench.blind import conceal
 from bench.store import write_text
-from mismatch.walk import PRIOR
 from physics.simulator import Simulator
 
 MODEL, CALIBRATED = "model.toml", "calibrated.toml"
@@ -24,6 +23,8 @@ MODEL, CALIBRATED = "model.toml", "calibrated.toml"
 
 def with_constants(simulator: Simulator, names: Sequence[str], tolerance: float) -> Simulator:
     """A simulator with constants that its owner knows to a tolerance only: they are calibrated within it."""
+    from mismatch.walk import PRIOR
+
     return replace(
         simulator,
         calibrate=(*simulator.calibrate, *names),

@@ -99,7 +99,9 @@ MACHINE = Machine(
     calibrate=_NAMES[:8],
     inputs=("voltage_V", "load_Nm"),
     outputs=("speed_rad_s", "amps_A", "T_probe_K"),
-    parameters=dict(zip(_NAMES, (0.6, 0.08, 1.0, 1.5, 0.05, 4000.0, 25.0, 295.0) + (0.0,) * 19, strict=True)),
+    parameters=dict(
+        zip(_NAMES, (0.6, 0.08, 1.0, 1.5, 0.05, 4000.0, 25.0, 295.0) + (0.0,) * 19, strict=True)
+    ),
     spread=dict.fromkeys(_NAMES[:7], 0.15),
     offsets={"T_amb_K": 3.0},
     exponent=(1.9, 2.1),
@@ -115,11 +117,8 @@ MACHINE = Machine(
     coarse=9,
     seconds={"train": (200.0, 200.0, 200.0), "held": (200.0, 200.0)},
     noise={
-        "voltage_V": Noise(0.02, 0.0, 1.0),
-        "load_Nm": Noise(0.02, 0.0, 1.0),
-        "speed_rad_s": Noise(0.4, 0.25, 0.3),
-        "amps_A": Noise(0.3, 0.2, 0.5),
-        "T_probe_K": Noise(0.25, 0.15, 4.0),
+        "voltage_V": Noise(0.02, 0.0, 1.0), "load_Nm": Noise(0.02, 0.0, 1.0), "speed_rad_s": Noise(0.4, 0.25, 0.3),
+        "amps_A": Noise(0.3, 0.2, 0.5), "T_probe_K": Noise(0.25, 0.15, 4.0),
     },
     lsb={"voltage_V": 0.01, "load_Nm": 0.01, "speed_rad_s": 0.1, "amps_A": 0.05, "T_probe_K": 0.0625},
     effects=(

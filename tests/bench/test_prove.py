@@ -212,7 +212,7 @@ def test_a_changed_truth_breaks_the_seal(dry: Case) -> None:
 def spy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An engine that tries to look, and tells how it went."""
     (tmp_path / "engines").mkdir()
-    (tmp_path / "engines" / "spy.py").write_text("""
+    (tmp_path / "engines" / "spy.py").write_text('''
 import importlib, os, subprocess, pathlib
 def look(simulator, recordings, hold_out=(), catalogue=None):
     out = pathlib.Path(os.environ["SPY_OUT"])
@@ -242,7 +242,7 @@ def end(simulator, recordings, hold_out=(), catalogue=None):
     os._exit(3)
 def sleep(simulator, recordings, hold_out=(), catalogue=None):
     import time; time.sleep(60)
-""")
+''')
     out = tmp_path / "out"
     out.mkdir()
     (out / "truth.json").write_text("{}")

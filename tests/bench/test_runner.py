@@ -132,7 +132,9 @@ def test_what_fails_is_told_and_the_others_go_on(
     assert "failed: raises, seed 0, fit: RuntimeError: did not converge" in capsys.readouterr().out
 
 
-def test_dask_workers_give_the_same_scores(inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path) -> None:
+def test_dask_workers_give_the_same_scores(
+    inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
+) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -142,7 +144,9 @@ def test_dask_workers_give_the_same_scores(inputs: tuple[Path, list[str]], undis
     assert (tmp_path / "scores.csv").read_bytes() == (undisturbed / "scores.csv").read_bytes()
 
 
-def test_a_changed_setting_runs_again_only_what_depends_on_it(inputs: tuple[Path, list[str]], tmp_path: Path) -> None:
+def test_a_changed_setting_runs_again_only_what_depends_on_it(
+    inputs: tuple[Path, list[str]], tmp_path: Path
+) -> None:
     profile, estimators = inputs
     out = tmp_path / "out"
     assert twinbench(*run_arguments(profile, out, estimators)) == 0

@@ -121,7 +121,9 @@ def test_dropout_takes_its_share_of_every_channel(share):
 def test_half_of_what_drops_out_does_so_in_bursts():
     missing = np.isnan(read(steady(400_000), Corruption(dropout=0.01)))
     edges = np.diff(np.concatenate([np.zeros((1, 7)), missing, np.zeros((1, 7))]), axis=0)
-    lengths = np.concatenate([np.flatnonzero(edges[:, c] < 0) - np.flatnonzero(edges[:, c] > 0) for c in range(7)])
+    lengths = np.concatenate(
+        [np.flatnonzero(edges[:, c] < 0) - np.flatnonzero(edges[:, c] > 0) for c in range(7)]
+    )
     assert lengths[lengths >= BURST].sum() / lengths.sum() == pytest.approx(0.5, abs=0.06)
     assert (lengths == 1).sum() / lengths.sum() == pytest.approx(0.5, abs=0.06)
 

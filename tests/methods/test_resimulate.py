@@ -36,7 +36,9 @@ def test_health_is_new_and_possible(both):
 
 def test_truth_is_what_the_plant_does_under_that_health(both):
     _, more = both
-    x, y = simulate(PLANT, more.truth.inputs, more.truth.states[:, 0], varying=HEALTH, values=more.truth.health)
+    x, y = simulate(
+        PLANT, more.truth.inputs, more.truth.states[:, 0], varying=HEALTH, values=more.truth.health
+    )
     assert np.array_equal(x, more.truth.states)
     assert np.array_equal(y, more.truth.outputs)
 

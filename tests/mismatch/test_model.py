@@ -55,7 +55,7 @@ def test_a_mended_simulator_comes_back(tmp_path, spec):
     assert bias.parameters[0].nominal == 0.03
     assert len(tank.parameters) == 2, "the base stays as it was"
     text = path.read_text()
-    assert "k = 0.08  # m**0.5/s" in text
+    assert 'k = 0.08  # m**0.5/s' in text
     assert str(tmp_path) not in text, "paths are relative"
 
 

@@ -51,7 +51,9 @@ def energy_out(x, u, theta):
 def metered(simulator):
     totals = tuple(Variable(f"total_{v.name}", v.unit, -1e15, 1e15, 0.0) for v in FLUXES)
     totals += (Variable("H_in", "J", -1e15, 1e15, 0.0), Variable("H_out", "J", -1e15, 1e15, 0.0))
-    return replace(simulator, states=simulator.states + totals, rhs=_rhs_and_fluxes, flux=None, balance=None, fluxes=())
+    return replace(
+        simulator, states=simulator.states + totals, rhs=_rhs_and_fluxes, flux=None, balance=None, fluxes=()
+    )
 
 
 def corner_inputs(seconds: float, seed: int) -> np.ndarray:
