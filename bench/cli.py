@@ -136,7 +136,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     prove.add_argument(
         "--opponent-cases", type=int, metavar="N",
-        help="so many cases for all but twinbench and oracle, the first ones (default: all)",
+        help="so many cases, spread over all, for all but twinbench and oracle (default: all)",
     )  # fmt: skip
 
     flagship = command(

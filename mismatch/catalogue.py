@@ -7,7 +7,6 @@ Faults of sensors and actuators - saturation, lag and delay of inputs and output
 from __future__ import annotations
 
 import functools
-import math
 
 import numpy as np
 
@@ -32,7 +31,7 @@ _SLOWEST_S = 10.0  # a state that nothing seems to move: its scale in ten times 
 
 
 @functools.cache
-def generic(simulator: Simulator, longest_s: float = math.inf, period_s: float | None = None) -> tuple[Mechanism, ...]:
+def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None = None) -> tuple[Mechanism, ...]:
     """Effects that the machine's balances and inputs may lack.
 
     - every balance: an unknown constant rate, a periodic force;
@@ -49,8 +48,8 @@ def generic(simulator: Simulator, longest_s: float = math.inf, period_s: float |
     them around the nominal point.
 
     Args:
-        longest_s: what takes longer is no period.
-        period_s: of a typical periodic force; ten times a state's own time if left out.
+        periods_s: least, typical and greatest of a periodic force; one, ten and a hundred times a state's own time
+            if left out.
     """
     rates = typical_rates(simulator)
     places = [Place(i, v, float(rates[i])) for i, v in enumerate(simulator.states)]
@@ -59,7 +58,7 @@ def generic(simulator: Simulator, longest_s: float = math.inf, period_s: float |
     for p in places:
         if p.index in positions.values():
             continue
-        found += [effects.offset(p), *_by_nature(p, simulator, places), effects.periodic(p, longest_s, period_s)]
+        found += [effects.offset(p), *_by_nature(p, simulator, places), effects.periodic(p, periods_s)]
         if p.index in positions:
             q = positions[p.index]
             of = simulator.states[q]

@@ -216,8 +216,8 @@ def second_thermal_mass(p: Place) -> Mechanism:
     return replace(mechanism, initial=initial)
 
 
-def periodic(p: Place, longest_s: float, typical_s: float | None) -> Mechanism:
-    """A sine in time, from a clock of its own; a period longer than ``longest_s`` would be no period."""
+def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Mechanism:
+    """A sine in time, from a clock of its own; ``periods_s`` are the least, a typical and the greatest period."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
         return theta[-3] * math.sin(2.0 * math.pi * x[-1] / theta[-2] + theta[-1])
@@ -227,9 +227,8 @@ def periodic(p: Place, longest_s: float, typical_s: float | None) -> Mechanism:
 
     says = f"something drives {p.name} to and fro with a fixed period"
     size = p.size("periodic", f"{p.unit}/s")
-    longest = min(100.0 * p.tau_s, longest_s) if typical_s is None else longest_s
-    typical = typical_s or 0.1 * longest
-    period = p.shape("periodic", "period_s", "s", min(0.01 * longest, 0.5 * typical), longest, typical, "period")
+    least, typical, greatest = periods_s or (p.tau_s, 10.0 * p.tau_s, 100.0 * p.tau_s)
+    period = p.shape("periodic", "period_s", "s", least, greatest, typical, "period")
     phase = p.shape("periodic", "phase", "rad", -math.pi, math.pi, 0.0, "phase when the recordings' clock began")
     clock = Variable(f"{CLOCK}_{p.name}", "s", -math.inf, math.inf, 0.0, p.tau_s, "time by the recordings' clock")
     return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase,

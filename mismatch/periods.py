@@ -11,12 +11,17 @@ from physics.simulator import Array
 
 PADDED = 8
 """Frequencies tried per independent one."""
+NEIGHBOURS = 2.0
+"""Independent frequencies to either side that a period may turn out to have: beyond, a fit would lose count."""
 
 
-def loudest_period_s(tracks: Sequence[Track], white: Sequence[Array], longest_s: float) -> float:
-    """Period up to ``longest_s`` at which residuals are loudest, s; the recordings share one clock.
+def loudest_periods_s(
+    tracks: Sequence[Track], white: Sequence[Array], longest_s: float
+) -> tuple[float, float, float]:
+    """Period up to ``longest_s`` at which residuals are loudest, between the least and the greatest it may be, s.
 
-    A linear machine answers a force at the force's own frequency, whichever balance it acts on.
+    The recordings share one clock. A linear machine answers a force at the force's own frequency, whichever balance
+    it acts on.
 
     Args:
         white: whitened residuals, (B, ny) per recording.
@@ -32,8 +37,8 @@ def loudest_period_s(tracks: Sequence[Track], white: Sequence[Array], longest_s:
     step, width = 1.0 / (PADDED * np.ptp(times_s)), 1.0 / max(np.ptp(t.time_s) for t in tracks)
     fine = near + np.arange(-width, width, step)
     fine = fine[fine >= 1.0 / longest_s]
-    if not len(fine):
-        return longest_s
     values = np.concatenate(known)
     together = [np.sum(np.abs(np.exp(-2j * np.pi * f * times_s) @ values) ** 2) for f in fine]
-    return float(1.0 / fine[int(np.argmax(together))])
+    loudest = float(fine[int(np.argmax(together))]) if len(fine) else 1.0 / longest_s
+    beside = NEIGHBOURS / float(np.ptp(times_s))
+    return 1.0 / (loudest + beside), 1.0 / loudest, 1.0 / max(loudest - beside, 0.5 * loudest)

@@ -21,7 +21,7 @@ from physics.simulator import Array
 PROBE = 0.2
 """Share of its typical size at which a candidate's column is taken."""
 RARE = 20.0
-"""Units that every faulty sensor or input after the first must earn besides: that two fail at once is rare."""
+"""Units that every faulty sensor or input must earn besides, if it is not alone: that two things go wrong is rare."""
 SHAPED = 8.0
 """Units that each parameter which shapes an effect must earn besides its size: a flexible form fits by chance."""
 SWEEPS = 5
@@ -119,7 +119,7 @@ def _gain_within(G: Array, b: Array, size: Array, low: Array, high: Array) -> Ar
 
 def price(effects: int, faults: int, shapes: int, penalty: float) -> float:
     """What so many effects, faults among them, with so many parameters that shape them, must earn."""
-    return penalty * effects + RARE * max(0, faults - 1) + SHAPED * shapes
+    return penalty * effects + RARE * min(faults, max(effects - 1, 0)) + SHAPED * shapes
 
 
 def is_fault(candidate: Candidate) -> bool:

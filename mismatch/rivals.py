@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -58,23 +58,35 @@ def fresh_rounds(best: Explanation) -> int:
     return 1 if len(best.names) <= FEW else 0
 
 
-def rivals(before: Explanation, best: Explanation, fitted: Sequence[Explanation]) -> list[list[str]]:
+def rivals(
+    before: Explanation, best: Explanation, fitted: Sequence[Explanation],
+    also: Callable[[Explanation], float] = lambda e: 0.0,
+) -> list[list[str]]:  # fmt: skip
     """For each effect of ``best``, names that could stand in its place, likeliest first.
 
     They come from explanations without it that are nearly as good; and a fellow whose size is tied to its own
-    can take over its part.
+    can take over its part. One that needs more effects than the best has no form to excuse: it must be nearly as
+    good but for noise.
 
     Args:
         fitted: other explanations, ``alternatives`` among them.
+        also: units that an explanation lies behind the best on other recordings.
     """
     tied = _tied(best)
+
+    def behind(e: Explanation) -> float:
+        return e.score(PENALTY) - best.score(PENALTY)
+
     out = []
     for k, name in enumerate(best.names):
         without = [e for e in fitted if not _same(best, name) & set(e.names)]
         # What it gains over the best explanation of fewer effects that lacks it.
         worth = min([before.cost, *(e.cost for e in without if len(e.names) < len(best.names))]) - best.cost
-        behind = {e.names: e.score(PENALTY) - best.score(PENALTY) for e in sorted(without, key=lambda e: -e.cost)}
-        close = {frozenset(names): b for names, b in behind.items() if b < slack(worth)}
+        close: dict[frozenset[str], float] = {}
+        for e in sorted(without, key=lambda e: -e.cost):
+            near = slack(worth) if len(e.names) <= len(best.names) else NEAR
+            if behind(e) < near and (in_all := behind(e) + also(e)) < near:
+                close[frozenset(e.names)] = in_all
         # Of one that does with less than another nothing is learnt from the other.
         plain = {names: b for names, b in close.items() if not any(other < names for other in close)}
         others = {other: min(b for names, b in plain.items() if other in names) for other in set().union(*plain)}

@@ -15,7 +15,7 @@ from mismatch.catalogue import generic
 from mismatch.faults import faults
 from mismatch.fit import Problem
 from mismatch.machine import Candidate
-from mismatch.periods import loudest_period_s
+from mismatch.periods import loudest_periods_s
 from physics.simulator import Array, Mechanism, Simulator, Variable
 
 PERIODS = 10
@@ -33,8 +33,7 @@ def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_
     there = _moved(problem, z)
     longest_s = max(float(t.time_s[-1] - t.time_s[0]) for t in problem.tracks) / PERIODS
     white = [problem.whitener(r) for r in problem.residuals(z)]
-    loudest_s = loudest_period_s(problem.tracks, white, longest_s)
-    listed = generic(there, longest_s, loudest_s)
+    listed = generic(there, loudest_periods_s(problem.tracks, white, longest_s))
     known = {m.name: m for m in (*listed, *faults(there, period_s))}
     return [_resized(c, known[c.name]) if _is_generic(c, known) else c for c in candidates]
 

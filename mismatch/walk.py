@@ -29,7 +29,7 @@ from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
 from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import LARGEST_PLAIN, by_chance, contended, plainest_that_predicts, refusal
+from mismatch.weigh import LARGEST_PLAIN, by_chance, contended, further_behind, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -129,7 +129,9 @@ def examine(
         stuck = find_stuck(tracks, whole.residuals(z), floor) or found
         tracks = without(tracks, stuck)
         problem, z, cost = _calibrated(machine, tracks, floor)
-    if held and (found := find_stuck(held, held_out(problem, z, held, _own(simulator, held)).residuals, floor)):
+    own = _own(simulator, held)
+    held_first = held_out(problem, z, held, own) if held else None
+    if held_first is not None and (found := find_stuck(held, held_first.residuals, floor)):
         held, stuck = without(held, found), [*stuck, *found]
 
     machine.candidates = resized(machine.candidates, problem, z, period_s)
@@ -138,9 +140,8 @@ def examine(
     problem, z = before.problem, before.z
 
     progress("prove", 0.0)
-    own = _own(simulator, held)
     tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
-    held_before = held_out(problem, z, held, own) if held else None
+    held_before = held_out(problem, z, held, own, held_first) if held else None
     held_after, share, transferred, refused, others = None, None, None, "", []
     if best is not None:
         fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
@@ -164,7 +165,8 @@ def examine(
             best, held_after, share, transferred = None, None, None, None
         else:
             refused = refusal(share if guards.held_out_gate else None)
-            others = rivals(before, best, fitted)
+            also = () if held_after is None else (further_behind(best, held_after, held, own),)
+            others = rivals(before, best, fitted, *also)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None
     return Diagnosis(

@@ -6,19 +6,23 @@ recordings choose; what they say of the chosen one is by so much the kinder.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
 from mismatch.picture import Picture
 from mismatch.proof import NOTHING, Gain, Held, clearly_worse, held_out, lost
-from mismatch.rivals import fresh_rounds, slack
+from mismatch.rivals import NEAR, fresh_rounds
 from mismatch.search import PENALTY
 from mismatch.tracks import Track
 
 FORM, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
 plainer explanations within that are weighed."""
+LIKELY = 12
+"""Explanations that are held against the best on held-out recordings."""
 LARGEST_PLAIN = 5
 """Effects that an explanation may have and still be a plain one."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
@@ -32,11 +36,19 @@ def contended(
     before: Explanation, best: Explanation, fitted: Sequence[Explanation], finalists: Sequence[Explanation],
     held_best: Held, held: Sequence[Track], own: Sequence[Unknown],
 ) -> Explanation:  # fmt: skip
-    """Of explanations that the fitted recordings can hardly tell apart, the one that predicts the held-out best."""
+    """Of explanations that the fitted recordings do not tell apart for sure, the one that predicts best.
+
+    What was fitted and what was held out count alike: a name that is a little better on the one and far off on the
+    other is wrong. Those of gross errors only the held-out recordings weigh.
+    """
+    behind = further_behind(best, held_best, held, own)
+    likely = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: e.score(PENALTY))
+    total = {e.names: (e.score(PENALTY) + behind(e), e) for e in likely[:LIKELY][::-1]}
+    least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
+    if least < best.score(PENALTY) - NEAR:
+        best, held_best = first, held_out(first.problem, first.z, held, own, held_best)
     variance = best.problem.whitener.variance()
-    near = best.score(PENALTY) + slack(before.cost - best.cost)
-    tied = sorted((e for e in fitted if e.names and e.score(PENALTY) < near), key=lambda e: e.score(PENALTY))
-    for e in (*tied[:PLAINER], *finalists):
+    for e in finalists:
         if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
             best, held_best = e, found
     return best
@@ -94,6 +106,24 @@ def plainest_that_predicts(
     if fits.cost < now.cost and lost(predicted(fits), held_now, held_before, variance) < NOTHING:
         return fits
     return now
+
+
+def further_behind(
+    best: Explanation, held_best: Held, held: Sequence[Track], own: Sequence[Unknown]
+) -> Callable[[Explanation], float]:
+    """Units that an explanation lies behind the best on the held-out recordings, under the best's noise."""
+    whitener = best.problem.whitener
+    known: dict[int, float] = {}
+
+    def units(found: Held) -> float:
+        return float(sum(np.nansum(whitener(r) ** 2) for r in found.residuals))
+
+    def behind(e: Explanation) -> float:
+        if id(e) not in known:
+            known[id(e)] = units(held_out(e.problem, e.z, held, own, held_best)) - units(held_best)
+        return known[id(e)]
+
+    return behind
 
 
 def by_chance(best: Explanation, before: Explanation, threshold: float) -> bool:

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 from rich.console import Console
@@ -42,7 +43,7 @@ def run(
     Args:
         engines: by name, "module:function", called as ``mismatch.diagnose``.
         jobs: processes; as many as there are cores if 0.
-        opponent_cases: so many cases, the first ones, for all but our engine and the oracle; all if None.
+        opponent_cases: so many cases, spread over the plan, for all but our engine and the oracle; all if None.
 
     Returns:
         The gate table of the first engine that is not the oracle.
@@ -81,7 +82,8 @@ def planned(n: int, seed: int, engines: Mapping[str, str], opponent_cases: int |
         if value < 1:
             raise BadInput(f"{option} is {value}, must be at least 1")
     main = {name: engine for name, engine in engines.items() if name in MAIN}
-    plan = [(item, engines if i < few else main) for i, item in enumerate(cases(n, seed))]
+    shared = set(np.linspace(0, n - 1, min(few, n)).round())
+    plan = [(item, engines if i in shared else main) for i, item in enumerate(cases(n, seed))]
     return [(item, asked) for item, asked in plan if asked]
 
 

@@ -313,9 +313,10 @@ def test_an_engine_that_joins_later_is_asked_alone_under_the_same_seal(counting:
     assert missing(item, 1, out, one | two) == ["twinbench", "other"]
 
 
-def test_opponents_get_the_first_cases_and_ours_all() -> None:
-    asked = [list(engines) for _, engines in planned(5, 1, chosen("twinbench,sindy,oracle,no_pairs"), 2)]
-    assert asked == [["twinbench", "sindy", "oracle", "no_pairs"]] * 2 + [["twinbench", "oracle"]] * 3
+def test_opponents_get_cases_from_all_over_the_plan_and_ours_all() -> None:
+    asked = [list(engines) for _, engines in planned(5, 1, chosen("twinbench,sindy,oracle,no_pairs"), 3)]
+    everyone, ours = ["twinbench", "sindy", "oracle", "no_pairs"], ["twinbench", "oracle"]
+    assert asked == [everyone, ours, everyone, ours, everyone]
     assert len(planned(5, 1, chosen("black_box"), 2)) == 2
     assert all("sindy" in engines for _, engines in planned(5, 1, chosen("twinbench,sindy"), None))
     for n, few, option in ((5, 0, "--opponent-cases"), (0, None, "--cases")):
