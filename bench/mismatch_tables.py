@@ -106,7 +106,7 @@ def _rivals(d: Diagnosis) -> Listing:
     if best is not None:
         own = ranked[frozenset(best.names)].gain
         for name, others in zip(best.names, d.rivals, strict=True):
-            for other in others:
+            for other in others.names:
                 instead = ranked.get(frozenset(best.names) - {name} | {other})
                 rows.append((name, other, _number(own - instead.gain) if instead else "–", _number(own)))
     return Listing(

@@ -34,7 +34,7 @@ def ranking(d: Diagnosis) -> list[Ranked]:
             gains[names] = gain, e.names
     rivals = [
         (set(best.names) - {name}) | {other}
-        for name, others in zip(best.names, d.rivals, strict=True) for other in others
+        for name, others in zip(best.names, d.rivals, strict=True) for other in others.names
     ] if best and d.chosen else []  # fmt: skip
 
     def standing(names: Sequence[str]) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,6 +21,17 @@ FEW = 3
 """Effects of an explanation whose alternatives are fitted with columns of their own, not only with the picture's."""
 TIED = 0.97
 """Two effects whose sizes are correlated so much can take each other's place in any share."""
+FAR = 2.0
+"""Times as much may another explanation lie behind on the fitted recordings, if those held out make up for it."""
+ONE = 0.5
+"""Units that names for one and the same thing differ by at most."""
+
+
+class Rivals(NamedTuple):
+    """Names that an effect cannot be told from, likeliest first, and how many things it and they are names for."""
+
+    names: list[str]
+    things: int
 
 
 def slack(worth: float) -> float:
@@ -61,8 +73,8 @@ def fresh_rounds(best: Explanation) -> int:
 def rivals(
     before: Explanation, best: Explanation, fitted: Sequence[Explanation],
     also: Callable[[Explanation], float] = lambda e: 0.0,
-) -> list[list[str]]:  # fmt: skip
-    """For each effect of ``best``, names that could stand in its place, likeliest first.
+) -> list[Rivals]:  # fmt: skip
+    """For each effect of ``best``, names that could stand in its place.
 
     They come from explanations without it that are nearly as good; and a fellow whose size is tied to its own
     can take over its part. One that needs more effects than the best has no form to excuse: it must be nearly as
@@ -85,13 +97,16 @@ def rivals(
         close: dict[frozenset[str], float] = {}
         for e in sorted(without, key=lambda e: -e.cost):
             near = slack(worth) if len(e.names) <= len(best.names) else NEAR
-            if behind(e) < near and (in_all := behind(e) + also(e)) < near:
+            if behind(e) < FAR * near and (in_all := behind(e) + also(e)) < near:
                 close[frozenset(e.names)] = in_all
         # Of one that does with less than another nothing is learnt from the other.
         plain = {names: b for names, b in close.items() if not any(other < names for other in close)}
         others = {other: min(b for names, b in plain.items() if other in names) for other in set().union(*plain)}
         ranked = sorted(set(others) - set(best.names), key=lambda other: (others[other], other))
-        out.append([*(best.names[j] for j in np.flatnonzero(tied[k])), *ranked])
+        fellows = [best.names[j] for j in np.flatnonzero(tied[k])]
+        # Itself, at nothing behind, is one of them.
+        apart = np.diff(np.sort([0.0, *(others[other] for other in ranked)])) > ONE
+        out.append(Rivals([*fellows, *ranked], 1 + len(fellows) + int(apart.sum())))
     return out
 
 

@@ -22,6 +22,8 @@ PLAIN = 5.0
 """Noises (sd) that the simulator must say it moved by."""
 COMMON = 0.1
 """Share of its variance over all recordings that the simulator must say the channel had meanwhile."""
+BELOW = 0.1
+"""Share of the time that the simulator may be below a sensor that only does not go higher."""
 SHORTEST, _EDGES = 0.1, 61
 """Share of a recording that it must stand still; where that may begin and end, in one recording."""
 _FEW = 30  # readings without which there is no variance
@@ -48,6 +50,7 @@ def find_stuck(tracks: Sequence[Track], residuals: Sequence[Array], floor: Array
     found = []
     for c in range(len(floor)):
         common = _variance(np.concatenate([t.means[:, c] - r[:, c] for t, r in zip(tracks, residuals, strict=True)]))
+        top = max(float(np.nanmax(t.means[:, c], initial=-np.inf)) for t in tracks)
         for track, residual in zip(tracks, residuals, strict=True):
             y, simulated = track.means[:, c], track.means[:, c] - residual[:, c]
             i, j = _stillest(y, simulated)
@@ -57,6 +60,8 @@ def find_stuck(tracks: Sequence[Track], residuals: Sequence[Array], floor: Array
                       if t is not track]  # fmt: skip
             elsewhere = [(y[~inside], simulated[~inside]), *others]
             moved = _variance(simulated[inside])
+            if _saturated(y[inside], simulated[inside], top, PLAIN * floor[c]):
+                continue
             if moved < max((PLAIN * floor[c]) ** 2, COMMON * common) or _variance(y[inside]) > STILL * moved:
                 continue
             followed = max((_variance(a) / max(_variance(b), 1e-300) for a, b in elsewhere), default=0.0)
@@ -77,6 +82,12 @@ def without(tracks: Sequence[Track], found: Sequence[Stuck]) -> list[Track]:
                 track = track.without(s.channel, s.since_s, s.until_s)
         out.append(track)
     return out
+
+
+def _saturated(y: Array, simulated: Array, top: float, margin: float) -> bool:
+    """Does it stand at the channel's highest reading, where the simulator is above? That is another fault."""
+    still = float(np.nanmedian(y)) if np.isfinite(y).any() else np.nan
+    return top - still < margin and float(np.nanmean(simulated < still - margin)) < BELOW
 
 
 def _stillest(y: Array, simulated: Array) -> tuple[int, int]:

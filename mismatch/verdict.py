@@ -24,7 +24,7 @@ KINDS = {"physics": "missing physics"}
 LASTING = 60.0
 """Blocks to an independent error from which on errors last too long for noise, beyond doubt."""
 LARGEST_SET = 3
-"""Names that a set may hold and still say something."""
+"""Things that a set may hold names for and still say something."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _kinds(d: Diagnosis) -> set[str]:
     """What is wrong for sure, even where its name is not: all that cannot be told apart is of one kind."""
     assert d.chosen is not None
     kind_of = {c.name: KINDS.get(c.mechanism.kind, "sensor fault") for c in d.machine.candidates}
-    kinds = [{kind_of[n] for n in (name, *others)} for name, others in zip(d.chosen.names, d.rivals, strict=True)]
+    kinds = [{kind_of[n] for n in (name, *r.names)} for name, r in zip(d.chosen.names, d.rivals, strict=True)]
     return {next(iter(k)) for k in kinds if len(k) == 1}
 
 
@@ -228,7 +228,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
     at = d.chosen.first
     since = first_onset(d.chosen.problem.since, [t.time_s[0] for t in d.tracks]) if d.chosen.problem.since else None
     where = regime(d)
-    for variant, rivals in zip(d.chosen.chosen, d.rivals, strict=True):
+    for variant, (rivals, things) in zip(d.chosen.chosen, d.rivals, strict=True):
         candidate = machine.candidates[variant.candidate]
         values = []
         for v in candidate.mechanism.parameters:
@@ -249,7 +249,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding
         if where:
             words.append(f"mostly where {where}")
         named: str | None = mechanism.name
-        if len(rivals) >= LARGEST_SET:
+        if things > LARGEST_SET:
             # A set of many is no name: what is said is where it is.
             count = len(rivals) + 1
             words.insert(0, f"something acts at {mechanism.port}; {count} candidates cannot be told apart here")

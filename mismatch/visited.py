@@ -18,7 +18,7 @@ from mismatch.machine import Candidate
 from mismatch.periods import loudest_periods_s
 from physics.simulator import Array, Mechanism, Simulator, Variable
 
-PERIODS = 10
+PERIODS = 8
 """So often must something come back within a recording to be called periodic."""
 _EDGE = 0.02
 """Share of the time at either end that does not count as commonly."""

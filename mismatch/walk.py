@@ -23,7 +23,7 @@ from mismatch.noise import ORDER, Whitener, noise_floor
 from mismatch.onset import find_onsets, settled_onsets
 from mismatch.picture import Picture, Variant, picture, variants
 from mismatch.proof import Gain, Held, gain, held_out
-from mismatch.rivals import alternatives, plainest, rivals
+from mismatch.rivals import Rivals, alternatives, plainest, rivals
 from mismatch.search import LARGEST, PENALTY, best_sets, local_search
 from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
@@ -59,7 +59,7 @@ class Diagnosis:
         before: the calibrated original model and its fit.
         chosen: the explanation that was accepted, or None.
         tried: explanations fitted in full, best first.
-        rivals: for each effect of ``chosen``, names that these data cannot tell from it.
+        rivals: for each effect of ``chosen``, what these data cannot tell from it.
         threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
         share: what was gained on held-out recordings; None without any.
         transferred: do many sizes together hold on the held-out recordings; None if they are few.
@@ -78,7 +78,7 @@ class Diagnosis:
     tried: list[Explanation]
     chosen: Explanation | None
     best: Explanation | None
-    rivals: list[list[str]]
+    rivals: list[Rivals]
     threshold: float
     held_before: Held | None
     held_after: Held | None
@@ -305,12 +305,11 @@ def _search(
         problem = rewhitened(best.problem, best.z, floor, order, problem)
         best = _again(problem, best, ON_THE_WAY)
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
-        if len(best.names) >= MANY:
+        if len(best.names) >= MANY and not problem.since:
             break
-    if len(best.names) >= MANY and not finalists:
-        problem = dataclasses.replace(problem, whitener=best.problem.whitener, since=())
+    if len(best.names) >= MANY and not problem.since and not finalists:
+        problem = dataclasses.replace(problem, whitener=best.problem.whitener)
         best = from_everything(best, problem, choices, 0.3 * floor)
-        problem = dataclasses.replace(problem, since=best.problem.since)
     problem = rewhitened(best.problem, best.z, 0.3 * floor, order, problem)
     if problem.since:
         problem = dataclasses.replace(problem, since=settled_onsets(best.problem, best.z).since)

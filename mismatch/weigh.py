@@ -21,8 +21,8 @@ from mismatch.tracks import Track
 FORM, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
 plainer explanations within that are weighed."""
-LIKELY = 12
-"""Explanations that are held against the best on held-out recordings."""
+LIKELY = 6
+"""Explanations of each number of effects that are held against the best on held-out recordings."""
 LARGEST_PLAIN = 5
 """Effects that an explanation may have and still be a plain one."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
@@ -42,8 +42,12 @@ def contended(
     other is wrong. Those of gross errors only the held-out recordings weigh.
     """
     behind = further_behind(best, held_best, held, own)
-    likely = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: e.score(PENALTY))
-    total = {e.names: (e.score(PENALTY) + behind(e), e) for e in likely[:LIKELY][::-1]}
+    ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: -e.score(PENALTY))
+    sizes: dict[int, dict[tuple[str, ...], Explanation]] = {}
+    for e in ranked:
+        sizes.setdefault(len(e.names), {})[e.names] = e
+    likely = [e for same in sizes.values() for e in list(same.values())[-LIKELY:]]
+    total = {e.names: (e.score(PENALTY) + behind(e), e) for e in likely}
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     if least < best.score(PENALTY) - NEAR:
         best, held_best = first, held_out(first.problem, first.z, held, own, held_best)

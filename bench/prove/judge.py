@@ -55,7 +55,7 @@ def score(
     # Names for the same thing, each as right as the other, are no set.
     same = [c for c in found if c.single or any(c.names and set(c.names) <= set(e["right"]) for e in effects)]
     named = [c.names[0] for c in same]
-    sets = [c.names for c in found if len(c.names) > 1 and c not in same]
+    sets = [_things(c.names, effects) for c in found if len(c.names) > 1 and c not in same]
     matched = [(e, c) for e in effects for c in same if c.names[0] in e["right"]]
     error, covered = size_error(*matched[0]) if len(effects) == 1 and matched else (np.nan, np.nan)
     return {
@@ -86,6 +86,14 @@ def claims(verdict: Mapping[str, Any]) -> list[Claim]:
         ports = list(dict.fromkeys([*([port] if port else []), *(p["port"] for p in ranked)]))
         found.append(Claim(names, tuple(ports[:PORTS]), finding))
     return found
+
+
+def _things(names: Sequence[str], effects: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """A set with one name for each thing, where several are as right as each other."""
+    for e in effects:
+        right = [n for n in names if n in e["right"]]
+        names = [n for n in names if n not in right[1:]]
+    return tuple(names)
 
 
 def gain(verdict: Mapping[str, Any], floor: Mapping[str, float]) -> float:
