@@ -186,13 +186,15 @@ def test_a_walk_finds_what_single_steps_do_not():
     assert wander(shown, (0, 1), 6, PENALTY) == (2, 3, 4)
 
 
-def test_a_second_faulty_sensor_must_earn_more():
+def test_a_faulty_sensor_that_is_not_alone_must_earn_more():
     rng = np.random.default_rng(8)
     C = rng.normal(size=(300, 2))
     r = 0.3 * C.sum(axis=1) + 0.1 * rng.normal(size=300)
     healthy, faulty = pictured(C, r), replace(pictured(C, r), faults=np.ones(2, bool))
     assert healthy.score((0, 1), PENALTY) - faulty.score((0, 1), PENALTY) == pytest.approx(RARE)
     assert healthy.score((0,), PENALTY) == faulty.score((0,), PENALTY)
+    mixed = replace(healthy, faults=np.array([True, False]))
+    assert healthy.score((0, 1), PENALTY) - mixed.score((0, 1), PENALTY) == pytest.approx(RARE)
 
 
 def test_a_size_beyond_its_bounds_explains_nothing():

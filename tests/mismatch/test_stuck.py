@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from motor import MOTOR
@@ -48,6 +50,24 @@ def test_one_that_follows_or_follows_by_half_is_not_stuck(share):
     track = prepare([record("run", 3)], MOTOR)[0]
     simulated = track.means / (1.0 - share)
     assert find_stuck([track], [track.means - simulated], np.array([0.5, 0.3, 0.3])) == []
+
+
+def test_one_that_only_goes_no_higher_is_saturated_not_stuck():
+    (track,) = prepare([record("run", 3)], MOTOR)
+    top = float(np.quantile(track.means[:, SPEED], 0.6))
+    long_there = np.concatenate((track.means[:, SPEED], np.linspace(top, top + 3.0 * track.means[:, SPEED].std(), 200)))
+    simulated = np.stack([long_there] * 3, axis=1)
+
+    def found(readings):
+        both = np.stack([readings] * 3, axis=1)
+        times = np.arange(len(readings)) * float(np.median(np.diff(track.block_time_s)))
+        longer = replace(track, time_s=times, starts=np.arange(len(times)), means=both, u=both, y=both)
+        return find_stuck([longer], [both - simulated], np.full(3, 0.5))
+
+    assert found(np.minimum(long_there, top)) == []
+    stays = long_there.copy()
+    stays[-200:] = top
+    assert [s.channel for s in found(stays)] == [0, 1, 2]
 
 
 def test_a_machine_that_rests_is_no_stuck_sensor():
