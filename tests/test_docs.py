@@ -11,6 +11,8 @@ import pytest
 
 from bench.cli import _parser
 from bench.contract import run_battery
+from bench.prove.gates import read_cases
+from bench.prove.marks import marks
 from bench.registry import discover, find
 from bench.roster import label
 
@@ -45,6 +47,20 @@ def test_the_comparison_in_the_readme_is_the_reference_run():
     for (_, cells), (_, row) in zip(rows, table.iterrows(), strict=True):
         shown = [[row[m], row[f"{m}_low"], row[f"{m}_high"]] for m in metrics]
         assert cells.split(" | ") == ["{:.3g} ({:.3g} to {:.3g})".format(*values) for values in shown]
+
+
+@pytest.mark.parametrize("name", ["gates.md", "engines.md"])
+def test_the_proof_page_shows_what_the_results_hold(name):
+    page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
+    assert f"<!-- results/proof/{name} -->\n{(ROOT / 'results/proof' / name).read_text()}<!-- end -->" in page
+
+
+def test_what_the_readme_says_of_the_proof_is_in_its_rows():
+    rows = read_cases(ROOT / "results/proof/cases.csv")
+    marked = [marks(row) for _, row in rows[rows["engine"] == "twinbench"].iterrows()]
+    assert len(marked) == 70
+    assert sum(bool(m.false_name) for m in marked) == sum(bool(m.physics_for_sensor) for m in marked) == 0
+    assert sum(m.confidently_wrong for m in marked) == 3
 
 
 @pytest.fixture
