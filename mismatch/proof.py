@@ -52,6 +52,15 @@ class Gain(NamedTuple):
     excess: float  # excess of the model before, in noise variances
 
 
+class BorneOut(NamedTuple):
+    """Fall of the held-out error over what the fall should be, 1 where all is there that was added; 90 % interval."""
+
+    ratio: float
+    low: float
+    high: float
+    units: float  # the fall, in noise variances
+
+
 def held_out(
     problem: Problem, z: Array, tracks: Sequence[Track], own: Sequence[Unknown], near: Held | None = None
 ) -> Held:  # fmt: skip
@@ -94,6 +103,23 @@ def gain(before: Held, after: Held, variance: Array) -> Gain:
     shares = _share(b[picks].mean(axis=1), a[picks].mean(axis=1))
     low, high = np.quantile(shares, (0.05, 0.95))
     return Gain(float(_share(b.mean(), a.mean())), float(low), float(high), float(b.mean() - 1.0))
+
+
+def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
+    """Is what a model adds to another's outputs in the readings, whatever else is? The error falls by its square then.
+
+    What nobody models may be far larger than an effect; it hides the share that the effect has, but not this.
+    """
+    fallen, added = [], []
+    for b, a in zip(before.residuals, after.residuals, strict=True):
+        for old, new in zip(np.array_split(b, PIECES), np.array_split(a, PIECES), strict=True):
+            fallen.append(float(np.nansum((old**2 - new**2) / variance)))
+            added.append(float(np.nansum((old - new) ** 2 / variance)))
+    fallen_by, added_by = np.array(fallen), np.maximum(added, 1e-9)
+    picks = _resamples(len(fallen))
+    low, high = np.quantile(fallen_by[picks].sum(axis=1) / added_by[picks].sum(axis=1), (0.05, 0.95))
+    total = float(fallen_by.sum())
+    return BorneOut(total / float(added_by.sum()), float(low), float(high), total)
 
 
 def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:

@@ -13,6 +13,7 @@ from mismatch.locate import Located, locate, regime
 from mismatch.onset import first_onset
 from mismatch.rivals import NEAR
 from mismatch.walk import Diagnosis, residual_chi2
+from mismatch.weigh import LEAST_SHARE
 from physics.simulator import Array, Mechanism
 
 Z90 = 1.645
@@ -356,6 +357,11 @@ def _words(
                 f"On recordings held back it removes {100 * d.share.share:.0f} % of the excess error "
                 f"(90 % interval {100 * d.share.low:.0f} to {100 * d.share.high:.0f})."
             )
+            if d.there is not None and d.share.share < LEAST_SHARE:
+                words.append(
+                    f"What it adds to the outputs is in them ({d.there.ratio:.2f} of it, 90 % interval "
+                    f"{d.there.low:.2f} to {d.there.high:.2f}); the rest is something else."
+                )
         if chi2 > limit:
             words.append(f"It is incomplete: the residual is still {chi2:.3g} times the noise.")
         if d.transferred is not None and d.transferred.fails:

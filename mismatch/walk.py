@@ -22,7 +22,7 @@ from mismatch.model import whole_catalogue
 from mismatch.noise import ORDER, Whitener, noise_floor
 from mismatch.onset import find_onsets, settled_onsets
 from mismatch.picture import Picture, Variant, picture, variants
-from mismatch.proof import Gain, Held, gain, held_out
+from mismatch.proof import BorneOut, Gain, Held, borne_out, gain, held_out
 from mismatch.rivals import Rivals, alternatives, plainest, rivals
 from mismatch.search import LARGEST, PENALTY, best_sets, local_search
 from mismatch.stuck import Stuck, find_stuck, without
@@ -62,6 +62,7 @@ class Diagnosis:
         rivals: for each effect of ``chosen``, what these data cannot tell from it.
         threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
         share: what was gained on held-out recordings; None without any.
+        there: is what ``best`` adds to the outputs in the held-out readings.
         transferred: do many sizes together hold on the held-out recordings; None if they are few.
         stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
     """
@@ -83,6 +84,7 @@ class Diagnosis:
     held_before: Held | None
     held_after: Held | None
     share: Gain | None
+    there: BorneOut | None
     transferred: Transfer | None
     refused: str
     stuck: list[Stuck]
@@ -142,7 +144,7 @@ def examine(
     progress("prove", 0.0)
     tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
     held_before = held_out(problem, z, held, own, held_first) if held else None
-    held_after, share, transferred, refused, others = None, None, None, "", []
+    held_after, share, there, transferred, refused, others = None, None, None, None, "", []
     if best is not None:
         fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
         if held_before is not None:
@@ -159,19 +161,20 @@ def examine(
                 if proved is best:
                     break
             share = gain(held_before, held_after, best.problem.whitener.variance())
+            there = borne_out(held_before, held_after, best.problem.whitener.variance())
             if len(best.names) > LARGEST_PLAIN:
                 transferred = transfer(best, held_after, held, own)
         if by_chance(best, before, threshold):
-            best, held_after, share, transferred = None, None, None, None
+            best, held_after, share, there, transferred = None, None, None, None, None
         else:
-            refused = refusal(share if guards.held_out_gate else None)
+            refused = refusal(share, there) if guards.held_out_gate else ""
             also = () if held_after is None else (further_behind(best, held_after, held, own),)
             others = rivals(before, best, fitted, *also)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None
     return Diagnosis(
         simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, others,
-        threshold, held_before, held_after, share, transferred, refused, stuck,
+        threshold, held_before, held_after, share, there, transferred, refused, stuck,
     )  # fmt: skip
 
 

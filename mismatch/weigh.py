@@ -13,7 +13,7 @@ import numpy as np
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
 from mismatch.picture import Picture
-from mismatch.proof import NOTHING, Gain, Held, clearly_worse, held_out, lost
+from mismatch.proof import NOTHING, BorneOut, Gain, Held, clearly_worse, held_out, lost
 from mismatch.rivals import NEAR, fresh_rounds
 from mismatch.search import PENALTY
 from mismatch.tracks import Track
@@ -28,6 +28,9 @@ LARGEST_PLAIN = 5
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
 error, in noise variances, that there must be."""
+LEAST_RATIO, PLAIN = 0.75, 200.0
+"""Share of what it adds to the outputs that must be in held-out readings, as the lower end of an interval, to accept
+it whatever else is there, and no more than its inverse; and units by which their error must fall."""
 UNSURE = 0.015
 """By so much of itself the noise's variance is not known; of a small error that is a good share."""
 
@@ -135,12 +138,12 @@ def by_chance(best: Explanation, before: Explanation, threshold: float) -> bool:
     return before.cost - best.cost < threshold * len(best.names)
 
 
-def refusal(share: Gain | None) -> str:
+def refusal(share: Gain | None, there: BorneOut | None) -> str:
     """Why the best explanation is not accepted; empty if it is."""
-    if share is not None and share.excess < LEAST_EXCESS:
-        return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
-    if share is None:
+    if share is None or there is None or is_there(there):
         return ""
+    if share.excess < LEAST_EXCESS:
+        return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
     doubt = UNSURE / max(share.excess, UNSURE)
     if share.share < LEAST_SHARE - doubt or share.low < LEAST_LOW - doubt:
         return (
@@ -148,3 +151,8 @@ def refusal(share: Gain | None) -> str:
             f"(90 % interval {100 * share.low:.0f} to {100 * share.high:.0f})"
         )
     return ""
+
+
+def is_there(there: BorneOut) -> bool:
+    """Do the held-out recordings plainly show what the explanation adds, and as much of it?"""
+    return there.units > PLAIN and there.low > LEAST_RATIO and there.ratio < 1.0 / LEAST_RATIO
