@@ -45,11 +45,11 @@ def contended(
     other is wrong. Those of gross errors only the held-out recordings weigh.
     """
     behind = further_behind(best, held_best, held, own)
-    ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: -e.score(PENALTY))
+    ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: e.score(PENALTY))
     sizes: dict[int, dict[tuple[str, ...], Explanation]] = {}
     for e in ranked:
-        sizes.setdefault(len(e.names), {})[e.names] = e
-    likely = [e for same in sizes.values() for e in list(same.values())[-LIKELY:]]
+        sizes.setdefault(len(e.names), {}).setdefault(e.names, e)
+    likely = [e for same in sizes.values() for e in list(same.values())[:LIKELY]]
     total = {e.names: (e.score(PENALTY) + behind(e), e) for e in likely}
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     if least < best.score(PENALTY) - NEAR:
