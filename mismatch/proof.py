@@ -110,13 +110,10 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
 
     What nobody models may be far larger than an effect; it hides the share that the effect has, but not this.
     """
-    fallen, added = [], []
-    for b, a in zip(before.residuals, after.residuals, strict=True):
-        for old, new in zip(np.array_split(b, PIECES), np.array_split(a, PIECES), strict=True):
-            fallen.append(float(np.nansum((old**2 - new**2) / variance)))
-            added.append(float(np.nansum((old - new) ** 2 / variance)))
-    fallen_by, added_by = np.array(fallen), np.maximum(added, 1e-9)
-    picks = _resamples(len(fallen))
+    pieces = list(zip(_cut(before), _cut(after), strict=True))
+    fallen_by = np.array([np.nansum((old**2 - new**2) / variance) for old, new in pieces])
+    added_by = np.array([max(np.nansum((old - new) ** 2 / variance), 1e-9) for old, new in pieces])
+    picks = _resamples(len(pieces))
     low, high = np.quantile(fallen_by[picks].sum(axis=1) / added_by[picks].sum(axis=1), (0.05, 0.95))
     total = float(fallen_by.sum())
     return BorneOut(total / float(added_by.sum()), float(low), float(high), total)
@@ -135,10 +132,13 @@ def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
 
 def _pieces(held: Held, variance: Array) -> Array:
     """Mean squares, in noise variances, of pieces of the recordings."""
-    return np.array([
-        np.nanmean(np.nanmean(piece**2, axis=0) / variance)
-        for residual in held.residuals for piece in np.array_split(residual, PIECES) if np.isfinite(piece).any()
-    ])  # fmt: skip
+    return np.array([np.nanmean(np.nanmean(piece**2, axis=0) / variance) for piece in _cut(held)])
+
+
+def _cut(held: Held) -> list[Array]:
+    """Residuals in pieces, where there are readings."""
+    pieces = [piece for residual in held.residuals for piece in np.array_split(residual, PIECES)]
+    return [piece for piece in pieces if np.isfinite(piece).any()]
 
 
 def _resamples(n: int) -> np.ndarray:

@@ -29,7 +29,7 @@ from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
 from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import LARGEST_PLAIN, by_chance, contended, further_behind, plainest_that_predicts, refusal
+from mismatch.weigh import LARGEST_PLAIN, Beside, by_chance, contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -168,7 +168,7 @@ def examine(
             best, held_after, share, there, transferred = None, None, None, None, None
         else:
             refused = refusal(share, there) if guards.held_out_gate else ""
-            also = () if held_after is None else (further_behind(best, held_after, held, own),)
+            also = () if held_after is None else (Beside(best, held_after, held, own).behind,)
             others = rivals(before, best, fitted, *also)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None

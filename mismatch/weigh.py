@@ -6,7 +6,7 @@ recordings choose; what they say of the chosen one is by so much the kinder.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,16 +44,16 @@ def contended(
     What was fitted and what was held out count alike: a name that is a little better on the one and far off on the
     other is wrong. Those of gross errors only the held-out recordings weigh.
     """
-    behind = further_behind(best, held_best, held, own)
+    beside = Beside(best, held_best, held, own)
     ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: e.score(PENALTY))
     sizes: dict[int, dict[tuple[str, ...], Explanation]] = {}
     for e in ranked:
         sizes.setdefault(len(e.names), {}).setdefault(e.names, e)
     likely = [e for same in sizes.values() for e in list(same.values())[:LIKELY]]
-    total = {e.names: (e.score(PENALTY) + behind(e), e) for e in likely}
+    total = {e.names: (e.score(PENALTY) + beside.behind(e), e) for e in likely}
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     if least < best.score(PENALTY) - NEAR:
-        best, held_best = first, held_out(first.problem, first.z, held, own, held_best)
+        best, held_best = first, beside.held(first)
     variance = best.problem.whitener.variance()
     for e in finalists:
         if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
@@ -115,22 +115,25 @@ def plainest_that_predicts(
     return now
 
 
-def further_behind(
-    best: Explanation, held_best: Held, held: Sequence[Track], own: Sequence[Unknown]
-) -> Callable[[Explanation], float]:
-    """Units that an explanation lies behind the best on the held-out recordings, under the best's noise."""
-    whitener = best.problem.whitener
-    known: dict[int, float] = {}
+class Beside:
+    """Explanations beside the best on the held-out recordings, under its noise; each is fitted there once."""
 
-    def units(found: Held) -> float:
-        return float(sum(np.nansum(whitener(r) ** 2) for r in found.residuals))
+    def __init__(self, best: Explanation, held_best: Held, held: Sequence[Track], own: Sequence[Unknown]) -> None:
+        self.whitener, self.best, self.tracks, self.own = best.problem.whitener, held_best, held, own
+        self.known: dict[int, Held] = {}
 
-    def behind(e: Explanation) -> float:
-        if id(e) not in known:
-            known[id(e)] = units(held_out(e.problem, e.z, held, own, held_best)) - units(held_best)
-        return known[id(e)]
+    def held(self, e: Explanation) -> Held:
+        """Its errors there."""
+        if id(e) not in self.known:
+            self.known[id(e)] = held_out(e.problem, e.z, self.tracks, self.own, self.best)
+        return self.known[id(e)]
 
-    return behind
+    def behind(self, e: Explanation) -> float:
+        """Units that it lies behind the best."""
+        return self._units(self.held(e)) - self._units(self.best)
+
+    def _units(self, found: Held) -> float:
+        return float(sum(np.nansum(self.whitener(r) ** 2) for r in found.residuals))
 
 
 def by_chance(best: Explanation, before: Explanation, threshold: float) -> bool:
