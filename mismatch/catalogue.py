@@ -27,6 +27,8 @@ CONTENTS = {"m", "cm", "mm", "m3", "m^3", "l", "L", "kg", "V", "%"}
 """Units of the content of a vessel, which can spill into the next."""
 FRICTION = ("viscous_friction", "quadratic_friction", "cubic_friction", "coulomb_friction")
 LOSSES = ("linear_loss", "quadratic_loss", "cubic_loss", "constant_drop")
+DRAWS = 5
+"""Points at which the equations are asked which state is whose rate."""
 _SLOWEST_S = 10.0  # a state that nothing seems to move: its scale in ten times this
 
 
@@ -35,9 +37,10 @@ def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None =
     """Effects that the machine's balances and inputs may lack.
 
     - every balance: an unknown constant rate, a periodic force;
-    - a state that moves (by its unit) or can be negative: linear, quadratic, cubic and dry friction, dry friction
-      unequal by direction if it can turn round, hysteresis if it moves; and where its position is a state too (the
-      k-th of unit m belongs to the k-th of unit m/s) a hardening spring and free play;
+    - a state that moves (by its unit, or because it is the rate of another state) or can be negative: linear,
+      quadratic, cubic and dry friction, dry friction unequal by direction if it can turn round, hysteresis if it
+      moves; and where its position is a state too (by the equations, or as the k-th of unit m belongs to the k-th
+      of unit m/s) a hardening spring and free play;
     - a store (never negative): leaks by several laws, overflow, spilling into the next store of the same unit;
     - a temperature: loss to ambient, a second thermal mass;
     - an input: backlash, and a dead zone if it can be zero.
@@ -53,12 +56,13 @@ def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None =
     """
     rates = typical_rates(simulator)
     places = [Place(i, v, float(rates[i])) for i, v in enumerate(simulator.states)]
-    positions = _positions(simulator.states)
+    positions = _positions(simulator)
     found: list[Mechanism] = []
     for p in places:
         if p.index in positions.values():
             continue
-        found += [effects.offset(p), *_by_nature(p, simulator, places), effects.periodic(p, periods_s)]
+        moves = p.variable.unit in SPEEDS or p.index in positions
+        found += [effects.offset(p), *_by_nature(p, simulator, places, moves), effects.periodic(p, periods_s)]
         if p.index in positions:
             q = positions[p.index]
             of = simulator.states[q]
@@ -69,11 +73,11 @@ def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None =
     return tuple(found)
 
 
-def _by_nature(p: Place, simulator: Simulator, places: list[Place]) -> list[Mechanism]:
+def _by_nature(p: Place, simulator: Simulator, places: list[Place], moves: bool) -> list[Mechanism]:
     v = p.variable
     if v.unit in TEMPERATURES:
         return [_loss_to_ambient(p, simulator), effects.second_thermal_mass(p)]
-    if v.unit in SPEEDS:
+    if moves:
         names, words = FRICTION, ("viscous friction", "drag", "drag", "dry (Coulomb) friction")
     elif v.low < 0.0:
         names, words = LOSSES, ("a loss", "a loss", "a loss", "a drop")
@@ -92,7 +96,7 @@ def _by_nature(p: Place, simulator: Simulator, places: list[Place]) -> list[Mech
     ]
     if v.low < 0.0:
         found.append(effects.coulomb_unequal(p, f"{names[-1]}_unequal", words[-1]))
-    if v.unit in SPEEDS:
+    if moves:
         found.append(effects.hysteresis(p))
     return found
 
@@ -106,14 +110,32 @@ def _loss_to_ambient(p: Place, simulator: Simulator) -> Mechanism:
     return effects.loss_to_unknown_ambient(p, *TEMPERATURES[p.variable.unit])
 
 
-def _positions(states: tuple[Variable, ...]) -> dict[int, int]:
-    """For each state that is the rate of another, where that other stands."""
-    found: dict[int, int] = {}
+def _positions(simulator: Simulator) -> dict[int, int]:
+    """For each state that is the rate of another, where that other stands: by the equations, else by the units."""
+    states = simulator.states
+    found = _rates_of_others(simulator)
     for i, v in enumerate(states):
-        if v.unit in SPEEDS and v.unit.endswith("/s"):
+        if i not in found and v.unit in SPEEDS and v.unit.endswith("/s"):
             free = [j for j, w in enumerate(states) if f"{w.unit}/s" == v.unit and j not in found.values()]
             found.update((i, j) for j in free[:1])
     return found
+
+
+def _rates_of_others(simulator: Simulator) -> dict[int, int]:
+    """States that the equations take for another's rate as they are, and that other, wherever the machine is."""
+    rhs, theta, rng = plain_rhs(simulator), simulator.theta(), np.random.default_rng(0)
+    x, u = (_around(group, rng) for group in (simulator.states, simulator.inputs))
+    with np.errstate(all="ignore"):
+        rates = np.array([rhs(*point, theta) for point in zip(x, u, strict=True)], dtype=np.float64)
+    pairs = ((i, j) for j in range(x.shape[1]) for i in range(x.shape[1]) if i != j)
+    return {i: j for i, j in pairs if np.array_equal(rates[:, j], x[:, i])}
+
+
+def _around(variables: tuple[Variable, ...], rng: np.random.Generator) -> Array:
+    """Points (5, n) within a scale of the nominal ones."""
+    nominal, scale = (np.array([getattr(v, name) for v in variables], dtype=float) for name in ("nominal", "scale"))
+    low, high = ([getattr(v, name) for v in variables] for name in ("low", "high"))
+    return np.clip(nominal + scale * rng.uniform(-1.0, 1.0, (DRAWS, len(variables))), low, high)
 
 
 def typical_rates(simulator: Simulator) -> Array:

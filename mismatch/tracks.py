@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,10 +12,13 @@ import numpy as np
 import pandas as pd
 
 from data.recording import Recording
+from mismatch.noise import noise_floor
 from physics.simulator import Array, Simulator
 
 BLOCKS = 1000
 """Blocks that a long recording is averaged into, more or less: what a fit sees, whatever the sample rate."""
+LOST = 0.05
+"""Share of an output's variance that averaging may take away; what is faster than blocks needs shorter ones."""
 SEEN = 0.6
 """Share of a block's readings that must be there."""
 _HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
@@ -121,9 +125,24 @@ def prepare(recordings: Sequence[Recording], simulator: Simulator, blocks: int =
         missing = np.full(len(recording.time_s), np.nan)
         y = np.stack([recording.values[:, place[n]] if n in place else missing for n in outputs], axis=-1)
         y = np.stack([despiked(column) for column in y.T], axis=-1)
-        starts = np.arange(0, len(y), max(1, round(len(y) / blocks)))
+        starts = np.arange(0, len(y), samples_per_block(y, blocks))
         tracks.append(Track(recording.name, recording.time_s, u, y, starts, _means(y, starts)))
     return tracks
+
+
+def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
+    """As many as leave so many blocks, but so few that what the outputs (N, ny) do is still seen in the means."""
+    longest = max(1, round(len(y) / blocks))
+    noise = noise_floor([y]) ** 2
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # an output that was not recorded
+        whole = np.nanvar(y, axis=0)
+        for n in range(longest, 1, -1):
+            means = _means(y, np.arange(0, len(y), n))
+            inside = whole - np.nanvar(means, axis=0) - (1.0 - 1.0 / n) * noise
+            if not (inside > LOST * whole).any():
+                return n
+    return 1
 
 
 def held(values: Array) -> Array:
