@@ -22,6 +22,7 @@ EPILOG = """examples:
   twinbench simulate --out recordings              the benchmark's recordings as CSV
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
   twinbench list mechanisms                        what a compressor model can leave out
+  twinbench list mechanisms --simulator tanks.py   what mismatch looks for in yours
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
@@ -68,6 +69,9 @@ def _parser() -> argparse.ArgumentParser:
 
     listing = command("list", "list what there is", "twinbench list estimators --json")
     listing.add_argument("what", nargs="?", default="estimators", choices=tuple(_LISTS))
+    listing.add_argument(
+        "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {_SIMULATOR_HELP}"
+    )
     listing.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
     check = command("check", "run the contract battery on an estimator", "twinbench check my_baseline.py")
@@ -199,7 +203,11 @@ def _run(a: argparse.Namespace) -> int:
 
 
 def _list(a: argparse.Namespace) -> int:
-    rows = _LISTS[a.what]()
+    from data.errors import BadInput
+
+    if a.simulator and a.what != "mechanisms":
+        raise BadInput(f"list {a.what}: --simulator goes with mechanisms only; leave it out")
+    rows = _mechanisms(a.simulator) if a.what == "mechanisms" else _LISTS[a.what]()
     if a.json:
         print(json.dumps(rows, indent=2))
         return 0
@@ -234,9 +242,11 @@ def _ablations() -> list[dict[str, Any]]:
     ]
 
 
-def _mechanisms() -> list[dict[str, Any]]:
+def _mechanisms(spec: str | None = None) -> list[dict[str, Any]]:
+    from mismatch.model import load_simulator, whole_catalogue
     from physics.mechanisms import CATALOGUE
 
+    mechanisms = whole_catalogue(load_simulator(spec)) if spec else CATALOGUE
     return [
         {
             "name": m.name,
@@ -244,7 +254,7 @@ def _mechanisms() -> list[dict[str, Any]]:
             "parameter": ", ".join(f"{v.name} = {v.nominal:g} {v.unit}" for v in m.parameters),
             "says": m.says,
         }
-        for m in CATALOGUE
+        for m in mechanisms
     ]
 
 

@@ -41,12 +41,16 @@ class Source:
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording. ``values`` (N, C) in our units, NaN where missing; ``time_s`` (N,) as recorded."""
+    """One recording. ``values`` (N, C) in our units, NaN where missing; ``time_s`` (N,) as recorded.
+
+    ``unread`` are columns of the file that no channel came from.
+    """
 
     name: str
     time_s: Array
     channels: tuple[str, ...]
     values: Array
+    unread: tuple[str, ...] = ()
 
     def to_batch(self) -> Batch:
         """On the 20 Hz grid from the first time stamp: each channel's nearest reading, missing if half a period off."""
@@ -123,7 +127,9 @@ def read_recording(
         if channel in must_vary and len(np.unique(values[~np.isnan(values)])) < 2:
             raise BadInput(f"{path}: channel {channel} is constant; record the machine while its load changes")
         columns.append(values)
-    return Recording(_stem(path), time_s, tuple(units), np.stack(columns, axis=-1))
+    read = {clock.column, *(sources.get(channel, Source(channel, "")).column for channel in units)}
+    unread = tuple(c for c in table.columns if c not in read)
+    return Recording(_stem(path), time_s, tuple(units), np.stack(columns, axis=-1), unread)
 
 
 def _stem(path: Path) -> str:
@@ -159,6 +165,8 @@ def _read_table(path: Path) -> pd.DataFrame:
         if path.suffix != ".csv":
             raise BadInput(f"{path}: cannot be read, it may be cut short ({_first(error)}); copy it again") from error
         raise BadInput(f"{path}: is no table: {_first(error)}; write it as CSV with one header line") from error
+    if path.suffix != ".parquet" and any(";" in str(c) for c in table.columns):
+        raise BadInput(f"{path}: separates its columns by semicolons; write commas, and points in numbers")
     if path.suffix != ".parquet" and not isinstance(table.index, pd.RangeIndex):
         raise BadInput(f"{path}: its rows have more cells than its header; name every column")
     table.columns = table.columns.map(str)

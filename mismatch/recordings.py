@@ -14,6 +14,8 @@ from physics.simulator import Simulator, Variable
 
 SHORTEST = 30
 """Samples that a recording needs at least."""
+A_THOUSAND = 500.0
+"""Ratio of sample periods that is a mistake in the unit of time, between s and ms or ms and us."""
 LONGEST_S = 10 * 365.25 * 86400.0
 _SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
 
@@ -56,19 +58,34 @@ def read(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = (
 
 
 def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> None:
-    """Refuse recordings that hold nothing to compare the simulator with.
+    """Refuse recordings that hold nothing to compare the simulator with, or whose time is in another unit.
 
     Raises:
-        BadInput: one has fewer readings of every output than a recording needs samples.
+        BadInput: one has fewer readings of every output than a recording needs samples, or no output that moves,
+            or samples a thousand times as far apart as another's.
     """
+    names = ", ".join(v.name for v in simulator.outputs)
     for recording in recordings:
-        readings = (~np.isnan(recording.values[:, len(simulator.inputs) :])).sum(axis=0)
+        outputs = recording.values[:, len(simulator.inputs) :]
+        readings = (~np.isnan(outputs)).sum(axis=0)
         if readings.max() < SHORTEST:
-            names = ", ".join(v.name for v in simulator.outputs)
+            unread = f"; it has unread columns: {', '.join(recording.unread)}" if recording.unread else ""
             raise BadInput(
                 f"recording {recording.name}: none of the outputs ({names}) has {SHORTEST} readings; "
-                "name their columns with --map COLUMN=channel"
+                f"name their columns with --map COLUMN=channel{unread}"
             )
+        if all(len(np.unique(y[~np.isnan(y)])) < 2 for y in outputs.T):
+            raise BadInput(
+                f"recording {recording.name}: no output moves ({names}); leave it out, its sensors stand still"
+            )
+    apart = [float(np.median(np.diff(r.time_s))) for r in recordings]
+    longest, shortest = int(np.argmax(apart)), int(np.argmin(apart))
+    if apart[longest] > A_THOUSAND * apart[shortest]:
+        raise BadInput(
+            f"recording {recordings[longest].name}: its samples are {apart[longest]:.3g} s apart, those of "
+            f"{recordings[shortest].name} {apart[shortest]:.3g} s; is its time in ms? Say so in a TOML file beside it: "
+            "[channels] time_s = {column = 'time_s', unit = 'ms'}"
+        )
 
 
 def check_excited(recordings: Sequence[Recording], simulator: Simulator) -> None:

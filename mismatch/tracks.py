@@ -19,6 +19,8 @@ BLOCKS = 1000
 """Blocks that a long recording is averaged into, more or less: what a fit sees, whatever the sample rate."""
 LOST = 0.05
 """Share of an output's variance that averaging may take away; what is faster than blocks needs shorter ones."""
+DOUBT = 1.2
+"""The noise's variance may be so many times what neighbours say it is."""
 SEEN = 0.6
 """Share of a block's readings that must be there."""
 _HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
@@ -139,7 +141,7 @@ def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
         whole = np.nanvar(y, axis=0)
         for n in range(longest, 1, -1):
             means = _means(y, np.arange(0, len(y), n))
-            inside = whole - np.nanvar(means, axis=0) - (1.0 - 1.0 / n) * noise
+            inside = whole - np.nanvar(means, axis=0) - DOUBT * (1.0 - 1.0 / n) * noise
             if not (inside > LOST * whole).any():
                 return n
     return 1

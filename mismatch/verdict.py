@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mismatch.explanation import Explanation
+from mismatch.leftover import leftovers
 from mismatch.locate import Located, locate, regime
 from mismatch.onset import first_onset
 from mismatch.rivals import NEAR
@@ -22,8 +23,6 @@ MOVED = 3.0
 PLAIN = 0.5
 """And scales of the parameter."""
 KINDS = {"physics": "missing physics"}
-LASTING = 60.0
-"""Blocks to an independent error from which on errors last too long for noise, beyond doubt."""
 LARGEST_SET = 3
 """Things that a set may hold names for and still say something."""
 
@@ -115,8 +114,9 @@ def conclude(d: Diagnosis) -> Verdict:
     sd = standard_deviations(held)
     parameters = _parameters(d, held, sd)
     chi2, limit = residual_chi2(held)
-    located = locate(d) if (d.best is not None or chi2 > limit or lasting(d)) else None
-    findings = (*_stuck(d), *_findings(d, sd, located))
+    left = leftovers(held, d.held_before if d.chosen is None else d.held_after, d.tracks, d.floor)
+    located = locate(d) if (d.best is not None or chi2 > limit or left) else None
+    findings = (*_stuck(d), *_findings(d, sd, located, left))
     mechanisms: tuple[Mechanism, ...] = ()
     if d.chosen is not None:
         mechanisms = tuple(d.machine.candidates[v.candidate].mechanism for v in d.chosen.chosen)
@@ -126,7 +126,7 @@ def conclude(d: Diagnosis) -> Verdict:
         verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
         if d.transferred is not None and d.transferred.fails:
             verdict = "incomplete"
-    elif d.best is not None or lasting(d):
+    elif d.best is not None or left:
         verdict = "unexplained"
     elif d.stuck:
         verdict = "sensor fault"
@@ -134,7 +134,7 @@ def conclude(d: Diagnosis) -> Verdict:
         verdict = "parameter change" if changed else "consistent"
     fit = _fits(d)
     return Verdict(
-        verdict, _words(d, verdict, findings, changed, fit, chi2, limit), findings, parameters, fit,
+        verdict, _words(d, verdict, findings, changed, fit, chi2 > limit, left), findings, parameters, fit,
         _more_data(d, findings), mechanisms, _values(held), located, d,
     )  # fmt: skip
 
@@ -145,12 +145,6 @@ def _kinds(d: Diagnosis) -> set[str]:
     kind_of = {c.name: KINDS.get(c.mechanism.kind, "sensor fault") for c in d.machine.candidates}
     kinds = [{kind_of[n] for n in (name, *r.names)} for name, r in zip(d.chosen.names, d.rivals, strict=True)]
     return {next(iter(k)) for k in kinds if len(k) == 1}
-
-
-def lasting(d: Diagnosis) -> list[tuple[str, float]]:
-    """Outputs whose calibrated errors last too long for noise, and the blocks to an independent one."""
-    memory = np.broadcast_to(d.before.problem.whitener.memory, len(d.simulator.outputs))
-    return [(v.name, float(m)) for v, m in zip(d.simulator.outputs, memory, strict=True) if m > LASTING]
 
 
 def standard_deviations(explanation: Explanation) -> Array:
@@ -211,15 +205,16 @@ def _stuck(d: Diagnosis) -> list[Finding]:
     return found
 
 
-def _findings(d: Diagnosis, sd: Array, located: Located | None) -> tuple[Finding, ...]:
+def _findings(
+    d: Diagnosis, sd: Array, located: Located | None, left: list[tuple[str, str]]
+) -> tuple[Finding, ...]:  # fmt: skip
     ports = located.ports if located is not None else ()
     if d.chosen is None:
         if d.best is not None:
             names = ", ".join(d.best.names)
             says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
-        elif lasting(d):
-            errors = ", ".join(name for name, _ in lasting(d))
-            says = f"the errors of {errors} last too long for noise, and nothing in the catalogue explains them"
+        elif left:
+            says = f"{'; '.join(why for _, why in left)}, and nothing in the catalogue explains it"
         else:
             return ()
         where = ports[0][0] if ports else ""
@@ -329,7 +324,7 @@ def smallest_seen(d: Diagnosis) -> list[tuple[str, float]]:
 
 def _words(
     d: Diagnosis, verdict: str, findings: tuple[Finding, ...], changed: list[Value], fit: tuple[Fit, ...],
-    chi2: float, limit: float,
+    noisy: bool, left: list[tuple[str, str]],
 ) -> str:  # fmt: skip
     words = []
     if verdict == "consistent":
@@ -362,8 +357,9 @@ def _words(
                     f"What it adds to the outputs is in them ({d.there.ratio:.2f} of it, 90 % interval "
                     f"{d.there.low:.2f} to {d.there.high:.2f}); the rest is something else."
                 )
-        if chi2 > limit:
-            words.append(f"It is incomplete: the residual is still {chi2:.3g} times the noise.")
+        if left or noisy:
+            why = "; ".join(why for _, why in left) or "the residual is still more than noise"
+            words.append(f"It is incomplete: {why}.")
         if d.transferred is not None and d.transferred.fails:
             words.append(
                 "It is incomplete: the recordings held back want other sizes than those learnt "
@@ -377,10 +373,11 @@ def _words(
         if hidden:
             words.append(f"Not so {', '.join(hidden[:6])}{' and others' if len(hidden) > 6 else ''}.")
     for f in fit:
-        if f.held_out and f.rmse_after != f.rmse_before:
+        if f.held_out:
+            moved = f" to {_number(f.rmse_after)}" if f.rmse_after != f.rmse_before else ""
             words.append(
-                f"{f.channel}, held out: error {_number(f.rmse_before)} to {_number(f.rmse_after)} {f.unit}, "
-                f"noise {_number(f.noise_floor)}."
+                f"{f.channel}, held out: error {_number(f.rmse_before)}{moved} {f.unit}, "
+                f"where it learnt {_number(f.noise_floor)}."
             )
     return " ".join(words)
 

@@ -164,10 +164,10 @@ def examine(
             there = borne_out(held_before, held_after, best.problem.whitener.variance())
             if len(best.names) > LARGEST_PLAIN:
                 transferred = transfer(best, held_after, held, own)
-        if by_chance(best, before, threshold):
-            best, held_after, share, there, transferred = None, None, None, None, None
+        refused = refusal(share, there) if guards.held_out_gate else ""
+        if by_chance(best, before, threshold, refused, share):
+            best, held_after, share, there, transferred, refused = None, None, None, None, None, ""
         else:
-            refused = refusal(share, there) if guards.held_out_gate else ""
             also = () if held_after is None else (Beside(best, held_after, held, own).behind,)
             others = rivals(before, best, fitted, *also)
     progress("prove", 1.0)

@@ -136,9 +136,14 @@ class Beside:
         return float(sum(np.nansum(self.whitener(r) ** 2) for r in found.residuals))
 
 
-def by_chance(best: Explanation, before: Explanation, threshold: float) -> bool:
-    """Could noise alone gain as much?"""
-    return before.cost - best.cost < threshold * len(best.names)
+def by_chance(
+    best: Explanation, before: Explanation, threshold: float, refused: str = "", share: Gain | None = None
+) -> bool:
+    """Could noise alone gain as much? Twice as much, if the held-out recordings refuse it; whatever it gains, if they
+    show nothing to explain."""
+    gained = (before.cost - best.cost) / len(best.names)
+    nothing = bool(refused) and share is not None and share.excess < LEAST_EXCESS
+    return nothing or gained < threshold * (2.0 if refused else 1.0)
 
 
 def refusal(share: Gain | None, there: BorneOut | None) -> str:

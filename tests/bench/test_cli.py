@@ -71,6 +71,13 @@ def test_lists_are_json_alone_on_stdout(
     assert twinbench("list", what) == 0
 
 
+def test_the_list_of_mechanisms_is_that_of_any_simulator(capsys: pytest.CaptureFixture[str]) -> None:
+    assert twinbench("list", "mechanisms", "--simulator", "examples/two_tanks.py", "--json") == 0
+    assert any(row["name"].startswith("overflow@") for row in json.loads(capsys.readouterr().out))
+    assert twinbench("list", "estimators", "--simulator", "nominal") == 2
+    assert "--simulator goes with mechanisms only" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("statuses", "code"), [(("pass", "skip"), 0), (("pass", "fail"), 1)])
 def test_check_exits_with_what_the_battery_found(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], statuses: tuple[str, ...], code: int

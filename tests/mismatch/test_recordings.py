@@ -101,6 +101,31 @@ def test_nothing_to_compare_with(tmp_path, tank, readings):
     assert "none of the outputs (h_m) has 30 readings" in refused(check_measured, recordings, tank)
 
 
+def test_columns_that_nobody_asked_for_are_offered(tmp_path, tank):
+    path = write_recording(tmp_path, tank_table().rename(columns={"h_m": "level"}))
+    assert "it has unread columns: level" in refused(check_measured, read([path], tank), tank)
+
+
+def test_sensors_that_stand_still(tmp_path, tank):
+    recordings = read([write_recording(tmp_path, tank_table().assign(h_m=0.5))], tank)
+    assert "no output moves (h_m)" in refused(check_measured, recordings, tank)
+
+
+def test_time_in_another_unit_than_the_other_recordings(tmp_path, tank):
+    late = tank_table()
+    late["time_s"] *= 1000.0
+    paths = [write_recording(tmp_path, tank_table(), "day.csv"), write_recording(tmp_path, late, "ms.csv")]
+    assert "is its time in ms?" in refused(check_measured, read(paths, tank), tank)
+    (tmp_path / "ms.toml").write_text('[channels]\ntime_s = {column = "time_s", unit = "ms"}\n')
+    check_measured(read(paths, tank), tank)
+
+
+def test_columns_separated_by_semicolons(tmp_path, tank):
+    path = tmp_path / "excel.csv"
+    path.write_text("time_s;pump_V;h_m\n" + "".join(f"{k},0;3,5;0,{k % 9}\n" for k in range(40)))
+    assert "separates its columns by semicolons" in refused(read, [path], tank)
+
+
 def test_no_excitation(tmp_path, tank):
     still = write_recording(tmp_path, tank_table().assign(pump_V=3.0), "still.csv")
     moving = write_recording(tmp_path, tank_table(), "moving.csv")
