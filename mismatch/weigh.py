@@ -31,8 +31,8 @@ error, in noise variances, that there must be."""
 LEAST_RATIO, PLAIN = 0.75, 200.0
 """Share of what it adds to the outputs that must be in held-out readings, as the lower end of an interval, to accept
 it whatever else is there, and no more than its inverse; and units by which their error must fall."""
-UNSURE = 0.015
-"""By so much of itself the noise's variance is not known; of a small error that is a good share."""
+UNSURE, MOST_DOUBT = 0.015, 0.25
+"""By so much of itself the noise's variance is not known; of a small error that is a good share, up to so much."""
 
 
 def contended(
@@ -152,7 +152,7 @@ def refusal(share: Gain | None, there: BorneOut | None) -> str:
         return ""
     if share.excess < LEAST_EXCESS:
         return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
-    doubt = UNSURE / max(share.excess, UNSURE)
+    doubt = min(UNSURE / max(share.excess, UNSURE), MOST_DOUBT)
     if share.share < LEAST_SHARE - doubt or share.low < LEAST_LOW - doubt:
         return (
             f"on held-out recordings it removes {100 * share.share:.0f} % of the excess error "

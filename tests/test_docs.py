@@ -49,18 +49,24 @@ def test_the_comparison_in_the_readme_is_the_reference_run():
         assert cells.split(" | ") == ["{:.3g} ({:.3g} to {:.3g})".format(*values) for values in shown]
 
 
-@pytest.mark.parametrize("name", ["gates.md", "engines.md"])
+@pytest.mark.parametrize("name", ["proof/gates.md", "proof/engines.md", "opponents/engines.md"])
 def test_the_proof_page_shows_what_the_results_hold(name):
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
-    assert f"<!-- results/proof/{name} -->\n{(ROOT / 'results/proof' / name).read_text()}<!-- end -->" in page
+    assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text()}<!-- end -->" in page
 
 
 def test_what_the_readme_says_of_the_proof_is_in_its_rows():
     rows = read_cases(ROOT / "results/proof/cases.csv")
-    marked = [marks(row) for _, row in rows[rows["engine"] == "twinbench"].iterrows()]
+    rows = rows[rows["engine"] == "twinbench"]
+    marked = [marks(row) for _, row in rows.iterrows()]
     assert len(marked) == 70
-    assert sum(bool(m.false_name) for m in marked) == sum(bool(m.physics_for_sensor) for m in marked) == 0
-    assert sum(m.confidently_wrong for m in marked) == 3
+    wrong = rows[[bool(m.confidently_wrong) for m in marked]]
+    assert len(wrong) == 7
+    assert (wrong["cell"] == "left_out").sum() == 4
+    by_severity = pd.read_csv(ROOT / "results/proof/by_severity.csv").query("engine == 'twinbench'")
+    named = (by_severity["right"] * by_severity["cases"]).groupby(by_severity["background_pct"]).sum()
+    assert named.round(6).to_dict() == {0.0: 5.0, 0.2: 5.0, 1.0: 0.0}
+    assert by_severity.groupby("background_pct")["cases"].sum().to_dict() == {0.0: 6, 0.2: 6, 1.0: 5}
 
 
 @pytest.fixture

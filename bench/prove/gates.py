@@ -103,8 +103,9 @@ def engine_table(rows: pd.DataFrame) -> pd.DataFrame:
 def misses(rows: pd.DataFrame) -> pd.DataFrame:
     """Every row that missed something, with ``miss``: what."""
     said = rows.assign(miss=[miss(row) for _, row in rows.iterrows()])
-    columns = ["miss", "case", "machine", "cell", "severity", "background_pct", "truth", "named", "set", "ports_named"]
-    return said.loc[said["miss"] != "", columns].sort_values(["miss", "machine", "case"], ignore_index=True)
+    columns = ["miss", "engine", "case", "machine", "cell", "severity", "background_pct", "truth", "named", "set"]
+    missed = said.loc[said["miss"] != "", [*columns, "ports_named"]]
+    return missed.sort_values(["engine", "miss", "machine", "case"], ignore_index=True)
 
 
 def rate(gate: str, sense: str, required: Any, hits: pd.Series) -> dict[str, Any]:
