@@ -39,7 +39,7 @@ def test_the_machine_runs_as_the_simulator_does(machine, track):
 
 def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(machine):
     slow = prepare([record("slow", 4, seconds=60.0, dt_s=0.02)], MOTOR, blocks=600)[0]
-    assert slow.coarse.samples.tolist() == [5] * 600
+    assert slow.coarse.samples.tolist() == [4] * 750  # of five, the current's means would lose too much
     machine.settle_step([slow], np.array([1.0, 0.5, 0.5]))
     x0 = machine.start(slow)
     fine = slow.block_means(machine.run(slow, machine.theta, x0))
