@@ -56,7 +56,7 @@ def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None =
     """
     rates = typical_rates(simulator)
     places = [Place(i, v, float(rates[i])) for i, v in enumerate(simulator.states)]
-    positions = _positions(simulator)
+    positions = positions_of(simulator)
     found: list[Mechanism] = []
     for p in places:
         if p.index in positions.values():
@@ -110,7 +110,7 @@ def _loss_to_ambient(p: Place, simulator: Simulator) -> Mechanism:
     return effects.loss_to_unknown_ambient(p, *TEMPERATURES[p.variable.unit])
 
 
-def _positions(simulator: Simulator) -> dict[int, int]:
+def positions_of(simulator: Simulator) -> dict[int, int]:
     """For each state that is the rate of another, where that other stands: by the equations, else by the units."""
     states = simulator.states
     found = _rates_of_others(simulator)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
+from mismatch.catalogue import positions_of
 from mismatch.fit import Unknown
 from mismatch.walk import Diagnosis
 from physics.simulator import Array, Variable
@@ -34,7 +35,10 @@ def locate(d: Diagnosis) -> Located:
     residuals = problem.residuals(z)
     _, _, nuisance = problem.normal(z, residuals)
     evidence, courses = [], []
-    for port in d.machine.ports:
+    # The balance of a position is its velocity and lacks nothing.
+    exact = {f"balance:{d.simulator.states[i].name}" for i in positions_of(d.simulator).values()}
+    candidates = [port for port in d.machine.ports if port not in exact]
+    for port in candidates:
         scale = _scale(d, port)
         free = replace(problem, unknowns=(*problem.unknowns, *_force(d, port, scale)))
         wide = np.concatenate((z, np.zeros(len(free.unknowns) - len(z))))
@@ -53,7 +57,7 @@ def locate(d: Diagnosis) -> Located:
     order = np.argsort(evidence)[::-1]
     weight = np.exp(np.clip((np.array(evidence) - max(evidence)) / 5.0, -50.0, 0.0))
     weight /= weight.sum()
-    ports = tuple((d.machine.ports[i], float(weight[i])) for i in order if weight[i] > 0.01)
+    ports = tuple((candidates[i], float(weight[i])) for i in order if weight[i] > 0.01)
     top = courses[order[0]].reshape(len(d.tracks), KNOTS_FORCE)
     force = tuple((np.linspace(t.time_s[0], t.time_s[-1], KNOTS_FORCE), a) for t, a in zip(d.tracks, top, strict=True))
     return Located(ports, force)
