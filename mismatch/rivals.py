@@ -89,8 +89,8 @@ def rivals(
     def behind(e: Explanation) -> float:
         return e.score(PENALTY) - best.score(PENALTY)
 
-    out = []
-    for k, name in enumerate(best.names):
+    instead, alone = [], []
+    for name in best.names:
         without = [e for e in fitted if not _same(best, name) & set(e.names)]
         # What it gains over the best explanation of fewer effects that lacks it.
         worth = min([before.cost, *(e.cost for e in without if len(e.names) < len(best.names))]) - best.cost
@@ -99,13 +99,22 @@ def rivals(
             near = slack(worth) if len(e.names) <= len(best.names) else NEAR
             if behind(e) < FAR * near and (in_all := behind(e) + also(e)) < near:
                 close[frozenset(e.names)] = in_all
+        all_but = set(best.names) - {name}
+        alone.append({other for names in close if all_but <= names for other in names - all_but})
         # Of one that does with less than another nothing is learnt from the other.
-        plain = {names: b for names, b in close.items() if not any(other < names for other in close)}
-        others = {other: min(b for names, b in plain.items() if other in names) for other in set().union(*plain)}
-        ranked = sorted(set(others) - set(best.names), key=lambda other: (others[other], other))
+        instead.append({names: b for names, b in close.items() if not any(other < names for other in close)})
+    out = []
+    for k, plain in enumerate(instead):
+        others: dict[str, float] = {}
+        for names, b in plain.items():
+            # Where another effect of the best is gone too, what takes its place alone stands for that one.
+            gone = [j for j, lost in enumerate(best.names) if j != k and lost not in names]
+            for other in names - set(best.names) - set().union(*(alone[j] for j in gone)):
+                others[other] = min(b, others.get(other, np.inf))
+        ranked = sorted(others, key=lambda other: (others[other], other))
         fellows = [best.names[j] for j in np.flatnonzero(tied[k])]
         # Itself, at nothing behind, is one of them.
-        apart = np.diff(np.sort([0.0, *(others[other] for other in ranked)])) > ONE
+        apart = np.diff(np.sort([0.0, *others.values()])) > ONE
         out.append(Rivals([*fellows, *ranked], 1 + len(fellows) + int(apart.sum())))
     return out
 

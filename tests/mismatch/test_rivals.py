@@ -76,6 +76,19 @@ def test_more_effects_have_no_form_to_excuse(fits):
     assert rivals(before, best, [pair])[0].names == []
 
 
+def test_what_stands_for_another_effect_is_no_rival(fits, monkeypatch):
+    """Best a + b; a2 does for a, and without b nearly as well: a2 is no name for b."""
+    before, alone, _ = fits
+    a, b, a2 = NAMES
+    monkeypatch.setattr("mismatch.rivals._tied", lambda best: np.zeros((2, 2), bool))
+    best = dataclasses.replace(alone, names=(a, b), chosen=alone.chosen * 2)
+    swap = dataclasses.replace(best, names=(a2, b), cost=best.cost + 2.0)
+    less = dataclasses.replace(alone, names=(a2,), cost=best.cost + 18.0)
+    of_a, of_b = rivals(before, best, [swap, less])
+    assert a2 in of_a.names
+    assert a2 not in of_b.names
+
+
 def test_a_held_out_fit_does_not_depend_on_whose_columns_it_begins_with(fits):
     _, best, dry = fits
     tracks = prepare([record("held", 7, dry, reach=1.3)], MOTOR)
