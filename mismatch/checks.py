@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from mismatch.noise import Whitener
-from mismatch.tracks import Track
+from mismatch.tracks import LOST, Track, lost
 from physics.simulator import Array, Simulator
 
 LAGS = 20
@@ -35,6 +35,11 @@ def audit(tracks: Sequence[Track], simulator: Simulator) -> list[str]:
             if missing == 1.0:
                 remarks.append(f"{track.name}: {variable.name} was not recorded")
                 continue
+            if lost(y[:, None], len(y) // len(track.starts)) > 2.0 * LOST:
+                remarks.append(
+                    f"{track.name}: {variable.name} changes faster than {len(track.starts)} means of neighbours show; "
+                    "cut the recording into shorter ones"
+                )
             if missing > 0.05:
                 remarks.append(f"{track.name}: {variable.name} is missing {100 * missing:.0f} % of the time")
             seen = y[~np.isnan(y)]

@@ -19,6 +19,8 @@ BLOCKS = 1000
 """Blocks that a long recording is averaged into, more or less: what a fit sees, whatever the sample rate."""
 LOST = 0.05
 """Share of an output's variance that averaging may take away; what is faster than blocks needs shorter ones."""
+MOST_BLOCKS, SHORTER = 20_000, 0.8
+"""Blocks of a recording at most, and the factor by which they are made shorter."""
 DOUBT = 1.2
 """The noise's variance may be so many times what neighbours say it is."""
 SEEN = 0.6
@@ -134,17 +136,19 @@ def prepare(recordings: Sequence[Recording], simulator: Simulator, blocks: int =
 
 def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
     """As many as leave so many blocks, but so few that what the outputs (N, ny) do is still seen in the means."""
-    longest = max(1, round(len(y) / blocks))
+    n, least = max(1, round(len(y) / blocks)), max(1, len(y) // MOST_BLOCKS)
+    while n > least and (lost(y, n) > LOST).any():
+        n = max(least, int(SHORTER * n))
+    return n
+
+
+def lost(y: Array, n: int) -> Array:
+    """Share (ny,) of the outputs' variance, noise apart, that means over n samples do not show."""
     noise = noise_floor([y]) ** 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # an output that was not recorded
-        whole = np.nanvar(y, axis=0)
-        for n in range(longest, 1, -1):
-            means = _means(y, np.arange(0, len(y), n))
-            inside = whole - np.nanvar(means, axis=0) - DOUBT * (1.0 - 1.0 / n) * noise
-            if not (inside > LOST * whole).any():
-                return n
-    return 1
+        whole, left = np.nanvar(y, axis=0), np.nanvar(_means(y, np.arange(0, len(y), n)), axis=0)
+        return np.nan_to_num((whole - left - DOUBT * (1.0 - 1.0 / n) * noise) / whole)
 
 
 def held(values: Array) -> Array:

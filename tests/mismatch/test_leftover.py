@@ -11,7 +11,8 @@ from motor_case import record
 
 from mismatch import diagnose
 from mismatch.catalogue import generic
-from mismatch.tracks import samples_per_block
+from mismatch.checks import audit
+from mismatch.tracks import prepare, samples_per_block
 from physics.simulator import Simulator, Variable
 
 N = 8000
@@ -25,6 +26,17 @@ def test_blocks_are_shorter_than_what_the_machine_does(period, most):
     chosen = samples_per_block(np.stack([wave, steady], axis=-1))
     assert chosen <= most
     assert chosen > most / 2
+
+
+def test_there_is_an_end_to_short_blocks_and_it_is_said():
+    wave = np.sin(np.arange(100_000.0))
+    assert samples_per_block(wave[:, None]) == 5
+    (track,) = prepare([record("run 1", 1)], MOTOR)
+    assert not any("faster" in remark for remark in audit([track], MOTOR))
+    fast = track.y.copy()
+    fast[:, 0] = np.sin(np.arange(len(fast)))
+    blocks = replace(track, y=fast, starts=track.starts[::5])
+    assert any("speed_rad_s changes faster than" in remark for remark in audit([blocks], MOTOR))
 
 
 def test_a_channel_that_was_not_recorded_asks_for_nothing():
