@@ -18,6 +18,8 @@ ONSET_GAIN = 25.0
 """Units that a later start must gain over an effect that was there from the beginning."""
 ONSET_SHARE = 0.05
 """And the share of the gain that it must add."""
+LEAST_TIME = 0.1
+"""Share of all the time that it must be absent from: what a few seconds lack is a start that is off."""
 _GRID = np.linspace(0.0, 1.0, 201)
 
 
@@ -33,7 +35,7 @@ def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...]
     always = shown.gain((order[0],))
     found = [_best_starts(problem, z, shown, shown.variants[i]) for i in terms[:TRIED]]
     gain, starts = max(found, key=lambda f: f[0])
-    if not gain - always > max(ONSET_GAIN, ONSET_SHARE * always):
+    if not gain - always > max(ONSET_GAIN, ONSET_SHARE * always) or np.mean(starts) < LEAST_TIME:
         return None
     return tuple(_time(track.time_s, share) for track, share in zip(problem.tracks, starts, strict=True))
 

@@ -100,6 +100,14 @@ def test_an_effect_that_begins_late_is_dated():
     assert finding.parameters[0].value == pytest.approx(1.2, rel=0.15)
 
 
+def test_what_a_few_seconds_lack_has_no_date():
+    """Dry friction that is absent for a twelfth of the time only is there from the beginning."""
+    fitted = [record(f"run {s}", s, lambda t, x, u: 6.0 * dry_friction(t, x, u) * (t > 10.0)) for s in (1, 2)]
+    verdict = diagnose(MOTOR, fitted, [record("held out", 9, lambda *a: 6.0 * dry_friction(*a))], CATALOGUE)
+    assert verdict.findings[0].mechanism == "coulomb_friction@omega_rad_s"
+    assert verdict.findings[0].since_s is None
+
+
 def test_the_verdict_is_json_and_the_same_twice(friction):
     again = examined(dry_friction)
     assert json.dumps(again.to_dict()) == json.dumps(friction.to_dict())
