@@ -374,9 +374,9 @@ def _words(
             words.append(f"Not so {', '.join(hidden[:6])}{' and others' if len(hidden) > 6 else ''}.")
     for f in fit:
         if f.held_out:
-            moved = f" to {_number(f.rmse_after)}" if f.rmse_after != f.rmse_before else ""
+            before = f"{_number(f.rmse_before)} to " if f.rmse_after != f.rmse_before else ""
             words.append(
-                f"{f.channel}, held out: error {_number(f.rmse_before)}{moved} {f.unit}, "
+                f"{f.channel}, held out: error {before}{_with_unit(f.rmse_after, f.unit)}, "
                 f"where it learnt {_number(f.noise_floor)}."
             )
     return " ".join(words)
