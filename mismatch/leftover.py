@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mismatch.explanation import Explanation
-from mismatch.proof import Held
+from mismatch.proof import Held, piece_squares, resamples
 from mismatch.tracks import Track
 from physics.simulator import Array
 
@@ -21,11 +21,10 @@ LOUD = 6.0
 """Times the scatter between neighbours; noise that remembers as much as noise may exceeds it five times."""
 WORSE = 2.0
 """Times as large on the held-out recordings as where it was fitted."""
-PIECES, RESAMPLES = 8, 500
 
 
-def leftovers(e: Explanation, held: Held | None, tracks: Sequence[Track], floor: Array) -> list[tuple[str, str]]:
-    """Outputs whose errors under ``e`` are no noise, and why, in words.
+def leftovers(e: Explanation, held: Held | None, tracks: Sequence[Track], floor: Array) -> list[str]:
+    """Why errors under ``e`` are no noise, in words, for each output where they are none.
 
     Args:
         held: how ``e`` does on held-out recordings, if there are any.
@@ -37,28 +36,21 @@ def leftovers(e: Explanation, held: Held | None, tracks: Sequence[Track], floor:
     memory = np.broadcast_to(e.problem.whitener.memory, len(outputs))
     found = []
     for c, v in enumerate(outputs):
-        fitted = _pieces(residuals, c)
+        fitted = piece_squares(residuals, c)
         if not len(fitted):
             continue
         rms = float(np.sqrt(np.mean(fitted)))
         scatter = max(float(floor[c]), _step(tracks, c))
         if memory[c] > LASTING:
-            found.append((v.name, f"the errors of {v.name} last too long for noise"))
+            found.append(f"the errors of {v.name} last too long for noise")
         elif rms > LOUD * scatter:
-            found.append((v.name, f"the errors of {v.name} are {rms / scatter:.2g} times what its sensor scatters"))
-        elif held is not None and len(apart := _pieces(held.residuals, c)):
-            picks = np.random.default_rng(0).integers(0, len(apart), (RESAMPLES, len(apart)))
-            least = np.sqrt(np.quantile(apart[picks].mean(axis=1), 0.05))
+            found.append(f"the errors of {v.name} are {rms / scatter:.2g} times what its sensor scatters")
+        elif held is not None and len(apart := piece_squares(held.residuals, c)):
+            least = np.sqrt(np.quantile(apart[resamples(len(apart))].mean(axis=1), 0.05))
             if least > WORSE * max(rms, scatter):
                 times = np.sqrt(np.mean(apart)) / rms
-                found.append((v.name, f"the errors of {v.name} are {times:.2g} times as large on recordings held back"))
+                found.append(f"the errors of {v.name} are {times:.2g} times as large on recordings held back")
     return found
-
-
-def _pieces(residuals: Sequence[Array], channel: int) -> Array:
-    """Mean squares of eight pieces of each recording."""
-    pieces = [p for r in residuals for p in np.array_split(r[:, channel], PIECES) if np.isfinite(p).any()]
-    return np.array([np.nanmean(p**2) for p in pieces])
 
 
 def _step(tracks: Sequence[Track], channel: int) -> float:

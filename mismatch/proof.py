@@ -24,7 +24,7 @@ AFRESH = 4
 NOTHING = 0.02
 """Share of the removable error that makes no difference."""
 PIECES = 8
-"""Pieces of each held-out recording that are resampled as wholes."""
+"""Pieces of each recording that are resampled as wholes."""
 
 
 class Held(NamedTuple):
@@ -99,7 +99,7 @@ def held_out(
 def gain(before: Held, after: Held, variance: Array) -> Gain:
     """Share of the removable excess error removed, mean over channels in noise variances."""
     b, a = _pieces(before, variance), _pieces(after, variance)
-    picks = _resamples(len(b))
+    picks = resamples(len(b))
     shares = _share(b[picks].mean(axis=1), a[picks].mean(axis=1))
     low, high = np.quantile(shares, (0.05, 0.95))
     return Gain(float(_share(b.mean(), a.mean())), float(low), float(high), float(b.mean() - 1.0))
@@ -110,10 +110,10 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
 
     What nobody models may be far larger than an effect; it hides the share that the effect has, but not this.
     """
-    pieces = list(zip(_cut(before), _cut(after), strict=True))
+    pieces = list(zip(cut(before.residuals), cut(after.residuals), strict=True))
     fallen_by = np.array([np.nansum((old**2 - new**2) / variance) for old, new in pieces])
     added_by = np.array([max(np.nansum((old - new) ** 2 / variance), 1e-9) for old, new in pieces])
-    picks = _resamples(len(pieces))
+    picks = resamples(len(pieces))
     low, high = np.quantile(fallen_by[picks].sum(axis=1) / added_by[picks].sum(axis=1), (0.05, 0.95))
     total = float(fallen_by.sum())
     return BorneOut(total / float(added_by.sum()), float(low), float(high), total)
@@ -122,7 +122,7 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
 def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
     """Does a model predict the held-out recordings worse than another, beyond what their pieces differ by chance?"""
     worse = _pieces(simple, variance) - _pieces(whole, variance)
-    return bool(np.quantile(worse[_resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
+    return bool(np.quantile(worse[resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
 
 
 def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
@@ -132,16 +132,22 @@ def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
 
 def _pieces(held: Held, variance: Array) -> Array:
     """Mean squares, in noise variances, of pieces of the recordings."""
-    return np.array([np.nanmean(np.nanmean(piece**2, axis=0) / variance) for piece in _cut(held)])
+    return np.array([np.nanmean(np.nanmean(piece**2, axis=0) / variance) for piece in cut(held.residuals)])
 
 
-def _cut(held: Held) -> list[Array]:
+def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
+    """Mean squares of one channel in pieces of the recordings."""
+    return np.array([np.nanmean(piece**2) for piece in cut([residual[:, channel] for residual in residuals])])
+
+
+def cut(residuals: Sequence[Array]) -> list[Array]:
     """Residuals in pieces, where there are readings."""
-    pieces = [piece for residual in held.residuals for piece in np.array_split(residual, PIECES)]
+    pieces = [piece for residual in residuals for piece in np.array_split(residual, PIECES)]
     return [piece for piece in pieces if np.isfinite(piece).any()]
 
 
-def _resamples(n: int) -> np.ndarray:
+def resamples(n: int) -> np.ndarray:
+    """Which of n pieces are drawn, (RESAMPLES, n), always the same."""
     return np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
 
 

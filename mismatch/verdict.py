@@ -12,6 +12,7 @@ from mismatch.explanation import Explanation
 from mismatch.leftover import leftovers
 from mismatch.locate import Located, locate, regime
 from mismatch.onset import first_onset
+from mismatch.proof import piece_squares
 from mismatch.rivals import NEAR
 from mismatch.walk import Diagnosis, residual_chi2
 from mismatch.weigh import LEAST_SHARE
@@ -205,16 +206,14 @@ def _stuck(d: Diagnosis) -> list[Finding]:
     return found
 
 
-def _findings(
-    d: Diagnosis, sd: Array, located: Located | None, left: list[tuple[str, str]]
-) -> tuple[Finding, ...]:  # fmt: skip
+def _findings(d: Diagnosis, sd: Array, located: Located | None, left: list[str]) -> tuple[Finding, ...]:
     ports = located.ports if located is not None else ()
     if d.chosen is None:
         if d.best is not None:
             names = ", ".join(d.best.names)
             says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
         elif left:
-            says = f"{'; '.join(why for _, why in left)}, and nothing in the catalogue explains it"
+            says = f"{'; '.join(left)}, and nothing in the catalogue explains it"
         else:
             return ()
         where = ports[0][0] if ports else ""
@@ -293,7 +292,7 @@ def _fits(d: Diagnosis) -> tuple[Fit, ...]:
     out = []
     for is_held, rmse_before, rmse_after, before, later in rows:
         for c, v in enumerate(d.simulator.outputs):
-            b, a = (_piece_squares(residuals, c) for residuals in (before, later))
+            b, a = (piece_squares(residuals, c) for residuals in (before, later))
             if not len(b):
                 continue
             picks = rng.integers(0, len(b), (500, len(b)))
@@ -304,12 +303,6 @@ def _fits(d: Diagnosis) -> tuple[Fit, ...]:
             values = (rmse_before[c], rmse_after[c], fitted[1][c], low, high)
             out.append(Fit(v.name, v.unit, is_held, *map(float, values)))
     return tuple(out)
-
-
-def _piece_squares(residuals: list[Array], channel: int) -> Array:
-    """Mean squares of eight pieces of each recording."""
-    pieces = [p for r in residuals for p in np.array_split(r[:, channel], 8) if np.isfinite(p).any()]
-    return np.array([np.nanmean(p**2) for p in pieces])
 
 
 def smallest_seen(d: Diagnosis) -> list[tuple[str, float]]:
@@ -324,7 +317,7 @@ def smallest_seen(d: Diagnosis) -> list[tuple[str, float]]:
 
 def _words(
     d: Diagnosis, verdict: str, findings: tuple[Finding, ...], changed: list[Value], fit: tuple[Fit, ...],
-    noisy: bool, left: list[tuple[str, str]],
+    noisy: bool, left: list[str],
 ) -> str:  # fmt: skip
     words = []
     if verdict == "consistent":
@@ -358,7 +351,7 @@ def _words(
                     f"{d.there.low:.2f} to {d.there.high:.2f}); the rest is something else."
                 )
         if left or noisy:
-            why = "; ".join(why for _, why in left) or "the residual is still more than noise"
+            why = "; ".join(left) or "the residual is still more than noise"
             words.append(f"It is incomplete: {why}.")
         if d.transferred is not None and d.transferred.fails:
             words.append(

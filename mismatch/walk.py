@@ -160,8 +160,8 @@ def examine(
                 proved = plainest_that_predicts(before, best, fitted, shown, held_before, held_after, held, own)
                 if proved is best:
                     break
-            share = gain(held_before, held_after, best.problem.whitener.variance())
-            there = borne_out(held_before, held_after, best.problem.whitener.variance())
+            variance = best.problem.whitener.variance()
+            share, there = gain(held_before, held_after, variance), borne_out(held_before, held_after, variance)
             if len(best.names) > LARGEST_PLAIN:
                 transferred = transfer(best, held_after, held, own)
         refused = refusal(share, there) if guards.held_out_gate else ""
