@@ -72,10 +72,12 @@ def _fit(fits: Sequence[Fit]) -> Listing:
     )  # fmt: skip
     return Listing(
         "fit", "Fit per channel",
-        ("channel", "recordings", "error before", "error after", "noise", "unit", "error reduced by, 90 % interval"),
+        ("channel", "recordings", "error before", "error after", "where it learnt", "unit",
+         "error reduced by, 90 % interval"),
         ("recordings", "unit"), rows,
         ("Error: root mean square of measured minus simulated, open loop. Before: the calibrated simulator, so the "
-         "reduction is what was found, not the parameters. Noise: the least error that any model could have.",),
+         "reduction is what was found, not the parameters. Where it learnt: the error after there, "
+         "which is the sensor's noise if nothing is missing any more.",),
         "No output was measured.",
     )  # fmt: skip
 

@@ -84,7 +84,7 @@ def _handles(both: bool) -> list[Line2D | Patch]:
     ]
     if both:
         handles.append(Line2D([], [], label="simulator after", **AFTER))
-    return [*handles, Patch(color=MUTED, alpha=0.25, linewidth=0, label="noise, ±2 sd")]
+    return [*handles, Patch(color=MUTED, alpha=0.25, linewidth=0, label="error where it learnt, ±2 rms")]
 
 
 def time_unit(duration_s: float) -> tuple[float, str]:
