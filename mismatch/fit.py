@@ -21,8 +21,9 @@ ENOUGH = 0.05
 """A fit is done when a step gains less than this, in units of twice the log-likelihood."""
 NEARLY = 0.01
 """Share of the cost that a round of a fit which need only be near must gain to be followed by another."""
-HALVINGS = 4
-"""Times that a step which does not help is shortened before it is damped."""
+LEAST_DAMPING, FIRST_DAMPING, TRIES, AGREES = 1e-6, 1e-4, 6, 0.25
+"""Damping of a step, the one tried first where none is not enough, how often it is raised tenfold, and the share of
+the promised fall in cost at which a step is good enough."""
 LITTLE = 0.1
 """Share of the cost by which a fit may fall and still be where it was, more or less."""
 STEP = 0.02
@@ -263,7 +264,7 @@ def solve(
     problem: Problem, z: Array, rounds: int = 8, chords: int = 2, known: Sequence[Array] | None = None,
     share: float = 0.0,
 ) -> tuple[Array, float]:  # fmt: skip
-    """Gauss-Newton with step halving; each Jacobian serves a few steps.
+    """Damped Gauss-Newton; each Jacobian serves a few steps.
 
     Args:
         share: a round that gains less than this of the cost is the last, for a fit that need only be near.
@@ -276,7 +277,7 @@ def solve(
     scale = np.array([u.scale for u in problem.unknowns])
     z = np.clip(z, low, high)
     cost = problem.cost(z)
-    damping = 1e-6
+    damping = LEAST_DAMPING
     whitened, near = known, False
     for k in range(rounds):
         exact = not near and (k > 0 or known is None)
@@ -284,15 +285,11 @@ def solve(
             whitened = problem.whitened(z, problem.residuals(z), whitened if near else None)
         G, b, whitened = problem.normal(z, problem.residuals(z), whitened)
         before = cost
-        for chord in range(chords + 1):
+        for _ in range(chords + 1):
             last = cost
-            z, cost, moved = _step(problem, z, cost, G, b, low, high, scale, damping)
-            while not moved and chord == 0 and damping < 1.0:
-                damping = 100.0 * max(damping, 1e-4)
-                z, cost, moved = _step(problem, z, cost, G, b, low, high, scale, damping)
-            if not moved or last - cost < ENOUGH:
+            z, cost, damping = _step(problem, z, cost, G, b, low, high, scale, damping)
+            if last - cost < ENOUGH:
                 break
-            damping = max(damping / 10.0, 1e-9)
             b = _right_side(problem, z, whitened)
         if (exact and before - cost < ENOUGH) or before - cost < share * before:
             break
@@ -312,22 +309,32 @@ def _right_side(problem: Problem, z: Array, whitened: Sequence[Array]) -> Array:
 
 def _step(
     problem: Problem, z: Array, cost: float, G: Array, b: Array, low: Array, high: Array, scale: Array, damping: float
-) -> tuple[Array, float, bool]:
-    """One damped step within the bounds, halved until the cost falls."""
+) -> tuple[Array, float, float]:
+    """One step within the bounds, damped until the cost falls as it should (Levenberg and Marquardt).
+
+    Returns:
+        Where it ends, z itself if nothing helped, the cost there, and the damping for the next step.
+    """
     free = ~(((z <= low) & (b < 0)) | ((z >= high) & (b > 0)))
     if not free.any():
-        return z, cost, False
-    A = G[np.ix_(free, free)] + damping * np.diag(np.maximum(np.diag(G)[free], 1e-12 / scale[free] ** 2))
-    step = np.zeros_like(z)
-    try:
-        step[free] = np.linalg.solve(A, b[free])
-    except np.linalg.LinAlgError:
-        step[free] = np.linalg.lstsq(A, b[free], rcond=None)[0]
-    share = 1.0
-    for _ in range(HALVINGS):
-        candidate = np.clip(z + share * step, low, high)
+        return z, cost, damping
+    best, lowest, mild = z, cost, damping
+    for _ in range(TRIES):
+        A = G[np.ix_(free, free)] + damping * np.diag(np.maximum(np.diag(G)[free], 1e-12 / scale[free] ** 2))
+        step = np.zeros_like(z)
+        try:
+            step[free] = np.linalg.solve(A, b[free])
+        except np.linalg.LinAlgError:
+            step[free] = np.linalg.lstsq(A, b[free], rcond=None)[0]
+        candidate = np.clip(z + step, low, high)
+        step = candidate - z
         found = problem.cost(candidate)
-        if found < cost - 1e-9:
-            return candidate, found, True
-        share *= 0.4
-    return z, cost, False
+        agrees = (cost - found) / max(float(2.0 * b @ step - step @ G @ step), 1e-12)
+        if agrees > AGREES:
+            return candidate, found, max(damping / 10.0, LEAST_DAMPING) if agrees > 1.0 - AGREES else damping
+        if lowest < cost and not found < lowest - 1e-9:
+            break
+        if found < lowest - 1e-9:
+            best, lowest, mild = candidate, found, damping
+        damping = 10.0 * max(damping, FIRST_DAMPING)
+    return best, lowest, mild if lowest < cost else damping

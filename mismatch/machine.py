@@ -23,9 +23,11 @@ from physics.compose import compose
 from physics.simulator import Array, Mechanism, Simulator, Variable
 
 HALVINGS = 7
-PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7)
+PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)
 """How a run by blocks may be made, the cheapest first that does: parts of a block that each have an input of their
 own, integration steps of each part, and stages of the stabilised integrator or none for Runge-Kutta's."""
+MARGIN = 1.4
+"""Times so many stages: a fit moves time constants, and beyond its limit the integrator ends in states of its own."""
 BLOCKED = 0.02
 """Share of a signal that a run by blocks may miss."""
 _DIVERGED = 1e9  # in scales of a state: whatever runs there is no machine any more
@@ -165,7 +167,7 @@ class Machine:
 
     def grid(self, track: Track) -> Grid:
         """What a run by blocks goes through: the blocks, or as many parts of each as it takes."""
-        return track.coarse if self.parts == 1 else track.split(self.parts)
+        return track.split(self.parts)
 
     def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf) -> Array:
         """What faulty sensors make of clean readings (N, ny) or block means (B, ny)."""
@@ -212,8 +214,7 @@ class Machine:
             self.scheme = legendre(stages) if stages else RUNGE_KUTTA
             missed = self.run(track, self.theta, x0, blocks=True) - means
             if np.isfinite(missed[np.isfinite(means)]).all() and (_rms(missed) < enough).all():
-                # A fit moves time constants: a stage more keeps the steps well within what is stable.
-                self.scheme = legendre(stages + 1) if stages else RUNGE_KUTTA
+                self.scheme = legendre(round(MARGIN * stages)) if stages else RUNGE_KUTTA
                 return remark
         self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), self.step_s, RUNGE_KUTTA
         return remark

@@ -19,8 +19,8 @@ from physics.simulator import Array
 RESAMPLES = 500
 CHORDS = 8
 """Steps with columns from nearby."""
-AFRESH = 4
-"""Rounds, but for the first with columns of their own."""
+AFRESH, DRIFTING = 4, 2
+"""Rounds, but for the first with columns of their own, and those before them where something drifts."""
 NOTHING = 0.02
 """Share of the removable error that makes no difference."""
 PIECES = 8
@@ -80,15 +80,15 @@ def held_out(
         # One recording at a time: they share nothing that is free.
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
         alone = Problem(problem.machine, [tracks[r]], mine, problem.whitener, theta=theta)
-        if near is None:
-            best, _ = solve(alone, alone.z0, 10)
+        # What drifts has gone far out of its way for another model: it is found from the beginning.
+        drifting = any(u.kind == "drift" for u in mine)
+        if near is None or drifting:
+            best, _ = solve(alone, alone.z0, DRIFTING if drifting else 10, chords=CHORDS)
             (columns,) = alone.columns(best, alone.residuals(best))
         else:
             best, columns = near.own[r], near.columns[r]
         alone = alone.refined(best)
-        # Columns of drifts, which are many, serve any model; those of start states only a similar one.
-        rounds = 1 if any(u.kind == "drift" for u in mine) else AFRESH
-        best, _ = solve(alone, best, rounds, chords=CHORDS, known=[alone.whitener(columns)])
+        best, _ = solve(alone, best, 1 if drifting else AFRESH, chords=CHORDS, known=[alone.whitener(columns)])
         return alone.residual(0, best), alone.squares(0, best), best, columns
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])

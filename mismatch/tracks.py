@@ -23,6 +23,8 @@ MOST_BLOCKS, SHORTER = 20_000, 0.8
 """Blocks of a recording at most, and the factor by which they are made shorter."""
 DOUBT = 1.2
 """The noise's variance may be so many times what neighbours say it is."""
+BEGIN = 5
+"""Blocks at the start that are stepped through sample by sample."""
 SEEN = 0.6
 """Share of a block's readings that must be there."""
 _HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
@@ -85,15 +87,16 @@ class Track:
         return self.grid(self.u, self.starts)
 
     def split(self, parts: int) -> Grid:
-        """Blocks in so many parts each, or sample by sample where they hold fewer."""
+        """Blocks in so many parts each, or sample by sample where they hold fewer, and at the start."""
         if parts not in self._splits:
             self._splits[parts] = self.grid(self.u, self.split_starts(parts))
         return self._splits[parts]
 
     def split_starts(self, parts: int) -> np.ndarray:
-        """First samples of the parts of blocks."""
+        """First samples of the parts of blocks; what a start state lets loose dies away faster than blocks show."""
         counts = self.coarse.samples
-        return np.unique(np.concatenate([self.starts + k * counts // parts for k in range(parts)]))
+        begin = np.arange(counts[:BEGIN].sum())
+        return np.unique(np.concatenate([begin, *(self.starts + k * counts // parts for k in range(parts))]))
 
     def joined(self, values: Array, grid: Grid) -> Array:
         """Means (B, n) over blocks of what holds over the parts (P, n) that they were split in."""

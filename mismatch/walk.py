@@ -29,7 +29,7 @@ from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
 from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import LARGEST_PLAIN, Beside, by_chance, contended, plainest_that_predicts, refusal
+from mismatch.weigh import Beside, by_chance, contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
@@ -162,7 +162,7 @@ def examine(
                     break
             variance = best.problem.whitener.variance()
             share, there = gain(held_before, held_after, variance), borne_out(held_before, held_after, variance)
-            if len(best.names) > LARGEST_PLAIN:
+            if len(best.names) >= MANY:
                 transferred = transfer(best, held_after, held, own)
         refused = refusal(share, there) if guards.held_out_gate else ""
         if by_chance(best, before, threshold, refused, share):
@@ -308,11 +308,13 @@ def _search(
         problem = rewhitened(best.problem, best.z, floor, order, problem)
         best = _again(problem, best, ON_THE_WAY)
         problem = dataclasses.replace(problem, offsets=best.problem.offsets)
-        if len(best.names) >= MANY and not problem.since:
+        if len(best.names) >= MANY:
             break
-    if len(best.names) >= MANY and not problem.since and not finalists:
-        problem = dataclasses.replace(problem, whitener=best.problem.whitener)
+    if len(best.names) >= MANY and not finalists:
+        # Whatever seems to begin in mid-recording then is another effect that has not been thought of.
+        problem = dataclasses.replace(problem, whitener=best.problem.whitener, since=())
         best = from_everything(best, problem, choices, 0.3 * floor)
+        problem = dataclasses.replace(problem, since=best.problem.since)
     problem = rewhitened(best.problem, best.z, 0.3 * floor, order, problem)
     if problem.since:
         problem = dataclasses.replace(problem, since=settled_onsets(best.problem, best.z).since)

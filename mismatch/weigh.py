@@ -12,6 +12,7 @@ import numpy as np
 
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
+from mismatch.many import MANY
 from mismatch.picture import Picture
 from mismatch.proof import NOTHING, BorneOut, Gain, Held, clearly_worse, held_out, lost
 from mismatch.rivals import NEAR, fresh_rounds
@@ -21,10 +22,9 @@ from mismatch.tracks import Track
 FORM, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
 plainer explanations within that are weighed."""
-LIKELY = 6
-"""Explanations of each number of effects that are held against the best on held-out recordings."""
-LARGEST_PLAIN = 5
-"""Effects that an explanation may have and still be a plain one."""
+LIKELY, FAR = 6, 100.0
+"""Explanations of each number of effects that are held against the best on held-out recordings; of many effects, if
+they are no more units behind it."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
 error, in noise variances, that there must be."""
@@ -45,16 +45,19 @@ def contended(
     other is wrong. Those of gross errors only the held-out recordings weigh.
     """
     beside = Beside(best, held_best, held, own)
-    ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < before.cost), key=lambda e: e.score(PENALTY))
+    # Of many effects several sets predict alike, but for how far the forms of drifts suit each.
+    many = len(best.names) >= MANY
+    most = min(before.cost, best.score(PENALTY) + FAR) if many else before.cost
+    ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < most), key=lambda e: e.score(PENALTY))
     sizes: dict[int, dict[tuple[str, ...], Explanation]] = {}
     for e in ranked:
         sizes.setdefault(len(e.names), {}).setdefault(e.names, e)
     likely = [e for same in sizes.values() for e in list(same.values())[:LIKELY]]
     total = {e.names: (e.score(PENALTY) + beside.behind(e), e) for e in likely}
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
-    if least < best.score(PENALTY) - NEAR:
-        best, held_best = first, beside.held(first)
     variance = best.problem.whitener.variance()
+    if least < best.score(PENALTY) - NEAR and not (many and not clearly_worse(held_best, beside.held(first), variance)):
+        best, held_best = first, beside.held(first)
     for e in finalists:
         if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
             best, held_best = e, found
@@ -90,10 +93,12 @@ def plainest_that_predicts(
         return lost(found, held_best, held_before, variance)
 
     while len(chosen) > 1:
-        without = {i: subset([j for j in chosen if j != i]) for i in chosen}
-        if sum(missed(found) > NOTHING for _, found in without.values()) > LARGEST_PLAIN:
-            # Where nothing plain will do, what is small is not what the form of something large lacks.
-            return best
+        without: dict[int, tuple[Explanation, Held]] = {}
+        for i in sorted(chosen, key=lambda i: shown.gain([j for j in chosen if j != i])):
+            without[i] = subset([j for j in chosen if j != i])
+            if sum(missed(found) > NOTHING for _, found in without.values()) >= MANY:
+                # Where nothing plain will do, what is small is not what the form of something large lacks.
+                return best
         idle = [i for i in chosen if missed(without[i][1]) < FORM]
         if not idle:
             break
@@ -103,6 +108,8 @@ def plainest_that_predicts(
             least = min(idle, key=lambda i: missed(without[i][1]))
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
+    if len(now.names) >= MANY:
+        return best
     nearly = now.cost + FORM * (before.cost - now.cost)
     plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
     for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
