@@ -27,7 +27,7 @@ class NominalEKFMended(ModelEKF):
     name = "nominal_ekf_mended"
     says = "the nominal EKF after the mismatch engine has mended its model"
     settings: ClassVar[dict[str, Any]] = {
-        **NominalEKF.settings, "recordings": 4, "hold_out": 2, "recording_minutes": 25.0,
+        **NominalEKF.settings, "recordings": 6, "hold_out": 2, "recording_minutes": 25.0,
     }  # fmt: skip
     contract_settings: ClassVar[dict[str, Any]] = {"recordings": 1, "hold_out": 1, "recording_minutes": 1.0}
 
