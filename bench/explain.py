@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from bench.store import check_writable, write_text
-from mismatch.model import load_catalogue, load_simulator, model_toml, whole_catalogue
+from mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
 from mismatch.recordings import check_excited, check_measured, read
 
 if TYPE_CHECKING:
@@ -32,7 +32,8 @@ def explain(
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
     """
-    simulator = load_simulator(spec)
+    given = load_model(spec)
+    simulator = given.simulator
     own = load_catalogue(catalogue, simulator) if catalogue else ()
     recordings = read([*paths, *hold_out], simulator, mapping)
     fitted, held_out = recordings[: len(paths)], recordings[len(paths) :]
@@ -45,7 +46,9 @@ def explain(
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
     whole = whole_catalogue(simulator, own, period_s)
     with _folder(out), _progress() as progress:
-        verdict = diagnose(simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress)
+        verdict = diagnose(
+            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress, faults=given.faults
+        )
         model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue)
         write(verdict, out)
         write_text(out / "model.toml", model)

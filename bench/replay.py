@@ -46,15 +46,12 @@ def replay(spec: str, paths: Sequence[Path], out: Path, mapping: Sequence[str], 
 
 def _run(model: Model, tracks: Sequence[Track]) -> list[pd.DataFrame]:
     simulator = model.simulator
-    machine = Machine(simulator, model.faults)
-    theta = machine.theta.copy()
-    for fault in machine.candidates:
-        theta[list(fault.at)] = fault.typical
+    machine = Machine(simulator, (), model.faults)
     with as_bad_input():
         machine.settle_step(tracks, _ACCURACY * np.array([v.scale for v in simulator.outputs]))
     tables = []
     for track in tracks:
-        y = machine.run(track, theta, machine.start(track))
+        y = machine.run(track, machine.theta, machine.start(track))
         wrong = ~np.isfinite(y).all(axis=1)
         if wrong.any():
             raise BadInput(

@@ -25,6 +25,7 @@ def diagnose(
     catalogue: Sequence[Mechanism] | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     guards: Guards = Guards(),
+    faults: Sequence[Mechanism] = (),
 ) -> Verdict:
     """Where a simulator and recordings of its machine disagree, and what was left out.
 
@@ -34,8 +35,9 @@ def diagnose(
         catalogue: what may be missing; everything that we know of if left out.
         progress: told the stage's name and the share of it that is done.
         guards: what keeps it from naming what is not there; all, but in an ablation.
+        faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
 
     Raises:
         BadInput: recordings too short, a simulator that diverges.
     """
-    return conclude(examine(simulator, recordings, hold_out, catalogue, progress, guards))
+    return conclude(examine(simulator, recordings, hold_out, catalogue, progress, guards, faults))

@@ -8,7 +8,7 @@ runs of this machine.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -63,9 +63,10 @@ class Machine:
 
     The parameter vector ``theta`` holds the simulator's own parameters, then one per force, then those
     of term mechanisms, then those of faults (series). Mechanisms' clocks show time since ``epoch_s``.
+    ``known`` faults of sensors and inputs are there for good, at their nominal sizes.
     """
 
-    def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism]) -> None:
+    def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Mechanism] = ()) -> None:
         terms = [m for m in catalogue if m.term is not None]
         self.simulator = simulator
         self.ports = _ports(simulator)
@@ -79,6 +80,7 @@ class Machine:
         at = n_own + n_forces
         self.candidates: list[Candidate] = []
         self._faults: list[tuple[Candidate, str, int]] = []
+        self._known = [(np.array([v.nominal for v in m.parameters]), m, *_channel(simulator, m)) for m in known]
         extra: list[float] = []
         for mechanism in catalogue:
             nominal = np.array([v.nominal for v in mechanism.parameters])
@@ -99,9 +101,7 @@ class Machine:
             candidate = Candidate(mechanism, positions, null, nominal)
             self.candidates.append(candidate)
             if mechanism.series is not None:
-                kind, _, name = mechanism.port.partition(":")
-                group = simulator.inputs if kind == "input" else simulator.outputs
-                self._faults.append((candidate, kind, [v.name for v in group].index(name)))
+                self._faults.append((candidate, *_channel(simulator, mechanism)))
         self.theta = np.concatenate((theta, extra))
         self.states = self.whole.states
         self._n_ode = len(theta)
@@ -141,9 +141,8 @@ class Machine:
         grid = self.grid(track) if blocks else track.fine
         late = track.time_s < since_s
         u = track.u
-        for candidate, kind, column in self._faults:
-            if kind == "input" and theta[candidate.at[0]] != candidate.null[0]:
-                u = _with_fault(candidate, track.time_s, u, column, theta, late)
+        for mechanism, sizes, column, not_there in self._there("input", theta, late):
+            u = _with_fault(mechanism, track.time_s, u, column, sizes, not_there)
         if u is not track.u:
             grid = track.grid(u, track.split_starts(self.parts) if blocks else np.arange(len(u)))
         if varying is None or values is None:
@@ -153,8 +152,8 @@ class Machine:
             absent = np.add.reduceat(late, track.split_starts(self.parts)) / grid.samples if blocks else late
             there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
             varying = np.concatenate((varying, np.array([c.at[0] for c in there], dtype=np.int64)))
-            sizes = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
-            values = np.concatenate((values, np.reshape(sizes, (len(there), len(grid.u))).T), axis=1)
+            partly = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
+            values = np.concatenate((values, np.reshape(partly, (len(there), len(grid.u))).T), axis=1)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
         loop = march if self._equations.native else march.py_func
@@ -172,16 +171,24 @@ class Machine:
     def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf) -> Array:
         """What faulty sensors make of clean readings (N, ny) or block means (B, ny)."""
         late = track.time_s < since_s
-        for candidate, kind, column in self._faults:
-            if kind == "output" and theta[candidate.at[0]] != candidate.null[0]:
-                if len(y) == len(late):
-                    y = _with_fault(candidate, track.time_s, y, column, theta, late)
-                    continue
-                samples = np.interp(track.time_s, track.coarse.time_s, y[:, column])[:, None]
-                change = _with_fault(candidate, track.time_s, samples, 0, theta, late) - samples
-                y = y.copy()
-                y[:, column] += np.add.reduceat(change[:, 0], track.starts) / track.coarse.samples
+        for mechanism, sizes, column, not_there in self._there("output", theta, late):
+            if len(y) == len(late):
+                y = _with_fault(mechanism, track.time_s, y, column, sizes, not_there)
+                continue
+            samples = np.interp(track.time_s, track.coarse.time_s, y[:, column])[:, None]
+            change = _with_fault(mechanism, track.time_s, samples, 0, sizes, not_there) - samples
+            y = y.copy()
+            y[:, column] += np.add.reduceat(change[:, 0], track.starts) / track.coarse.samples
         return y
+
+    def _there(self, where: str, theta: Array, late: np.ndarray) -> Iterator[tuple[Mechanism, Array, int, np.ndarray]]:
+        """Faults at inputs or outputs: mechanism, its parameters, the channel's column, and when it is not there."""
+        for sizes, mechanism, kind, column in self._known:
+            if kind == where:
+                yield mechanism, sizes, column, np.zeros_like(late)
+        for candidate, kind, column in self._faults:
+            if kind == where and theta[candidate.at[0]] != candidate.null[0]:
+                yield candidate.mechanism, theta[list(candidate.at)], column, late
 
     def settle_step(self, tracks: Sequence[Track], noise: Array) -> str:
         """Halve the integration steps until the readings no longer move by a share of the noise (ny,), rms.
@@ -249,13 +256,20 @@ def _evaluations(plan: tuple[int, int, int]) -> int:
     return parts * steps * (stages or 4)
 
 
+def _channel(simulator: Simulator, fault: Mechanism) -> tuple[str, int]:
+    """Whether a fault is at an input or an output, and at which."""
+    kind, _, name = fault.port.partition(":")
+    group = simulator.inputs if kind == "input" else simulator.outputs
+    return kind, [v.name for v in group].index(name)
+
+
 def _with_fault(
-    candidate: Candidate, time_s: Array, values: Array, column: int, theta: Array, late: np.ndarray
+    fault: Mechanism, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray
 ) -> Array:
-    assert candidate.mechanism.series is not None
+    assert fault.series is not None
     changed = values.copy()
-    faulty = candidate.mechanism.series(time_s, values[:, column].copy(), theta[list(candidate.at)])
-    changed[:, column] = np.where(late, values[:, column], faulty)
+    faulty = fault.series(time_s, values[:, column].copy(), sizes)
+    changed[:, column] = np.where(not_there, values[:, column], faulty)
     return changed
 
 

@@ -97,14 +97,16 @@ def examine(
     catalogue: Sequence[Mechanism] | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     guards: Guards = Guards(),
+    faults: Sequence[Mechanism] = (),
 ) -> Diagnosis:
     """The stages one after the other; ``mismatch.diagnose`` says what it takes."""
     progress("audit", 0.0)
     recordings, hold_out = _split(recordings, hold_out)
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in recordings])))
     listed = whole_catalogue(simulator, (), period_s) if catalogue is None else tuple(catalogue)
+    known = {m.name for m in faults}
     listed = tuple(m for m in listed if not (_is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
-    machine = Machine(simulator, listed)
+    machine = Machine(simulator, [m for m in listed if m.name not in known], faults)
     tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
     machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
     for track in (*tracks, *held):

@@ -130,10 +130,18 @@ def test_simulate_runs_a_simulator_over_recorded_inputs(workplace: Path, capsys:
     assert np.allclose(simulated["T_out"], exact, atol=1e-3)
 
 
+BIASED = 'base = "lag.py"\n[[mechanisms]]\nname = "sensor_bias@T_out"\nfrom = "faults"\n[values]\nbias_T_out = 5.0\n'
+
+
+def test_mismatch_goes_on_from_the_faults_that_a_mended_model_holds(workplace: Path, engine: dict[str, Any]) -> None:
+    Path("model.toml").write_text(BIASED)
+    assert twinbench("mismatch", "model.toml", "day.csv", "--out", "again") == 0
+    (fault,) = engine["faults"]
+    assert (fault.name, fault.parameters[0].nominal) == ("sensor_bias@T_out", 5.0)
+
+
 def test_simulate_takes_a_mended_model_with_the_faults_of_its_sensors(workplace: Path) -> None:
-    Path("model.toml").write_text(
-        'base = "lag.py"\n[[mechanisms]]\nname = "sensor_bias@T_out"\nfrom = "faults"\n[values]\nbias_T_out = 5.0\n'
-    )
+    Path("model.toml").write_text(BIASED)
     common = ("--inputs", "inputs.csv", "--format", "parquet", "--out")
     assert twinbench("simulate", "--simulator", "model.toml", *common, "mended") == 0
     assert twinbench("simulate", "--simulator", "lag.py", *common, "plain") == 0

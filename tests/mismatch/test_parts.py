@@ -10,6 +10,8 @@ from motor import MOTOR
 from motor_case import record
 from scipy.signal import lfilter
 
+from data.recording import Recording
+from mismatch.faults import faults
 from mismatch.fit import Problem, Unknown, solve
 from mismatch.machine import Machine
 from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
@@ -18,6 +20,7 @@ from mismatch.picture import RARE, Picture, Variant
 from mismatch.search import PENALTY, best_sets, local_search, wander
 from mismatch.tracks import despiked, held, prepare
 from physics.integrate import simulate
+from physics.nominal import NOMINAL
 
 
 @pytest.fixture(scope="module")
@@ -202,3 +205,33 @@ def test_a_size_beyond_its_bounds_explains_nothing():
     shown = pictured(C, np.full(50, -2.0))
     assert shown.gain((0,)) == pytest.approx(200.0, rel=1e-6)
     assert replace(shown, low=np.zeros(1)).gain((0,)) == -np.inf
+
+
+def test_a_known_fault_is_there_without_being_asked_for(track):
+    offered = {m.name: m for m in faults(MOTOR)}
+    bias, slow = offered["sensor_bias@speed_rad_s"], offered["input_lag@voltage_V"]
+    machine, asked = Machine(MOTOR, (), (bias, slow)), Machine(MOTOR, (bias, slow))
+    theta = asked.theta.copy()
+    for candidate in asked.candidates:
+        theta[list(candidate.at)] = candidate.typical
+    x0 = machine.start(track)
+    for blocks in (False, True):
+        expected = asked.run(track, theta, x0, blocks=blocks)
+        np.testing.assert_array_equal(machine.run(track, machine.theta, x0, blocks=blocks), expected)
+        assert np.abs(expected - asked.run(track, asked.theta, x0, blocks=blocks)).max() > 0.0
+
+
+def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample():
+    seconds = np.arange(0.0, 60.0, 0.05)
+    values = np.tile([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12], (len(seconds), 1))
+    values[:, 4:] *= 1.0 + 0.01 * np.sin(seconds / 10.0)[:, None]  # slow enough for blocks
+    channels = tuple(v.name for v in (*NOMINAL.inputs, *NOMINAL.outputs))
+    track = prepare([Recording("run", seconds, channels, values)], NOMINAL, blocks=67)[0]
+    machine = Machine(NOMINAL, ())
+    machine.settle_step([track], np.array([0.01, 0.5, 0.001]))
+    x0 = machine.start(track)
+    x0[0] += 0.2
+    fine = track.block_means(machine.run(track, machine.theta, x0))
+    coarse = machine.run(track, machine.theta, x0, blocks=True)
+    assert track.coarse.samples[0] == 18
+    assert (np.abs(coarse - fine) < np.array([0.01, 0.5, 0.001])).all()
