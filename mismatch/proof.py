@@ -51,6 +51,12 @@ class Gain(NamedTuple):
     high: float
     excess: float  # excess of the model before, in noise variances
 
+    @property
+    def says(self) -> str:
+        """In words; what falls below the noise it was thought to have is all of the excess, and no more."""
+        share, low, high = (100.0 * min(v, 1.0) for v in (self.share, self.low, self.high))
+        return f"{share:.0f} % of the excess error (90 % interval {low:.0f} to {high:.0f})"
+
 
 class BorneOut(NamedTuple):
     """Fall of the held-out error over what the fall should be, 1 where all is there that was added; 90 % interval."""

@@ -52,7 +52,7 @@ def read(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = (
             if np.isnan(values).all():
                 raise BadInput(f"{path}: input {variable.name} is empty; fill it in, the simulator cannot do without")
         if any(r.name == recording.name for r in recordings):
-            raise BadInput(f"two recordings are named {recording.name}; rename one")
+            raise BadInput(f"two recordings are named {recording.name}; rename one, or give it once only")
         recordings.append(recording)
     return recordings
 

@@ -341,10 +341,7 @@ def _words(
             much = f"{share:.0f} %" if share >= 1.5 else "no more than 1 %"
             words.append(f"The best sensor or input fault alone explains {much} of it.")
         if d.share is not None:
-            words.append(
-                f"On recordings held back it removes {100 * d.share.share:.0f} % of the excess error "
-                f"(90 % interval {100 * d.share.low:.0f} to {100 * d.share.high:.0f})."
-            )
+            words.append(f"On recordings held back it removes {d.share.says}.")
             if d.there is not None and d.share.share < LEAST_SHARE:
                 words.append(
                     f"What it adds to the outputs is in them ({d.there.ratio:.2f} of it, 90 % interval "

@@ -171,7 +171,7 @@ def examine(
             best, held_after, share, there, transferred, refused = None, None, None, None, None, ""
         else:
             also = () if held_after is None else (Beside(best, held_after, held, own).behind,)
-            others = rivals(before, best, fitted, *also)
+            others = rivals(before, best, [*fitted, *finalists], *also)
     progress("prove", 1.0)
     chosen = best if best is not None and not refused else None
     return Diagnosis(

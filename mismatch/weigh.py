@@ -161,10 +161,7 @@ def refusal(share: Gain | None, there: BorneOut | None) -> str:
         return f"held-out errors of the calibrated model exceed the noise by {100 * max(share.excess, 0.0):.2g} % only"
     doubt = min(UNSURE / max(share.excess, UNSURE), MOST_DOUBT)
     if share.share < LEAST_SHARE - doubt or share.low < LEAST_LOW - doubt:
-        return (
-            f"on held-out recordings it removes {100 * share.share:.0f} % of the excess error "
-            f"(90 % interval {100 * share.low:.0f} to {100 * share.high:.0f})"
-        )
+        return f"on held-out recordings it removes {share.says}"
     return ""
 
 

@@ -17,6 +17,7 @@ from mismatch.machine import Machine
 from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from mismatch.onset import first_onset
 from mismatch.picture import RARE, Picture, Variant
+from mismatch.proof import Gain
 from mismatch.search import PENALTY, best_sets, local_search, wander
 from mismatch.tracks import despiked, held, prepare
 from physics.integrate import simulate
@@ -235,3 +236,8 @@ def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample
     coarse = machine.run(track, machine.theta, x0, blocks=True)
     assert track.coarse.samples[0] == 18
     assert (np.abs(coarse - fine) < np.array([0.01, 0.5, 0.001])).all()
+
+
+def test_no_more_than_all_is_removed():
+    assert Gain(0.934, 0.9, 0.96, 1.0).says == "93 % of the excess error (90 % interval 90 to 96)"
+    assert Gain(9.0, -0.5, 9.0, 0.001).says == "100 % of the excess error (90 % interval -50 to 100)"
