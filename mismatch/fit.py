@@ -21,9 +21,10 @@ ENOUGH = 0.05
 """A fit is done when a step gains less than this, in units of twice the log-likelihood."""
 NEARLY = 0.01
 """Share of the cost that a round of a fit which need only be near must gain to be followed by another."""
-LEAST_DAMPING, FIRST_DAMPING, TRIES, AGREES = 1e-6, 1e-4, 6, 0.25
-"""Damping of a step, the one tried first where none is not enough, how often it is raised tenfold, and the share of
-the promised fall in cost at which a step is good enough."""
+LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-4, 100.0
+"""Damping of a step: none to speak of, what is tried first where that is not enough, and the most."""
+TRIES, AGREES = 6, 0.25
+"""How often damping is raised tenfold, and the share of the promised fall in cost at which a step is good enough."""
 LITTLE = 0.1
 """Share of the cost by which a fit may fall and still be where it was, more or less."""
 STEP = 0.02
@@ -336,5 +337,5 @@ def _step(
             break
         if found < lowest - 1e-9:
             best, lowest, mild = candidate, found, damping
-        damping = 10.0 * max(damping, FIRST_DAMPING)
+        damping = min(10.0 * max(damping, FIRST_DAMPING), MOST_DAMPING)
     return best, lowest, mild if lowest < cost else damping

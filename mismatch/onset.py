@@ -15,7 +15,8 @@ KNOTS = 20
 TRIED = 3
 """Candidates that look best from the beginning on, and are tried for a later start."""
 ONSET_GAIN = 25.0
-"""Units that a later start must gain over an effect that was there from the beginning."""
+"""Units that a later start must gain over an effect that was there from the beginning; and in each recording that it
+lies in, over one that is there all the time or never."""
 ONSET_SHARE = 0.05
 """And the share of the gain that it must add."""
 LEAST_TIME = 0.1
@@ -80,7 +81,11 @@ def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -
     for _ in range(3):
         for r in range(len(best)):
             rest = best[:r], best[r + 1 :]
-            best[r] = float(max(_GRID, key=lambda share: gained([*rest[0], share, *rest[1]])))
+            shares = {share: gained([*rest[0], share, *rest[1]]) for share in _GRID.tolist()}
+            best[r] = max(shares, key=lambda share: shares[share])
+            whole = max((0.0, 1.0), key=lambda share: shares[share])
+            if shares[best[r]] - shares[whole] < ONSET_GAIN:
+                best[r] = whole
     return gained(best), best
 
 

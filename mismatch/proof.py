@@ -104,7 +104,7 @@ def held_out(
 
 def gain(before: Held, after: Held, variance: Array) -> Gain:
     """Share of the removable excess error removed, mean over channels in noise variances."""
-    b, a = _pieces(before, variance), _pieces(after, variance)
+    b, a = _pieces(before, after, variance)
     picks = resamples(len(b))
     shares = _share(b[picks].mean(axis=1), a[picks].mean(axis=1))
     low, high = np.quantile(shares, (0.05, 0.95))
@@ -116,7 +116,7 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
 
     What nobody models may be far larger than an effect; it hides the share that the effect has, but not this.
     """
-    pieces = list(zip(cut(before.residuals), cut(after.residuals), strict=True))
+    pieces = _paired(before, after)
     fallen_by = np.array([np.nansum((old**2 - new**2) / variance) for old, new in pieces])
     added_by = np.array([max(np.nansum((old - new) ** 2 / variance), 1e-9) for old, new in pieces])
     picks = resamples(len(pieces))
@@ -127,7 +127,8 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
 
 def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
     """Does a model predict the held-out recordings worse than another, beyond what their pieces differ by chance?"""
-    worse = _pieces(simple, variance) - _pieces(whole, variance)
+    with_simple, with_whole = _pieces(simple, whole, variance)
+    worse = with_simple - with_whole
     return bool(np.quantile(worse[resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
 
 
@@ -136,9 +137,17 @@ def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
     return gain(before, whole, variance).share - gain(before, simple, variance).share
 
 
-def _pieces(held: Held, variance: Array) -> Array:
-    """Mean squares, in noise variances, of pieces of the recordings."""
-    return np.array([np.nanmean(np.nanmean(piece**2, axis=0) / variance) for piece in cut(held.residuals)])
+def _pieces(one: Held, other: Held, variance: Array) -> tuple[Array, Array]:
+    """Mean squares, in noise variances, of pieces of the recordings under each of two models."""
+    pairs = _paired(one, other)
+    squares = np.array([[np.nanmean(np.nanmean(piece**2, axis=0) / variance) for piece in pair] for pair in pairs])
+    return squares[:, 0], squares[:, 1]
+
+
+def _paired(one: Held, other: Held) -> list[tuple[Array, Array]]:
+    """Residuals of two models in pieces, where there are readings and neither diverges."""
+    pairs = zip(_split(one.residuals), _split(other.residuals), strict=True)
+    return [(a, b) for a, b in pairs if np.isfinite(a).any() and np.isfinite(b).any()]
 
 
 def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
@@ -148,8 +157,11 @@ def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
 
 def cut(residuals: Sequence[Array]) -> list[Array]:
     """Residuals in pieces, where there are readings."""
-    pieces = [piece for residual in residuals for piece in np.array_split(residual, PIECES)]
-    return [piece for piece in pieces if np.isfinite(piece).any()]
+    return [piece for piece in _split(residuals) if np.isfinite(piece).any()]
+
+
+def _split(residuals: Sequence[Array]) -> list[Array]:
+    return [piece for residual in residuals for piece in np.array_split(residual, PIECES)]
 
 
 def resamples(n: int) -> np.ndarray:

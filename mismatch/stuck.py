@@ -22,7 +22,7 @@ PLAIN = 5.0
 """Noises (sd) that the simulator must say it moved by."""
 COMMON = 0.1
 """Share of its variance over all recordings that the simulator must say the channel had meanwhile."""
-BELOW = 0.1
+BELOW = 0.3
 """Share of the time that the simulator may be below a sensor that only does not go higher."""
 SHORTEST, _EDGES = 0.1, 61
 """Share of a recording that it must stand still; where that may begin and end, in one recording."""

@@ -20,7 +20,7 @@ SHARES = {
     "left_out": 0.08, "foreign": 0.05, "poor_excitation": 0.06, "onset": 0.06,
 }  # fmt: skip
 assert tuple(SHARES) == CELLS
-DEVELOPMENT_SEED, REPORTED_SEED = 1, 20_265
+DEVELOPMENT_SEED, REPORTED_SEED = 1, 20_266
 """The engine was made with the first; what is reported comes from the other."""
 
 
@@ -69,5 +69,6 @@ def _of(cell: str, machine: Machine, rng: np.random.Generator) -> list[tuple[tup
     if cell == "foreign":
         return [((e.name,), s) for e in machine.foreign for s in PLAIN]
     if cell == "poor_excitation":
-        return [((name,), 0.0) for name in names]
+        # What moves the machine by itself shows however little the machine is moved.
+        return [((name,), 0.0) for name in names if not name.startswith("periodic")]
     return [((name,), s) for name in names for s in PLAIN]  # left_out, onset

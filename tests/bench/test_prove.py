@@ -413,3 +413,9 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     assert "1 of 1 cases are there" in said.getvalue()
     manifest = json.loads((out / "manifest.json").read_text())
     assert (manifest["cases"], manifest["seed"]) == (1, 1)
+
+
+def test_what_moves_a_machine_by_itself_is_no_case_of_poor_excitation():
+    poor = [item for item in cases(700, 1) if item.cell == "poor_excitation"]
+    assert len(poor) > 30
+    assert not [item for item in poor if item.effects[0].startswith("periodic")]

@@ -100,6 +100,14 @@ def test_an_effect_that_begins_late_is_dated():
     assert finding.parameters[0].value == pytest.approx(1.2, rel=0.15)
 
 
+def test_before_it_begins_a_recording_lacks_it_to_its_end():
+    late = record("run 2", 2, lambda t, x, u: dry_friction(t, x, u) * (t > 70.0))
+    held_out = [record("held out", 9, dry_friction, reach=1.3)]
+    verdict = diagnose(MOTOR, [record("run 1", 1), late], held_out, CATALOGUE)
+    assert verdict.diagnosis.chosen.problem.since[0] == np.inf
+    assert verdict.findings[0].since_s == pytest.approx(70.0, abs=5.0)
+
+
 def test_what_a_few_seconds_lack_has_no_date():
     """Dry friction that is absent for a twelfth of the time only is there from the beginning."""
     fitted = [record(f"run {s}", s, lambda t, x, u: 6.0 * dry_friction(t, x, u) * (t > 10.0)) for s in (1, 2)]

@@ -37,6 +37,14 @@ def test_what_nobody_models_hides_the_share_of_an_effect_but_not_that_it_is_ther
     assert refusal(share, absent).startswith("on held-out recordings it removes")
 
 
+def test_where_a_model_diverges_the_rest_is_compared():
+    before = EFFECT + NOISE
+    before[:300] = np.nan
+    after = NOISE
+    assert borne_out(held(before), held(after), VARIANCE).ratio == pytest.approx(1.0, abs=0.05)
+    assert gain(held(before), held(after), VARIANCE).share == pytest.approx(1.0, abs=0.05)
+
+
 def test_little_is_not_plain():
     small = Gain(0.3, 0.2, 0.4, 0.5)
     assert refusal(small, BorneOut(1.0, 0.9, 1.1, 150.0))
