@@ -9,7 +9,7 @@ import numpy as np
 
 from mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
 from mismatch.fit import NEARLY, Problem, solve
-from mismatch.noise import ORDER
+from mismatch.noise import ORDER, Whitener
 from mismatch.picture import Picture, Variant, is_fault, picture
 from mismatch.search import LARGEST, PENALTY, local_search, wander
 from physics.simulator import Array
@@ -51,10 +51,16 @@ def from_everything(best: Explanation, problem: Problem, choices: Sequence[Varia
         at = refit(around, z, shown, chosen, rounds=3)
     else:
         at = _under_own_noise(at, floor)
-    known = replace(best.problem, whitener=at.problem.whitener)
-    z, cost = solve(known, best.z, 3)
-    best = replace(best, problem=known, z=z, cost=cost)
-    return min(best, at, key=lambda e: e.score(PENALTY))
+    # Under the noise of whichever leaves less: what is unexplained makes any explanation cheap.
+    whitener = min((best.problem.whitener, at.problem.whitener), key=lambda w: float(np.log(w.variance()).sum()))
+    return min((_under(whitener, best), _under(whitener, at)), key=lambda e: e.score(PENALTY))
+
+
+def _under(whitener: Whitener, explanation: Explanation) -> Explanation:
+    """Fitted again under a given noise."""
+    problem = replace(explanation.problem, whitener=whitener)
+    z, cost = solve(problem, explanation.z, 3)
+    return replace(explanation, problem=problem, z=z, cost=cost)
 
 
 def _under_own_noise(explanation: Explanation, floor: Array) -> Explanation:

@@ -21,7 +21,7 @@ ONSET_SHARE = 0.05
 """And the share of the gain that it must add."""
 LEAST_TIME = 0.1
 """Share of all the time that it must be absent from: what a few seconds lack is a start that is off."""
-_GRID = np.linspace(0.0, 1.0, 201)
+_GRID = np.linspace(0.0, 1.0, 201).tolist()
 
 
 def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...] | None:
@@ -77,15 +77,17 @@ def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -
         power = float(s @ G @ s)
         return float(s @ b) ** 2 / power if power > 1e-9 else 0.0
 
+    def moved(r: int, shares: Sequence[float]) -> list[float]:
+        return max(([*best[:r], float(share), *best[r + 1 :]] for share in shares), key=gained)
+
     best = [0.0] * len(problem.tracks)
     for _ in range(3):
         for r in range(len(best)):
-            rest = best[:r], best[r + 1 :]
-            shares = {share: gained([*rest[0], share, *rest[1]]) for share in _GRID.tolist()}
-            best[r] = max(shares, key=lambda share: shares[share])
-            whole = max((0.0, 1.0), key=lambda share: shares[share])
-            if shares[best[r]] - shares[whole] < ONSET_GAIN:
-                best[r] = whole
+            best = moved(r, _GRID)
+    for r in range(len(best)):
+        whole = moved(r, (0.0, 1.0))
+        if gained(best) - gained(whole) < ONSET_GAIN:
+            best = whole
     return gained(best), best
 
 
