@@ -319,23 +319,24 @@ def _step(
     free = ~(((z <= low) & (b < 0)) | ((z >= high) & (b > 0)))
     if not free.any():
         return z, cost, damping
+    A = G[np.ix_(free, free)]
+    damps = np.diag(np.maximum(np.diag(A), 1e-12 / scale[free] ** 2))
     best, lowest, mild = z, cost, damping
     for _ in range(TRIES):
-        A = G[np.ix_(free, free)] + damping * np.diag(np.maximum(np.diag(G)[free], 1e-12 / scale[free] ** 2))
         step = np.zeros_like(z)
         try:
-            step[free] = np.linalg.solve(A, b[free])
+            step[free] = np.linalg.solve(A + damping * damps, b[free])
         except np.linalg.LinAlgError:
-            step[free] = np.linalg.lstsq(A, b[free], rcond=None)[0]
+            step[free] = np.linalg.lstsq(A + damping * damps, b[free], rcond=None)[0]
         candidate = np.clip(z + step, low, high)
         step = candidate - z
         found = problem.cost(candidate)
         agrees = (cost - found) / max(float(2.0 * b @ step - step @ G @ step), 1e-12)
         if agrees > AGREES:
             return candidate, found, max(damping / 10.0, LEAST_DAMPING) if agrees > 1.0 - AGREES else damping
-        if lowest < cost and not found < lowest - 1e-9:
-            break
         if found < lowest - 1e-9:
             best, lowest, mild = candidate, found, damping
+        elif lowest < cost:
+            break
         damping = min(10.0 * max(damping, FIRST_DAMPING), MOST_DAMPING)
     return best, lowest, mild if lowest < cost else damping

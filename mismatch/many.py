@@ -30,7 +30,7 @@ def from_everything(best: Explanation, problem: Problem, choices: Sequence[Varia
     to imitate them. And its errors say what is noise: those of few effects hide the rest.
 
     Args:
-        problem: of the calibrated model, under the noise of ``best``.
+        problem: of the calibrated model, under the noise of ``best``, all of it there from the beginning.
         floor: (ny,) least noise.
     """
     machine = problem.machine

@@ -146,21 +146,17 @@ def _pieces(one: Held, other: Held, variance: Array) -> tuple[Array, Array]:
 
 def _paired(one: Held, other: Held) -> list[tuple[Array, Array]]:
     """Residuals of two models in pieces, where there are readings and neither diverges."""
-    pairs = zip(_split(one.residuals), _split(other.residuals), strict=True)
+    pairs = zip(_cut(one.residuals), _cut(other.residuals), strict=True)
     return [(a, b) for a, b in pairs if np.isfinite(a).any() and np.isfinite(b).any()]
 
 
 def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
     """Mean squares of one channel in pieces of the recordings."""
-    return np.array([np.nanmean(piece**2) for piece in cut([residual[:, channel] for residual in residuals])])
+    pieces = _cut([residual[:, channel] for residual in residuals])
+    return np.array([np.nanmean(piece**2) for piece in pieces if np.isfinite(piece).any()])
 
 
-def cut(residuals: Sequence[Array]) -> list[Array]:
-    """Residuals in pieces, where there are readings."""
-    return [piece for piece in _split(residuals) if np.isfinite(piece).any()]
-
-
-def _split(residuals: Sequence[Array]) -> list[Array]:
+def _cut(residuals: Sequence[Array]) -> list[Array]:
     return [piece for residual in residuals for piece in np.array_split(residual, PIECES)]
 
 

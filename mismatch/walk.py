@@ -313,7 +313,7 @@ def _search(
         if len(best.names) >= MANY:
             break
     if len(best.names) >= MANY and not finalists:
-        # Whatever seems to begin in mid-recording then is another effect that has not been thought of.
+        # What seems to begin in mid-recording may be another effect that has not been thought of.
         problem = dataclasses.replace(problem, whitener=best.problem.whitener, since=())
         best = from_everything(best, problem, choices, 0.3 * floor)
         problem = dataclasses.replace(problem, since=best.problem.since)

@@ -56,7 +56,8 @@ def contended(
     total = {e.names: (e.score(PENALTY) + beside.behind(e), e) for e in likely}
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     variance = best.problem.whitener.variance()
-    if least < best.score(PENALTY) - NEAR and not (many and not clearly_worse(held_best, beside.held(first), variance)):
+    better = least < best.score(PENALTY) - NEAR
+    if better and (not many or clearly_worse(held_best, beside.held(first), variance)):
         best, held_best = first, beside.held(first)
     for e in finalists:
         if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
@@ -94,18 +95,20 @@ def plainest_that_predicts(
 
     while len(chosen) > 1:
         without: dict[int, tuple[Explanation, Held]] = {}
+        missing: dict[int, float] = {}
         for i in sorted(chosen, key=lambda i: shown.gain([j for j in chosen if j != i])):
             without[i] = subset([j for j in chosen if j != i])
-            if sum(missed(found) > NOTHING for _, found in without.values()) >= MANY:
+            missing[i] = missed(without[i][1])
+            if sum(m > NOTHING for m in missing.values()) >= MANY:
                 # Where nothing plain will do, what is small is not what the form of something large lacks.
                 return best
-        idle = [i for i in chosen if missed(without[i][1]) < FORM]
+        idle = [i for i in chosen if missing[i] < FORM]
         if not idle:
             break
         rest = [i for i in chosen if i not in idle]
         together = subset(rest) if rest and len(idle) > 1 else None
         if together is None or missed(together[1]) > FORM:
-            least = min(idle, key=lambda i: missed(without[i][1]))
+            least = min(idle, key=lambda i: missing[i])
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
     if len(now.names) >= MANY:
