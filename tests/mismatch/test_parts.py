@@ -15,7 +15,6 @@ from mismatch.faults import faults
 from mismatch.fit import Problem, Unknown, solve
 from mismatch.machine import Machine
 from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
-from mismatch.onset import first_onset
 from mismatch.picture import RARE, Picture, Variant
 from mismatch.proof import Gain
 from mismatch.search import PENALTY, best_sets, local_search, wander
@@ -143,12 +142,6 @@ def test_the_fit_finds_the_parameters_of_another_simulation(machine, track):
     z, cost = solve(problem, problem.z0, 20)
     assert dict(zip(names, z, strict=True)) == pytest.approx(true, rel=2e-3)
     assert cost < 1.0
-
-
-def test_the_first_start_is_told_on_the_recordings_clock():
-    assert first_onset((-np.inf, -np.inf), (0.0, 100.0)) is None
-    assert first_onset((np.inf, 150.0), (0.0, 100.0)) == 150.0
-    assert first_onset((np.inf, -np.inf), (0.0, 100.0)) == 100.0
 
 
 def pictured(columns: np.ndarray, r: np.ndarray) -> Picture:
