@@ -6,6 +6,7 @@ import functools
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +33,9 @@ class Cell:
 
     Attributes:
         spec: its name, or the path of the file it comes from.
-        data, fit, estimates: keys of the simulated sequences, the trained estimator, its estimates.
+        data, fit, estimates: keys of the simulated sequences, the trained estimator, its estimates. Where
+            only the settings that work online differ, as in many ablations, training is shared.
+        settings: those that the profile sets, and those that an ablation does.
     """
 
     spec: str
@@ -41,6 +44,7 @@ class Cell:
     data: str
     fit: str
     estimates: str
+    settings: tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True)
@@ -56,12 +60,17 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
     """A cell of a profile. Each key hashes all that its part depends on."""
     kind = find(spec)
     data = data_key(profile)
-    settings = {**kind.settings, **profile.settings.get(kind.name, {})}
+    own = {**profile.settings.get(kind.ablation_of or kind.name, {}), **kind.left_out}
+    whole = {**kind.settings, **own}
+    learnt = {name: value for name, value in whole.items() if name not in kind.online}
     fit = key_of(
-        estimator=kind.name, settings=settings, seed=seed, code=code_version(kind.__module__), data=data
-    )
-    estimates = key_of(fit=fit, evaluation=asdict(profile.evaluation), code=code_version("bench.evaluate"))
-    return Cell(spec, kind.name, seed, data, fit, estimates)
+        estimator=kind.ablation_of or kind.name, settings=learnt, seed=seed, code=code_version(kind.__module__),
+        data=data,
+    )  # fmt: skip
+    online = {name: whole[name] for name in sorted(kind.online)}
+    evaluation = asdict(profile.evaluation)
+    estimates = key_of(fit=fit, online=online, evaluation=evaluation, code=code_version("bench.evaluate"))
+    return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
 
 def data_key(profile: Profile) -> str:
@@ -85,7 +94,7 @@ def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
     def train() -> Estimator:
         split = load_split(store, cell.data)
-        estimator = find(cell.spec)(**profile.settings.get(cell.estimator, {}))
+        estimator = find(cell.spec)(**dict(cell.settings))
         estimator.fit(split.train, split.validation, cell.seed)
         return estimator
 
@@ -106,7 +115,9 @@ def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
 def load_fit(store: Store, cell: Cell) -> Estimator:
     """A trained estimator from the store."""
-    return find(cell.spec).load(store.path("fit", cell.fit))
+    kind = find(cell.spec)
+    whole = {**kind.settings, **dict(cell.settings)}
+    return kind.load(store.path("fit", cell.fit), **{name: whole[name] for name in kind.online})
 
 
 def load_estimates(store: Store, cell: Cell) -> Estimates:

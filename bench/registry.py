@@ -13,7 +13,7 @@ from typing import Any
 
 from bench.roster import LABELS
 from data.errors import BadInput
-from methods.estimator import REGISTRY, Estimator
+from methods.estimator import REGISTRY, Estimator, ablated
 
 GROUP = "twinbench.estimators"
 
@@ -40,20 +40,27 @@ def discover() -> dict[str, type[Estimator]]:
 
 
 def find(name: str) -> type[Estimator]:
-    """An estimator by name, or by ``path/to/file.py`` or ``path/to/file.py:Class``.
+    """An estimator by name, or by ``path/to/file.py`` or ``path/to/file.py:Class``; an ablation with ``:ablation``.
 
     Raises:
-        BadInput: no such name, file or class, or the file fails to import.
+        BadInput: no such name, ablation, file or class, or the file fails to import.
     """
     file, _, wanted = name.partition(":")
     if file.endswith(".py"):
-        return _from_file(Path(file), wanted)
+        wanted, _, part = wanted.partition(":")
+        return _without(_from_file(Path(file), wanted), part)
     known = discover()
-    if name in known:
-        return known[name]
+    if file in known:
+        return _without(known[file], wanted)
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {near[0]!r}?" if near else "give a path ending in .py for one of your own"
     raise BadInput(f"no estimator {name!r}; {hint} Known: {', '.join(sorted(known))}")
+
+
+def _without(kind: type[Estimator], part: str) -> type[Estimator]:
+    if part and part not in kind.ablations:
+        raise BadInput(f"{kind.name} has no ablation {part!r}; it has: {', '.join(kind.ablations) or 'none'}")
+    return ablated(kind, part) if part else kind
 
 
 def _from_file(path: Path, wanted: str) -> type[Estimator]:

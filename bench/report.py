@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from bench.ablations import ablation_table
 from bench.evidence import Evidence, gather
 from bench.figures import draw
 from bench.page import render, write_bytes, write_figures
 from bench.results import Results, load_results
-from bench.roster import FLOOR, label
+from bench.roster import FLOOR, is_ablation, label
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
 from bench.tables import build_tables
@@ -28,9 +29,13 @@ def write_report(out: Path) -> Table:
         BadInput: the folder holds no run, or cannot be written to.
     """
     results = load_results(out)
-    summary = summarise(results.scores, results.failures)
+    whole = ~results.scores["estimator"].map(is_ablation)
+    failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
+    summary = summarise(results.scores[whole], failures)
     evidence = _evidence(results)
     tables = build_tables(summary, evidence.coverage, results.latency)
+    if not whole.all():
+        tables.append(ablation_table(results.scores, results.failures))
     for table in tables:
         for suffix, text in FORMATS.items():
             write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())

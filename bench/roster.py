@@ -35,6 +35,15 @@ QUANTITIES = {
 """Printed name and unit of each of the ten estimated quantities."""
 
 
+ABLATION = ":"
+"""What stands between an estimator's name and that of an ablation of it."""
+
+
+def is_ablation(name: str) -> bool:
+    """Is it an estimator without one of its parts?"""
+    return ABLATION in name
+
+
 def ordered(names: Iterable[str]) -> list[str]:
     """The benchmark's estimators in their order, then any others by name."""
     present = set(names)

@@ -7,7 +7,7 @@ import json
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from bench.cells import Cell, Outcome
 from bench.profile import KINDS, Profile, fits
 from bench.registry import discover, find
 from bench.report import write_report
-from bench.roster import label, ordered
+from bench.roster import ABLATION, is_ablation, label, ordered
 from bench.scores import DEFINITIONS, score
 from bench.store import Store, check_writable, sweep, write_atomically, write_text
 from bench.table_formats import Table
@@ -44,6 +44,7 @@ def run(
     profile: Profile,
     out: Path,
     only: tuple[str, ...] = (),
+    ablations: bool = False,
     resume: bool = True,
     backend: str = "local",
     scheduler: str = "",
@@ -52,12 +53,16 @@ def run(
 ) -> Finished:
     """Run a profile into ``out``; finished cells of an earlier run are kept unless ``resume`` is False.
 
+    Args:
+        only: the estimators to run; all if left out.
+        ablations: run each of them without each of its parts, too.
+
     Raises:
         BadInput: an unknown estimator or setting, a folder that cannot be written to.
     """
     console = console or Console(stderr=True)
     store = Store(out / "store")
-    todo = plan(profile, only)
+    todo = plan(profile, only, ablations)
     walls: dict[str, float] = {}
     with _workers(backend, scheduler) as processes:
         check_writable(out)
@@ -81,14 +86,17 @@ def run(
                 return results
 
             stage("simulate", cells.ensure_data, store, profile, [todo[0].data])
-            failed = [o for o in stage("train", cells.fit, store, profile, todo) if o.reason]
+            # Cells that differ in what works online share their training.
+            learners = list({c.fit: c for c in todo[::-1]}.values())[::-1]
+            lost = {o.cell.fit: o for o in stage("train", cells.fit, store, profile, learners) if o.reason}
+            failed = [replace(lost[c.fit], cell=c) for c in todo if c.fit in lost]
             ready = _without(todo, failed)
             failed += [o for o in stage("estimate", cells.estimate, store, profile, ready) if o.reason]
             good = _without(ready, failed)
             tables = stage("score", _score, store, good)
             # Serial, after everything else: timings are never taken beside other work.
             start = time.perf_counter()
-            first = [c for c in good if c.seed == profile.seeds[0]]
+            first = [c for c in good if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
             timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
             walls["latency"] = round(time.perf_counter() - start, 2)
     failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
@@ -99,7 +107,7 @@ def run(
     return Finished(failed, write_report(out))
 
 
-def plan(profile: Profile, only: tuple[str, ...]) -> list[Cell]:
+def plan(profile: Profile, only: tuple[str, ...], ablations: bool = False) -> list[Cell]:
     """The cells of a run, longest training first.
 
     Raises:
@@ -111,12 +119,16 @@ def plan(profile: Profile, only: tuple[str, ...]) -> list[Cell]:
         if names.count(kind.name) > 1:
             raise BadInput(f"two of the estimators are named {kind.name!r}; rename one of them")
         _check_settings(kind, profile)
+    if ablations:
+        whole = {spec if spec == k.name else f"{spec.partition(':')[0]}:{k.__name__}": k for spec, k in kinds.items()}
+        parts = [f"{spec}{ABLATION}{part}" for spec, k in whole.items() for part in k.ablations]
+        kinds |= {spec: find(spec) for spec in parts}
     unplanned = set(profile.settings) - set(names)
     if unplanned and (unknown := sorted(unplanned - set(discover()))):
         raise BadInput(f"profile {profile.name!r} has settings for {unknown[0]!r}, which is no estimator; remove them")
     planned = [cells.make_cell(spec, seed, profile) for spec in kinds for seed in profile.seeds]
-    work = {k.name: {**k.settings, **profile.settings.get(k.name, {})}.get("iterations", 0) for k in kinds.values()}
-    place = ordered(names)
+    work = {c.estimator: {**kinds[c.spec].settings, **dict(c.settings)}.get("iterations", 0) for c in planned}
+    place = ordered(work)
     return sorted(planned, key=lambda c: (-work[c.estimator], place.index(c.estimator), c.seed))
 
 
@@ -172,13 +184,15 @@ def _write_failures(out: Path, failed: list[Outcome]) -> None:
 def _manifest(
     profile: Profile, todo: list[Cell], good: list[Cell], command: str, walls: dict[str, float]
 ) -> dict[str, Any]:
-    names = ordered({c.estimator for c in todo})
-    in_order = sorted(good, key=lambda c: (names.index(c.estimator), c.seed))
+    names = ordered({c.estimator for c in todo if not is_ablation(c.estimator)})
+    kept = [c for c in good if not is_ablation(c.estimator)]
+    in_order = sorted(kept, key=lambda c: (names.index(c.estimator), c.seed))
     return {
         "command": command,
         "profile": asdict(profile),
         "seeds": list(profile.seeds),
         "estimators": names,
+        "ablations": sorted({c.estimator for c in todo if is_ablation(c.estimator)}),
         "specs": {c.estimator: c.spec for c in todo},
         "data_key": todo[0].data,
         "estimates_keys": [c.estimates for c in in_order],
@@ -190,10 +204,12 @@ def _manifest(
 def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path) -> None:
     """What is about to happen, for whoever just pressed Enter."""
     data = profile.data
-    names = ordered({c.estimator for c in todo})
+    names = ordered({c.estimator for c in todo if not is_ablation(c.estimator)})
+    parts = len({c.estimator for c in todo}) - len(names)
     done = sum(store.has("estimate", c.estimates) for c in todo)
     console.print(
-        f"profile {profile.name}: {', '.join(map(label, names))}; seeds {', '.join(map(str, profile.seeds))}\n"
+        f"profile {profile.name}: {', '.join(map(label, names))}" + (f"; {parts} ablations" if parts else "")
+        + f"; seeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
         f"tested on {data.n_test} others\n"
         f"results in {out}" + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else ""),

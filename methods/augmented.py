@@ -17,9 +17,37 @@ import numpy as np
 from numba import njit
 
 from data.batch import SAMPLE_PERIOD_S, Array
-from methods.kalman import predict_covariance, update
-from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, fill, heads, heads_with_jacobian, push
+from methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
+from methods.kalman import bounded, gain, joseph, predict_covariance
+from methods.safeguards import (
+    FROZEN,
+    INFLATING,
+    INFLATION_UPDATES,
+    N_HEALTH,
+    N_OUTPUTS,
+    OUTSIDE,
+    REFRESH,
+    UPDATES,
+    Envelope,
+    Safety,
+    Settings,
+    bound_health,
+    carry_sensitivity,
+    distance,
+    gather,
+    informed,
+    left_out,
+    noise_factor,
+    note_mismatch,
+    note_push,
+    scale_health,
+    trust,
+    walk_factor,
+    watch,
+)
+from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, fill, heads, heads_with_differences, heads_with_jacobian, push
 from physics.compressor import M_REF_KG_S, PLANT
+from physics.health import map_health
 
 PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
 BIAS = ZETA + 4
@@ -38,6 +66,8 @@ class Model(NamedTuple):
     error_keep: float  # AR(1) factor of the operator's slow errors
     zeta_low: Array  # (5,) bounds of the coordinates, far outside a machine's life
     zeta_high: Array  # (5,)
+    settings: Settings
+    envelope: Envelope
 
 
 @njit(cache=True, error_model="numpy")
@@ -74,15 +104,25 @@ def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def predict(w, model, base, z, P):  # type: ignore[no-untyped-def]
-    """One tick ahead, Eqs. (6) and (7): z (19,), P (19, 19)."""
-    scaled, jacobian = heads_with_jacobian(w, base, _condition(model, z))
+def predict(w, model, base, z, P, away, push):  # type: ignore[no-untyped-def]
+    """One tick ahead, Eqs. (6) and (7): z (19,), P (19, 19) and the Jacobian F (19, 19).
+
+    Args:
+        away: distance of the query from the training envelope.
+        push: (5,) direction of late corrections, which widens the walk of health by Eq. (14).
+    """
+    settings = model.settings
+    if settings.difference > 0.0:
+        scaled, jacobian = heads_with_differences(w, base, _condition(model, z), settings.difference)
+    else:
+        scaled, jacobian = heads_with_jacobian(w, base, _condition(model, z))
+    trusted = trust(settings, away)
     F = np.eye(SIZE)
     for i in range(N_STATES):
         for j in range(N_STATES):
             F[i, j] += jacobian[i, j] * model.increment[i] / model.state_scale[j]
         for j in range(N_ZETA):
-            F[i, ZETA + j] = jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
+            F[i, ZETA + j] = trusted * jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
         F[i, ERROR + i] = 1.0
         F[ERROR + i, ERROR + i] = model.error_keep
     share, slope = probe_lag(z[4])
@@ -91,7 +131,12 @@ def predict(w, model, base, z, P):  # type: ignore[no-untyped-def]
     F[PROBE, 4] = slope * (z[2] - z[PROBE])
     for i in range(3):
         F[NOISE + i, NOISE + i] = model.noise_keep[i]
-    return _moved(model, z, scaled), predict_covariance(P, F, model.Q)
+    Q = model.Q.copy()
+    for i in range(N_HEALTH):
+        Q[ZETA + i, ZETA + i] *= walk_factor(settings, push[i])
+    for i in range(N_STATES):
+        Q[ERROR + i, ERROR + i] *= 1.0 + settings.extrapolation * away * away
+    return _moved(model, z, scaled), predict_covariance(P, F, Q), F
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,29 +152,102 @@ def readings(z, bias_K):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def correct(model, z, P, measured, bias_K, bias_slope, white_sd, coloured_sd, clip):  # type: ignore[no-untyped-def]
-    """Eqs. (8)-(11) with the outputs ``measured`` (3,), NaN where missing.
-
-    Returns z, P, innovation (3,), S (3, 3), NIS.
-    """
-    H = np.zeros((3, SIZE))
+def _observe(model, safety, z, measured, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
+    """Innovation (3,), NaN where missing, H (3, 19), and R (3, 3): the data sheet's, widened by Eq. (13)."""
+    theta, slope = np.empty((1, N_HEALTH)), np.empty((1, N_HEALTH))
+    map_health(z[ZETA:NOISE].copy().reshape(1, N_HEALTH), theta, slope)
+    H = np.zeros((N_OUTPUTS, SIZE))
     H[0, 1] = 1.0
     H[1, PROBE] = 1.0
-    H[1, BIAS] = bias_slope
+    H[1, BIAS] = slope[0, 4]
     H[2, 4] = M_REF_KG_S
-    R = np.zeros((3, 3))
-    for i in range(3):
+    R = np.zeros((N_OUTPUTS, N_OUTPUTS))
+    innovation = measured - readings(z, theta[0, 4])
+    for i in range(N_OUTPUTS):
         H[i, NOISE + i] = coloured_sd[i]
         R[i, i] = white_sd[i] ** 2
-    predicted = readings(z, bias_K)
-    innovation = measured - predicted
-    for i in range(3):
+        R[i, i] *= noise_factor(model.settings, safety.mismatch, R[i, i], safety.counts[UPDATES], i)
         innovation[i] -= coloured_sd[i] * z[NOISE + i]
-    z, P, S, nis = update(z, P, innovation, H, R, clip)
+    return innovation, H, R
+
+
+@njit(cache=True, error_model="numpy")
+def _bounded_states(model, z):  # type: ignore[no-untyped-def]
+    """Flow positive, health within its coordinates, in place."""
     z[4] = max(z[4], 0.05)
-    for i in range(model.zeta_low.size):
+    for i in range(N_HEALTH):
         z[ZETA + i] = min(max(z[ZETA + i], model.zeta_low[i]), model.zeta_high[i])
-    return z, P, innovation, S, nis
+
+
+@njit(cache=True, error_model="numpy")
+def _roll_back(safety, z, P):  # type: ignore[no-untyped-def]
+    """Health and its sd as in the last valid posterior, in place."""
+    factor = np.empty(N_HEALTH)
+    for i in range(N_HEALTH):
+        z[ZETA + i] = safety.valid[0, i]
+        factor[i] = safety.valid[1, i] / np.sqrt(P[ZETA + i, ZETA + i])
+    scale_health(P, ZETA, factor)
+
+
+@njit(cache=True, error_model="numpy")
+def _health_gain(model, safety, K, S, r):  # type: ignore[no-untyped-def]
+    """Hold back, in place, the rows of K that correct health, and note where the correction pushes."""
+    if safety.counts[FROZEN] > 0:
+        K[ZETA:NOISE] = 0.0
+        return
+    rows = K[ZETA:NOISE].copy()
+    note_push(safety.push, rows @ r, np.diag(rows @ S @ rows.T))
+    if model.settings.least_information > 0.0:
+        K[ZETA:NOISE] = safety.observable @ rows
+
+
+@njit(cache=True, error_model="numpy")
+def _remember(model, safety, z, P, H, used, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
+    """After an update: what it told about health, and whether its posterior is one to return to."""
+    counts, settings = safety.counts, model.settings
+    if settings.least_information > 0.0:
+        memory = (1.0 + model.noise_keep) / (1.0 - model.noise_keep)
+        accuracy = white_sd**2 + coloured_sd**2 * memory
+        gather(safety.information, safety.sensitivity, H, ZETA, accuracy, ~np.isnan(used))
+        if counts[UPDATES] % REFRESH == 0:
+            fill(safety.observable.ravel(), informed(safety.information, settings.least_information).ravel())
+    counts[UPDATES] += 1
+    if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
+        for i in range(N_HEALTH):
+            safety.valid[0, i] = z[ZETA + i]
+            safety.valid[1, i] = np.sqrt(P[ZETA + i, ZETA + i])
+
+
+@njit(cache=True, error_model="numpy")
+def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip):  # type: ignore[no-untyped-def]
+    """Eqs. (8)-(14) with the outputs ``measured`` (3,), NaN where missing; ``safety`` moves on in place.
+
+    Returns z, P, innovation (3,), the same without the channels that the gate left out, S (3, 3), NIS.
+    """
+    settings, counts = model.settings, safety.counts
+    z, P = z.copy(), P.copy()
+    if counts[INFLATING] > 0:
+        counts[INFLATING] -= 1
+        scale_health(P, ZETA, np.full(N_HEALTH, settings.inflation ** (1.0 / INFLATION_UPDATES)))
+    innovation, H, R = _observe(model, safety, z, measured, white_sd, coloured_sd)
+    K, S, nis = gain(P, innovation, H, R)
+    if settings.rollback and watch(counts, nis, np.sum(~np.isnan(innovation))):
+        _roll_back(safety, z, P)
+        innovation, H, R = _observe(model, safety, z, measured, white_sd, coloured_sd)
+        K, S, nis = gain(P, innovation, H, R)
+    used = innovation.copy()
+    left_out(settings, counts, used, S)
+    if np.isnan(used).sum() > np.isnan(innovation).sum():
+        K, S, nis = gain(P, used, H, R)
+    r = bounded(used, S, clip)
+    if counts[FROZEN] == 0 and counts[INFLATING] == 0:
+        note_mismatch(safety.mismatch, np.where(np.isnan(used), used, r), S - R)
+    _health_gain(model, safety, K, S, r)
+    z, P = z + K @ r, joseph(P, K, H, R)
+    bound_health(P, ZETA, 1.0)
+    _bounded_states(model, z)
+    _remember(model, safety, z, P, H, used, white_sd, coloured_sd)
+    return z, P, innovation, used, S, nis
 
 
 @njit(cache=True, error_model="numpy", no_cpython_wrapper=True)  # type: ignore[call-overload]
@@ -152,28 +270,41 @@ def _push(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def tick(w, model, stream, z, P, sample, mask, query, measured, bias, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
-    """One tick of B machines, in place on ``stream``, ``z``, ``P`` and ``info``.
+def tick(w, model, stream, safety, z, P, sample, mask, query, measured, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
+    """One tick of B machines, in place on ``stream``, ``safety``, ``z``, ``P`` and ``info``.
 
     Args:
         sample, mask, query: (B, 7), (B, 7), (B, 5) float32, what the operator's window takes in.
         measured: (B, 3) outputs, NaN where missing or rejected.
-        bias: (B, 2) temperature bias in K and its slope to zeta.
         white_sd, coloured_sd: (B, 3) present sd of the output noise.
-        info: innovation (B, 3), S (B, 3, 3), NIS (B,).
+        info: innovation (B, 3), S (B, 3, 3), NIS (B,), accepted (B, 3), flags (B,).
     """
-    innovation, S, nis = info
+    innovation, S, nis, accepted, flags = info
     for b in range(z.shape[0]):
         mean, cov = z[b], P[b]
+        own = Safety(
+            safety.sensitivity[b], safety.information[b], safety.observable[b], safety.mismatch[b],
+            safety.push[b], safety.valid[b], safety.counts[b],
+        )  # fmt: skip
         if stream.ticks[b] > 0:
-            mean, cov = predict(w.heads, model, stream.base[b], mean, cov)
-        mean, cov, surprise, spread, nis[b] = correct(
-            model, mean, cov, measured[b], bias[b, 0], bias[b, 1], white_sd[b], coloured_sd[b], clip
+            away = distance(model.envelope, query[b])
+            mean, cov, F = predict(w.heads, model, stream.base[b], mean, cov, away, own.push)
+            if model.settings.least_information > 0.0:
+                carry_sensitivity(own.sensitivity, F, ZETA)
+        mean, cov, surprise, used, spread, nis[b] = correct(
+            model, own, mean, cov, measured[b], white_sd[b], coloured_sd[b], clip
         )
         fill(z[b], mean)
         fill(P[b].ravel(), cov.ravel())
         fill(innovation[b], surprise)
         fill(S[b].ravel(), spread.ravel())
+        flags[b] = FLAG_FROZEN if own.counts[FROZEN] > 0 else 0
+        if model.settings.least_information > 0.0 and np.trace(own.observable) < N_HEALTH - 0.5:
+            flags[b] |= FLAG_UNINFORMED
+        for c in range(N_OUTPUTS):
+            accepted[b, c] = not np.isnan(used[c])
+            if np.isnan(used[c]) and not np.isnan(surprise[c]):
+                flags[b] |= FLAG_GATED
         _push(w.encoder, stream, b, sample[b], mask[b], query[b])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,13 +14,16 @@ from methods.frontend import FrontEnd, Memory
 from methods.kalman import linear_filter
 from methods.noise import coloured_keep, output_sd
 from methods.reporting import clean_flags, report
+from methods.safeguards import Envelope, Safety, Settings, empty_safety
 from methods.stream import Stream, empty_stream, pack
 from methods.windows import query_of
-from physics.health import d_theta_d_zeta, theta_and_slope, to_theta, to_zeta
+from physics.health import d_theta_d_zeta, to_theta, to_zeta
 
 ZETA_LOW = to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0]))
 ZETA_HIGH = to_zeta(np.array([1.08, 1.08, 0.12, 1.40, 11.0]))
 INNOVATION_CLIP_SD = 6.0
+ENVELOPE = (0.001, 0.999)
+"""Quantiles of each training query that bound the envelope."""
 
 
 @register
@@ -38,6 +42,13 @@ class DeepONetKalman(Estimator):
         "learning_rate": 1e-2,
         "smoothness": 1e-3,
         "feasibility": 0.1,
+        "sobolev": 0.0,
+        "counterfactual": True,
+        "conditioned": True,
+        "augmented": True,
+        "refinement": 100,
+        "window": 64,
+        "update_every": 1,
         "model_noise": 2.0,
         "slow_error": 0.3,
         "error_tau_s": 120.0,
@@ -46,6 +57,17 @@ class DeepONetKalman(Estimator):
         "leakage_walk": 1.2e-4,
         "heat_transfer_walk": 2e-3,
         "T_bias_K_walk": 0.05,
+        "trust_reach": 1.0,
+        "extrapolation": 1.0,
+        "least_information": 0.01,
+        "q_gain": 0.05,
+        "q_most": 30.0,
+        "r_gain": 1.0,
+        "r_most": 25.0,
+        "channel_gate": 6.0,
+        "rollback": True,
+        "inflation": 3.0,
+        "difference": 0.0,
     }
     search_space: ClassVar[dict[str, tuple[float, float]]] = {
         "learning_rate": (2e-3, 2e-2),
@@ -57,36 +79,51 @@ class DeepONetKalman(Estimator):
         "heat_transfer_walk": (5e-4, 1e-2),
         "T_bias_K_walk": (0.01, 0.2),
     }
+    online = frozenset({*Settings._fields, "update_every", *(f"{name}_walk" for name in HEALTH), "model_noise",
+                        "slow_error", "error_tau_s"})  # fmt: skip
+    ablations: ClassVar[dict[str, dict[str, Any]]] = {
+        "no_covariance_adaptation": {"q_gain": 0.0, "r_gain": 0.0},
+        "no_feasibility": {"feasibility": 0.0},
+        "finite_differences": {"difference": 0.01},
+        "no_trust": {"trust_reach": np.inf, "extrapolation": 0.0},
+        "no_counterfactuals": {"counterfactual": False},
+        "sobolev": {"sobolev": 0.1},
+        "no_conditioning": {"conditioned": False},
+        "no_observability": {"least_information": 0.0},
+        "no_gate": {"channel_gate": np.inf},
+        "no_rollback": {"rollback": False},
+        "no_augmentation": {"augmented": False},
+        "no_refinement": {"refinement": 0},
+        **{f"window_{n}": {"window": n} for n in (16, 32, 128, 256)},
+        "update_10_hz": {"update_every": 2},
+        "update_5_hz": {"update_every": 4},
+    }
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "windows": 64, "transitions": 3000}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train the operator on the training split; take its residuals from the validation split."""
         from methods.operator import Operator
-        from methods.operator_training import HORIZONS_S, LossWeights, Scales, audit, fit_operator
+        from methods.operator_training import HORIZONS_S, Recipe, Scales, audit, fit_operator
         from methods.training import seeded, weights_of
-        from methods.transitions import draw_transitions
+        from methods.transitions import draw_transitions, plant_slopes
         from methods.windows import WindowSource
 
         config = self.config
         rng, _ = seeded(seed)
         front_end = FrontEnd.fit(train)
-        source = WindowSource.fit(train, front_end)
-        transitions = draw_transitions(train, config["transitions"], rng, dt_s=HORIZONS_S, each=config["each"])
-        scales = Scales.fit(transitions)
-        operator = Operator()
-        losses = fit_operator(
-            operator,
-            source,
-            transitions,
-            scales,
-            rng,
-            config["iterations"],
-            config["windows"],
-            config["learning_rate"],
-            LossWeights(config["smoothness"], config["feasibility"]),
+        window = config["window"]
+        source = WindowSource.fit(train, front_end, window)
+        transitions = draw_transitions(
+            train, config["transitions"], rng, window, HORIZONS_S, config["each"], config["counterfactual"]
         )
-        held_out = WindowSource(validation, front_end, source.query_mean, source.query_scale)
+        scales = Scales.fit(transitions)
+        operator = Operator(window=window)
+        recipe = Recipe(**{field.name: config[field.name] for field in dataclasses.fields(Recipe)})
+        slopes = plant_slopes(train, transitions, rng) if recipe.sobolev else None
+        losses = fit_operator(operator, source, transitions, scales, rng, recipe, slopes)
+        held_out = WindowSource(validation, front_end, source.query_mean, source.query_scale, window)
         checked = audit(operator, held_out, validation, scales, rng)
+        envelope = np.quantile(source.query[:, ::20], ENVELOPE, axis=(0, 1))
         assert train.truth is not None
         states = train.truth.states[..., : len(STATES) + 1].reshape(-1, len(STATES) + 1)
         self.arrays = {
@@ -94,6 +131,8 @@ class DeepONetKalman(Estimator):
             **front_end.arrays(),
             "query.mean": source.query_mean,
             "query.scale": source.query_scale,
+            "query.low": envelope[0],
+            "query.high": envelope[1],
             "scales.state_mean": scales.state_mean,
             "scales.state_scale": scales.state_scale,
             "scales.increment": scales.increment,
@@ -133,6 +172,8 @@ class DeepONetKalman(Estimator):
             error_keep,
             ZETA_LOW,
             ZETA_HIGH,
+            Settings(*(self.config[name] for name in Settings._fields)),
+            Envelope(a["query.low"], a["query.high"]),
         )
 
     def init(self, batch: int) -> State:
@@ -144,41 +185,45 @@ class DeepONetKalman(Estimator):
         P[:, ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
         P[:, ERROR:, ERROR:] = np.diag(self._error_var)
         stream = empty_stream(self._weights, batch)
-        return report(z, P, _REPORTED, (z, P, *self._front_end.init(batch), *stream))
+        return report(z, P, _REPORTED, (z, P, *self._front_end.init(batch), *stream, *empty_safety(batch)))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Forecast by the operator, correct by the outputs, let the window take the sample in."""
-        z, P, front, stream = self._unpack(state)
+        z, P, front, stream, safety = self._unpack(state)
         front, clean = self._front_end.step(front, sample.measured)
         stream = Stream(*(part.copy() for part in stream))
+        safety = Safety(*(part.copy() for part in safety))
         z, P = z.copy(), P.copy()
         filled = clean.filled
+        due = stream.ticks % self.config["update_every"] == 0
         white, coloured = output_sd(filled)
-        theta, slope = theta_and_slope(z[:, ZETA:NOISE])
         batch = len(z)
-        info = (np.empty((batch, 3)), np.empty((batch, 3, 3)), np.empty(batch))
+        info = Info(
+            np.empty((batch, 3)), np.empty((batch, 3, 3)), np.empty(batch), np.empty((batch, 3), bool),
+            np.empty(batch, np.int64), clean.age_s,
+        )  # fmt: skip
         tick(
             self._weights,
             self._model,
             stream,
+            safety,
             z,
             P,
             self._front_end.standardise(filled).astype(np.float32),
             clean.accepted.astype(np.float32),
             ((query_of(filled) - self._scaling[2]) / self._scaling[3]).astype(np.float32),
-            np.where(clean.accepted[:, 4:], filled[:, 4:], np.nan),
-            np.stack([theta[:, 4], slope[:, 4]], axis=-1),
+            np.where(due[:, None] & clean.accepted[:, 4:], filled[:, 4:], np.nan),
             white,
             coloured,
             INNOVATION_CLIP_SD,
-            info,
+            info[:-1],
         )
-        reported = report(z, P, _REPORTED, (z, P, *front, *stream))
-        return reported, Info(*info, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
+        reported = report(z, P, _REPORTED, (z, P, *front, *stream, *safety))
+        return reported, info._replace(flags=info.flags | clean_flags(clean))
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Roll the operator out, feeding its own readings back into the window."""
-        z, _, _, stream = self._unpack(state)
+        z, _, _, stream, _ = self._unpack(state)
         out = np.empty((*inputs.shape[:2], 3))
         bias = to_theta(z[:, ZETA:NOISE])[:, 4].copy()
         stream = Stream(*(part.copy() for part in stream))
@@ -186,10 +231,10 @@ class DeepONetKalman(Estimator):
         roll_out(self._weights, self._model, self._scaling, stream, z, inputs, bias, out)
         return out
 
-    def _unpack(self, state: State) -> tuple[Array, Array, Memory, Stream]:
+    def _unpack(self, state: State) -> tuple[Array, Array, Memory, Stream, Safety]:
         z, P, *rest = state.memory
-        n = len(Memory._fields)
-        return z, P, Memory(*rest[:n]), Stream(*rest[n:])
+        n, m = len(Memory._fields), len(Stream._fields)
+        return z, P, Memory(*rest[:n]), Stream(*rest[n : n + m]), Safety(*rest[n + m :])
 
 
 _REPORTED = np.r_[0 : len(STATES), ZETA:NOISE]

@@ -53,6 +53,12 @@ FLAG_SPIKE = 1
 """A channel was rejected as an isolated spike."""
 FLAG_MISSING = 2
 """A channel had no measurement."""
+FLAG_GATED = 4
+"""A channel was too far from what was predicted, and left out of the correction for now."""
+FLAG_FROZEN = 8
+"""Innovations stay inconsistent: health is as before, and is not corrected."""
+FLAG_UNINFORMED = 16
+"""The last minute does not tell all health parameters apart: some of them are known only together."""
 
 
 class Estimator(ABC):
@@ -67,7 +73,14 @@ class Estimator(ABC):
     says: ClassVar[str] = ""
     settings: ClassVar[Mapping[str, Any]] = {}
     search_space: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    online: ClassVar[frozenset[str]] = frozenset()
+    """Settings that ``fit`` never reads: with others of them nothing is trained anew."""
     ablations: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """By name, the settings that leave one part of the method out."""
+    ablation_of: ClassVar[str] = ""
+    """Of an ablation: the name of the whole method."""
+    left_out: ClassVar[Mapping[str, Any]] = {}
+    """Of an ablation: the settings that it fixes, whatever a profile says."""
     contract_settings: ClassVar[Mapping[str, Any]] = {}
     """Settings that make ``fit`` quick enough for the contract battery."""
     implementations: ClassVar[tuple[str, ...]] = ("compiled",)
@@ -120,15 +133,26 @@ class Estimator(ABC):
             np.savez(file, allow_pickle=False, **{"config.json": config}, **self.arrays)
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """Read what ``save`` wrote."""
+    def load(cls, path: Path, **online: Any) -> Self:
+        """Read what ``save`` wrote; settings given here, ones of ``online``, take the place of its own."""
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         config = json.loads(arrays.pop("config.json").tobytes())
-        estimator = cls(**config)
+        estimator = cls(**{**config, **online})
         estimator.arrays = arrays
         estimator.restore()
         return estimator
+
+
+def ablated(kind: type[Estimator], ablation: str) -> type[Estimator]:
+    """An estimator without one of its parts, under the name ``estimator:ablation``."""
+    return type(
+        kind.__name__, (kind,), {
+            "name": f"{kind.name}:{ablation}", "ablation_of": kind.name, "ablations": {},
+            "left_out": kind.ablations[ablation], "settings": {**kind.settings, **kind.ablations[ablation]},
+            "__module__": kind.__module__,
+        },
+    )  # fmt: skip
 
 
 REGISTRY: dict[str, type[Estimator]] = {}

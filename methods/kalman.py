@@ -49,6 +49,65 @@ def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def gain(P, innovation, H, R):  # type: ignore[no-untyped-def]
+    """Eqs. (8), (9) and (12) with the measurements that are there.
+
+    Args:
+        P, H, R: (n, n), (m, n), (m, m).
+        innovation: (m,) measured minus predicted; NaN means missing.
+
+    Returns:
+        K (n, m), zero in the columns of missing channels; S (m, m) of all channels; NIS over those
+        that are there, NaN if none.
+    """
+    n, m_all = P.shape[0], innovation.size
+    S_all = H @ P @ H.T + R
+    m = 0
+    rows = np.empty(m_all, np.int64)
+    for i in range(m_all):
+        if not np.isnan(innovation[i]):
+            rows[m] = i
+            m += 1
+    K = np.zeros((n, m_all))
+    if m == 0:
+        return K, S_all, np.nan
+    r = np.empty((m, 1))
+    Hm = np.empty((m, n))
+    S = np.empty((m, m))
+    for a in range(m):
+        r[a, 0] = innovation[rows[a]]
+        for j in range(n):
+            Hm[a, j] = H[rows[a], j]
+        for b in range(m):
+            S[a, b] = S_all[rows[a], rows[b]]
+    nis = (r.T @ cholesky_solve(S, r))[0, 0]
+    transposed = cholesky_solve(S, Hm @ P)
+    for a in range(m):
+        for j in range(n):
+            K[j, rows[a]] = transposed[a, j]
+    return K, S_all, nis
+
+
+@njit(cache=True, error_model="numpy")
+def bounded(innovation, S, clip):  # type: ignore[no-untyped-def]
+    """Innovations (m,) within ``clip`` standard deviations; 0 where missing."""
+    out = np.zeros(innovation.size)
+    for i in range(innovation.size):
+        if not np.isnan(innovation[i]):
+            limit = clip * np.sqrt(S[i, i])
+            out[i] = min(max(innovation[i], -limit), limit)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def joseph(P, K, H, R):  # type: ignore[no-untyped-def]
+    """Eq. (11): posterior covariance under any gain K, symmetrised."""
+    A = np.eye(P.shape[0]) - K @ H
+    P = A @ P @ A.T + K @ R @ K.T
+    return 0.5 * (P + P.T)
+
+
+@njit(cache=True, error_model="numpy")
 def update(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
     """Correct by the measurements that are there, Eqs. (8)-(12).
 
@@ -63,37 +122,10 @@ def update(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
         z (n,), P (n, n) posterior in Joseph form, S (m, m) of all channels, NIS over the channels
         that are there (NaN if none).
     """
-    n, m_all = z.size, innovation.size
-    S_all = H @ P @ H.T + R
-    m = 0
-    rows = np.empty(m_all, np.int64)
-    for i in range(m_all):
-        if not np.isnan(innovation[i]):
-            rows[m] = i
-            m += 1
-    if m == 0:
-        return z.copy(), P.copy(), S_all, np.nan
-    r = np.empty((m, 1))
-    bounded = np.empty(m)
-    Hm = np.empty((m, n))
-    Rm = np.empty((m, m))
-    S = np.empty((m, m))
-    for a in range(m):
-        i = rows[a]
-        r[a, 0] = innovation[i]
-        limit = clip * np.sqrt(S_all[i, i])
-        bounded[a] = min(max(innovation[i], -limit), limit)
-        for j in range(n):
-            Hm[a, j] = H[i, j]
-        for b in range(m):
-            Rm[a, b] = R[i, rows[b]]
-            S[a, b] = S_all[i, rows[b]]
-    nis = (r.T @ cholesky_solve(S, r))[0, 0]
-    K = cholesky_solve(S, Hm @ P).T.copy()
-    z = z + K @ bounded
-    A = np.eye(n) - K @ Hm
-    P = A @ P @ A.T + K @ Rm @ K.T
-    return z, 0.5 * (P + P.T), S_all, nis
+    K, S, nis = gain(P, innovation, H, R)
+    if np.isnan(nis):
+        return z.copy(), P.copy(), S, nis
+    return z + K @ bounded(innovation, S, clip), joseph(P, K, H, R), S, nis
 
 
 @njit(cache=True, error_model="numpy")

@@ -40,11 +40,13 @@ class Branch(nn.Module):
     every 16th column is needed, so there they run strided; on a stream they run dilated, with the
     same weights.
 
-    Shape: values (B, 65, 7) standardised, the first sample only for its difference; masks
-        (B, 64, 7); slow (B, n_slow) -> (B, latents).
+    Shape: values (B, window + 1, 7) standardised, the first sample only for its difference; masks
+        (B, window, 7); slow (B, n_slow) -> (B, latents). The window is a multiple of 16 samples.
     """
 
-    def __init__(self, width_1: int, width_2: int, attention: int, latents: int, n_slow: int = N_SLOW) -> None:
+    def __init__(
+        self, width_1: int, width_2: int, attention: int, latents: int, n_slow: int = N_SLOW, window: int = WINDOW
+    ) -> None:
         super().__init__()
         self.block_1 = nn.Linear(KERNEL * N_COLUMNS, width_1)
         self.block_2 = nn.Linear(KERNEL * width_1, width_2)
@@ -52,15 +54,15 @@ class Branch(nn.Module):
         self.gate_tanh = nn.Linear(width_2, attention)
         self.gate_sigmoid = nn.Linear(width_2, attention)
         self.score = nn.Linear(attention, 1, bias=False)
-        self.position = nn.Parameter(torch.zeros(TOKENS))
+        self.position = nn.Parameter(torch.zeros(window // KERNEL**2))
         self.project = nn.Linear(2 * width_2 + 2 * N_CHANNELS + n_slow, latents)
 
     def forward(self, values: Tensor, masks: Tensor, slow: Tensor) -> Tensor:
-        batch = len(values)
+        batch, length = masks.shape[:2]
         window = values[:, 1:]
         columns = torch.cat([window, values[:, 1:] - values[:, :-1], masks], dim=-1)
-        first = functional.silu(self.block_1(columns.reshape(batch, WINDOW // KERNEL, -1)))
-        second = functional.silu(self.block_2(first.reshape(batch, TOKENS, -1)))
+        first = functional.silu(self.block_1(columns.reshape(batch, length // KERNEL, -1)))
+        second = functional.silu(self.block_2(first.reshape(batch, length // KERNEL**2, -1)))
         tokens = second + functional.silu(self.mix_2(second))
         gated = torch.tanh(self.gate_tanh(tokens)) * torch.sigmoid(self.gate_sigmoid(tokens))
         weights = torch.softmax(self.score(gated).squeeze(-1) + self.position, dim=-1)
@@ -131,9 +133,10 @@ class Operator(nn.Module):
         trunk: int = 96,
         embedding: int = 8,
         head: int = 72,
+        window: int = WINDOW,
     ) -> None:
         super().__init__()
-        self.branch = Branch(width_1, width_2, attention, latents)
+        self.branch = Branch(width_1, width_2, attention, latents, window=window)
         self.trunk = Trunk(trunk, embedding, latents)
         self.heads = Heads(latents, head)
 

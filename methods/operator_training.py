@@ -10,17 +10,20 @@ from torch import Tensor
 from torch.nn import functional
 
 from data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.operator import N_ZETA, WINDOW, Operator
+from methods.augmentation import augmented
+from methods.operator import N_STATES, N_ZETA, Operator
 from methods.stream import ZETA_SCALE
 from methods.training import adamw
-from methods.transitions import Transitions, draw_transitions, plant_sensitivities
+from methods.transitions import Slopes, Transitions, draw_transitions, plant_sensitivities
 from methods.windows import WindowBatch, WindowSource
-from physics.health import to_zeta
+from physics.health import d_theta_d_zeta, to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
 """Query times of the training transitions: mostly one tick, some shorter and longer."""
 RATIO_LIMITS = (1.0, 6.5)
 SMOOTHNESS_STEP = 1.1
+REFINED_WINDOWS = 8192
+"""Windows of the batch on which the heads are refined."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +49,27 @@ class Scales:
 
 
 @dataclass(frozen=True)
-class LossWeights:
-    """Eq. (4): state error 1, derivative smoothness, feasibility; the ridge is AdamW's weight decay."""
+class Recipe:
+    """How the operator is trained: Eq. (4) with state error 1, and what may be left out to see its worth.
 
+    Attributes:
+        iterations, windows, learning_rate: of AdamW, whose weight decay is the ridge of Eq. (4).
+        smoothness, feasibility: weights of the derivative and feasibility terms.
+        sobolev: weight of the sensitivities' error.
+        conditioned: do the heads see the health parameters?
+        augmented: is noise drawn anew for every window?
+        refinement: iterations of L-BFGS on the heads, afterwards.
+    """
+
+    iterations: int
+    windows: int
+    learning_rate: float
     smoothness: float = 1e-3
     feasibility: float = 0.1
+    sobolev: float = 0.0
+    conditioned: bool = True
+    augmented: bool = False
+    refinement: int = 0
 
 
 def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
@@ -69,48 +88,113 @@ def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
     return (flow.square() + cold.square() + beyond.square()).mean()
 
 
+class _Examples:
+    """Transitions as tensors, ready to be drawn by window."""
+
+    def __init__(
+        self, source: WindowSource, transitions: Transitions, slopes: Slopes | None, scales: Scales,
+        conditioned: bool,
+    ) -> None:  # fmt: skip
+        def tensor(values: Array) -> Tensor:
+            return torch.from_numpy(values.astype(np.float32))
+
+        zeta = to_zeta(transitions.theta) * conditioned
+        self.source, self.transitions = source, transitions
+        self.each = int(np.argmax(np.diff(transitions.sample * 100_000 + transitions.sequence) != 0)) + 1
+        self.groups = np.arange(len(transitions.sample) // self.each)
+        self.condition = tensor(scales.condition(transitions.x, zeta))
+        self.target = tensor(transitions.increment / scales.increment)
+        self.state, self.time_s = tensor(transitions.x), tensor(transitions.dt_s)
+        self.increment = tensor(scales.increment)
+        self.q_mean, self.q_scale = tensor(source.query_mean), tensor(source.query_scale)
+        if slopes is not None:
+            along = slopes.theta[:, :N_ZETA] / d_theta_d_zeta(zeta)[:, :N_ZETA] / ZETA_SCALE * conditioned
+            self.tangent = tensor(np.concatenate([slopes.x / scales.state_scale, along], axis=1))
+            self.slope = tensor(slopes.increment / scales.increment)
+
+    def rows(self, group: np.ndarray) -> np.ndarray:
+        """Transitions of given windows."""
+        return np.asarray((group[:, None] * self.each + np.arange(self.each)).ravel())
+
+    def windows(self, group: np.ndarray) -> WindowBatch:
+        """The windows themselves."""
+        return self.source.at(self.transitions.sequence[group * self.each], self.transitions.sample[group * self.each])
+
+
 def fit_operator(
-    operator: Operator,
-    source: WindowSource,
-    transitions: Transitions,
-    scales: Scales,
-    rng: np.random.Generator,
-    iterations: int,
-    windows: int,
-    learning_rate: float,
-    weights: LossWeights,
-) -> list[float]:
-    """Minimise Eq. (4) by AdamW; every iteration draws ``windows`` windows with all their transitions."""
-    count = len(transitions.sample)
-    each = int(np.argmax(np.diff(transitions.sample * 100_000 + transitions.sequence) != 0)) + 1
-    groups = np.arange(count // each)
-    condition = torch.from_numpy(scales.condition(transitions.x, to_zeta(transitions.theta)))
-    target = torch.from_numpy((transitions.increment / scales.increment).astype(np.float32))
-    state = torch.from_numpy(transitions.x.astype(np.float32))
-    horizon = torch.from_numpy(transitions.dt_s.astype(np.float32))
-    increment = torch.from_numpy(scales.increment.astype(np.float32))
-    q_mean = torch.from_numpy(source.query_mean.astype(np.float32))
-    q_scale = torch.from_numpy(source.query_scale.astype(np.float32))
+    operator: Operator, source: WindowSource, transitions: Transitions, scales: Scales, rng: np.random.Generator,
+    recipe: Recipe, slopes: Slopes | None = None,
+) -> list[float]:  # fmt: skip
+    """Minimise Eq. (4); every iteration draws windows with all their transitions.
+
+    Args:
+        slopes: the plant's derivatives at the transitions, needed where ``recipe.sobolev`` is not zero.
+    """
+    examples = _Examples(source, transitions, slopes if recipe.sobolev else None, scales, recipe.conditioned)
+    if not recipe.conditioned:
+        with torch.no_grad():
+            operator.heads.from_condition.weight[:, N_STATES:] = 0.0
 
     def loss(_: int) -> Tensor:
-        group = rng.choice(groups, size=windows)
-        rows = (group[:, None] * each + np.arange(each)).ravel()
-        window = source.at(transitions.sequence[group * each], transitions.sample[group * each])
-        branch = operator.branch(window.values, window.masks, window.slow).repeat_interleave(each, dim=0)
-        query = window.query.repeat_interleave(each, dim=0)
-        dt = horizon[rows]
-        predicted = operator(branch * operator.trunk(query, dt), condition[rows], dt)
+        group = rng.choice(examples.groups, size=recipe.windows)
+        rows, window = examples.rows(group), examples.windows(group)
+        if recipe.augmented:
+            window = augmented(window, source, rng)
+        branch = operator.branch(window.values, window.masks, window.slow).repeat_interleave(examples.each, dim=0)
+        query = window.query.repeat_interleave(examples.each, dim=0)
+        dt, condition = examples.time_s[rows], examples.condition[rows]
+        latent = branch * operator.trunk(query, dt)
+        predicted = operator(latent, condition, dt)
         # Huber: a suction step that the front end holds back for a sample is nobody's fault.
-        error = 2.0 * functional.huber_loss(predicted, target[rows])
+        value = 2.0 * functional.huber_loss(predicted, examples.target[rows])
         few = slice(0, len(rows), 8)
         later = SMOOTHNESS_STEP * dt[few]
-        again = operator(branch[few] * operator.trunk(query[few], later), condition[rows][few], later)
+        again = operator(branch[few] * operator.trunk(query[few], later), condition[few], later)
         rate = again / SMOOTHNESS_STEP - predicted[few]
-        suction = query[:, [3, 2]] * q_scale[[3, 2]] + q_mean[[3, 2]]
-        infeasible = feasibility(state[rows], state[rows] + predicted * increment, suction)
-        return error + weights.smoothness * rate.square().mean() + weights.feasibility * infeasible
+        value = value + recipe.smoothness * rate.square().mean()
+        suction = query[:, [3, 2]] * examples.q_scale[[3, 2]] + examples.q_mean[[3, 2]]
+        state = examples.state[rows]
+        infeasible = feasibility(state, state + predicted * examples.increment, suction)
+        value = value + recipe.feasibility * infeasible
+        if recipe.sobolev:
+            some = slice(0, len(rows), 3)
+            slope = torch.func.jvp(
+                lambda c: operator(latent[some], c, dt[some]), (condition[some],), (examples.tangent[rows[some]],)
+            )[1]
+            value = value + recipe.sobolev * 2.0 * functional.huber_loss(slope, examples.slope[rows[some]])
+        return value
 
-    return adamw(operator, loss, iterations, learning_rate)
+    losses = adamw(operator, loss, recipe.iterations, recipe.learning_rate)
+    if recipe.refinement:
+        losses += refine_heads(operator, examples, rng, recipe.refinement)
+    return losses
+
+
+def refine_heads(operator: Operator, examples: _Examples, rng: np.random.Generator, iterations: int) -> list[float]:
+    """L-BFGS on the heads alone, on one large batch whose latents are computed once."""
+    group = rng.choice(examples.groups, size=min(REFINED_WINDOWS, len(examples.groups)), replace=False)
+    rows = examples.rows(group)
+    with torch.no_grad():
+        parts = []
+        for some in np.array_split(group, max(1, len(group) // 1024)):
+            window = examples.windows(some)
+            branch = operator.branch(window.values, window.masks, window.slow).repeat_interleave(examples.each, dim=0)
+            query = window.query.repeat_interleave(examples.each, dim=0)
+            parts.append(branch * operator.trunk(query, examples.time_s[examples.rows(some)]))
+        latent = torch.cat(parts)
+    condition, target, dt = examples.condition[rows], examples.target[rows], examples.time_s[rows]
+    optimiser = torch.optim.LBFGS(operator.heads.parameters(), max_iter=iterations, line_search_fn="strong_wolfe")
+    losses: list[float] = []
+
+    def closure() -> Tensor:
+        optimiser.zero_grad(set_to_none=True)
+        value = 2.0 * functional.huber_loss(operator(latent, condition, dt), target)
+        value.backward()  # type: ignore[no-untyped-call]
+        losses.append(float(value.detach()))
+        return value
+
+    optimiser.step(closure)  # type: ignore[no-untyped-call]
+    return losses
 
 
 @torch.no_grad()
@@ -135,7 +219,7 @@ def _along_the_recordings(
     if truth is None:
         raise ValueError("the audit needs validation sequences with truth, these have none")
     per_minute = int(60.0 / SAMPLE_PERIOD_S) // stride
-    ticks = np.arange(WINDOW, validation.measured.shape[1] - 1, stride)
+    ticks = np.arange(source.window, validation.measured.shape[1] - 1, stride)
     ticks = ticks[: max(1, len(ticks) // per_minute) * per_minute]
     sequence = np.repeat(np.arange(len(validation)), len(ticks))
     sample = np.tile(ticks, len(validation))
@@ -189,7 +273,7 @@ def audit(
     residual = _along_the_recordings(operator, source, validation, scales)
     slow = residual.mean(axis=1, keepdims=True)
     quick = (residual - slow).reshape(-1, len(STATES))
-    probe = draw_transitions(validation, count // 4, rng)
+    probe = draw_transitions(validation, count // 4, rng, source.window)
     F, G = plant_sensitivities(validation, probe)
     step = 0.02
     J_x, J_theta = np.empty_like(F), np.empty_like(G)

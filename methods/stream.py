@@ -25,12 +25,9 @@ from methods.operator import (
     N_ZETA,
     SINUSOIDS,
     SLOW_TAU_S,
-    TOKENS,
-    WINDOW,
 )
 
 REACH_1 = KERNEL * (KERNEL - 1) + 1  # columns of block 1 that one column of block 2 looks at
-REACH_2 = KERNEL**2 * (TOKENS - 1) + 1  # tokens that the attention looks at
 ZETA_SCALE = 4.0
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """Liberties with the order of sums; none with infinities, which a broken sensor can bring."""
@@ -121,11 +118,11 @@ class Stream(NamedTuple):
     """What the operator carries from tick to tick, B machines."""
 
     ticks: np.ndarray  # (B,) int64, samples pushed so far
-    values: np.ndarray  # (B, WINDOW, 7) standardised, newest last
+    values: np.ndarray  # (B, window, 7) standardised, newest last
     columns: np.ndarray  # (B, KERNEL, 21) newest last
     first: np.ndarray  # (B, REACH_1, width_1) newest last
-    tokens: np.ndarray  # (B, REACH_2, width_2) newest last
-    scores: np.ndarray  # (B, REACH_2)
+    tokens: np.ndarray  # (B, reach_2, width_2) newest last; the attention looks at every 16th
+    scores: np.ndarray  # (B, reach_2)
     slow: np.ndarray  # (B, 2) running means of the discharge temperature
     base: np.ndarray  # (B, heads * width) the heads' first layer, latent part
 
@@ -133,13 +130,15 @@ class Stream(NamedTuple):
 def empty_stream(weights: Weights, batch: int) -> Stream:
     """Before the first sample."""
     encoder = weights.encoder
+    tokens = len(encoder.position)
+    reach_2 = KERNEL**2 * (tokens - 1) + 1
     width_1, width_2 = len(encoder.block_1_bias), len(encoder.block_2_bias)
     shapes = (
-        (WINDOW, N_CHANNELS),
+        (KERNEL**2 * tokens, N_CHANNELS),
         (KERNEL, N_COLUMNS),
         (REACH_1, width_1),
-        (REACH_2, width_2),
-        (REACH_2,),
+        (reach_2, width_2),
+        (reach_2,),
         (N_SLOW,),
         (len(encoder.from_latent_bias),),
     )
@@ -213,12 +212,13 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     """
     sample = np.minimum(np.maximum(sample, -LIMIT), LIMIT).astype(np.float32)
     temperature = sample[5]
+    window = values.shape[0]
     if ticks[0] == 0:
-        for k in range(WINDOW):
+        for k in range(window):
             fill(values[k], sample)
         for i in range(N_SLOW):
             slow[i] = temperature
-        for _ in range(WINDOW):
+        for _ in range(window):
             _push_one(w, values, columns, first, tokens, scores, sample, mask)
     else:
         for i in range(N_SLOW):
@@ -227,27 +227,27 @@ def push(w, ticks, values, columns, first, tokens, scores, slow, base, sample, m
     ticks[0] += 1
 
     width_2 = tokens.shape[1]
-    weight = np.empty(TOKENS, np.float32)
-    for i in range(TOKENS):
+    weight = np.empty(w.position.size, np.float32)
+    for i in range(weight.size):
         weight[i] = scores[i * KERNEL**2] + w.position[i]
     weight = np.exp(weight - np.max(weight))
     weight /= np.sum(weight)
     summary = np.zeros(2 * width_2 + 2 * N_CHANNELS + N_SLOW, np.float32)
-    for i in range(TOKENS):
+    for i in range(weight.size):
         for j in range(width_2):
             summary[j] += weight[i] * tokens[i * KERNEL**2, j]
     fill(summary[width_2 : 2 * width_2], tokens[-1])
     at = 2 * width_2
     for c in range(N_CHANNELS):
         mean = np.float32(0.0)
-        for k in range(WINDOW):
+        for k in range(window):
             mean += values[k, c]
-        mean /= np.float32(WINDOW)
+        mean /= np.float32(window)
         square = np.float32(0.0)
-        for k in range(WINDOW):
+        for k in range(window):
             square += (values[k, c] - mean) ** 2
         summary[at + c] = mean
-        summary[at + N_CHANNELS + c] = np.sqrt(square / np.float32(WINDOW) + np.float32(1e-6))
+        summary[at + N_CHANNELS + c] = np.sqrt(square / np.float32(window) + np.float32(1e-6))
     for i in range(N_SLOW):
         summary[at + 2 * N_CHANNELS + i] = temperature - slow[i]
     branch = _normalise(np.dot(w.project, summary) + w.project_bias)
@@ -319,4 +319,18 @@ def heads_with_jacobian(w, base, condition):  # type: ignore[no-untyped-def]
         column = np.dot(second[_HEAD_OF_STATE[s]], w.out[s])
         fill(jacobian[s], column[:n])
         out[s] = column[n] + w.out_bias[s]
+    return out, jacobian
+
+
+@njit(cache=True, error_model="numpy")
+def heads_with_differences(w, base, condition, step):  # type: ignore[no-untyped-def]
+    """As ``heads_with_jacobian`` by forward differences of ``step``, for comparison: the price of not deriving."""
+    out = heads(w, base, condition)
+    jacobian = np.empty((N_STATES, N_STATES + N_ZETA), np.float32)
+    for j in range(N_STATES + N_ZETA):
+        moved = condition.copy()
+        moved[j] += np.float32(step)
+        ahead = heads(w, base, moved)
+        for i in range(N_STATES):
+            jacobian[i, j] = (ahead[i] - out[i]) / np.float32(step)
     return out, jacobian

@@ -75,15 +75,45 @@ def draw_transitions(
         anywhere = rng.uniform(HEALTH_LOW, HEALTH_HIGH, size=(count, len(HEALTH)))
         theta = np.where(rng.random(count)[:, None] < 0.5, anywhere, theta + size)
         theta = np.clip(theta, np.maximum(LOW, HEALTH_LOW), np.minimum(HIGH, HEALTH_HIGH))
-    u = truth.inputs[sequence, sample]
     horizons = rng.choice(np.array(dt_s), size=count)
-    x_next = np.empty_like(x)
-    for horizon in dt_s:
-        rows = horizons == horizon
-        substeps = max(1, round(2 * horizon / SAMPLE_PERIOD_S))
-        x_next[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, HEALTH, theta[rows])
     n = len(STATES)
-    return Transitions(sequence, sample, x[:, :n], theta, horizons, x_next[:, :n])
+    x_next = _plant(x, truth.inputs[sequence, sample], theta, horizons)
+    return Transitions(sequence, sample, x[:, :n], theta, horizons, x_next)
+
+
+def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
+    """The five states (M, 5) after dt_s (M,), from all of the plant's (M, nx)."""
+    after = np.empty((len(x), len(STATES)))
+    for horizon in np.unique(dt_s):
+        rows = dt_s == horizon
+        substeps = max(1, round(2 * horizon / SAMPLE_PERIOD_S))
+        after[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, HEALTH, theta[rows])[:, : len(STATES)]
+    return after
+
+
+class Slopes(NamedTuple):
+    """One derivative of each transition's increment, along a direction of its own."""
+
+    x: Array  # (M, 5) direction in the states
+    theta: Array  # (M, 5) direction in health
+    increment: Array  # (M, 5) derivative of x_next - x along it
+
+
+def plant_slopes(train: Batch, transitions: Transitions, rng: np.random.Generator, step: float = 1e-2) -> Slopes:
+    """The plant's derivatives along random directions, by central differences, for Sobolev training."""
+    truth = train.truth
+    if truth is None:
+        raise ValueError("slopes need sequences with truth, these have none")
+    count = len(transitions.sample)
+    along_x = STATE_SPREAD * rng.normal(size=(count, len(STATES)))
+    along_theta = 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
+    hidden = truth.states[transitions.sequence, transitions.sample, len(STATES) :]
+    u = truth.inputs[transitions.sequence, transitions.sample]
+    ends = []
+    for sign in (1.0, -1.0):
+        x = np.concatenate([transitions.x + sign * step * along_x, hidden], axis=1)
+        ends.append(_plant(x, u, transitions.theta + sign * step * along_theta, transitions.dt_s))
+    return Slopes(along_x, along_theta, (ends[0] - ends[1]) / (2.0 * step) - along_x)
 
 
 def plant_sensitivities(

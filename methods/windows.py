@@ -23,8 +23,8 @@ def query_of(filled: Array) -> Array:
 class WindowBatch(NamedTuple):
     """What the operator reads, float32."""
 
-    values: Tensor  # (B, 65, 7)
-    masks: Tensor  # (B, 64, 7)
+    values: Tensor  # (B, window + 1, 7)
+    masks: Tensor  # (B, window, 7)
     slow: Tensor  # (B, 2)
     query: Tensor  # (B, 5)
 
@@ -34,9 +34,14 @@ class WindowSource:
 
     Attributes:
         query_mean, query_scale: (5,) standardisation of the query.
+        window: samples in a window.
     """
 
-    def __init__(self, batch: Batch, front_end: FrontEnd, query_mean: Array, query_scale: Array) -> None:
+    def __init__(
+        self, batch: Batch, front_end: FrontEnd, query_mean: Array, query_scale: Array, window: int = WINDOW
+    ) -> None:
+        self.window = window
+        self.front_end = front_end
         filled, accepted, _ = front_end.run(batch.measured)
         self.values = front_end.standardise(filled).astype(np.float32)
         self.masks = accepted
@@ -51,16 +56,16 @@ class WindowSource:
         self.slow = np.stack(slow, axis=-1).astype(np.float32)
 
     @classmethod
-    def fit(cls, train: Batch, front_end: FrontEnd) -> Self:
+    def fit(cls, train: Batch, front_end: FrontEnd, window: int = WINDOW) -> Self:
         """Standardise the query on the training sequences themselves."""
         filled, _, _ = front_end.run(train.measured[:, ::20])
         query = query_of(filled)
-        return cls(train, front_end, query.mean(axis=(0, 1)), query.std(axis=(0, 1)))
+        return cls(train, front_end, query.mean(axis=(0, 1)), query.std(axis=(0, 1)), window)
 
     def at(self, sequence: np.ndarray, sample: np.ndarray) -> WindowBatch:
         """Windows that end at the given samples, the sample itself included."""
         rows = sequence[:, None]
-        ticks = sample[:, None] + np.arange(-WINDOW, 1)
+        ticks = sample[:, None] + np.arange(-self.window, 1)
         return WindowBatch(
             torch.from_numpy(self.values[rows, ticks]),
             torch.from_numpy(self.masks[rows, ticks[:, 1:]].astype(np.float32)),

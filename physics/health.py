@@ -29,8 +29,8 @@ _OFFSET = np.where(_EXPONENTIAL, 0.0, np.log(_SHARE / (1 - _SHARE)))
 
 
 @njit(cache=True)
-def _theta_and_slope(zeta, theta, slope):  # type: ignore[no-untyped-def]
-    """Both maps at once, rows of (M, 5); compiled because every filter tick asks for them."""
+def map_health(zeta, theta, slope):  # type: ignore[no-untyped-def]
+    """``theta_and_slope`` in compiled code: rows of (M, 5), written into ``theta`` and ``slope``."""
     for i in range(zeta.shape[0]):
         for j in range(zeta.shape[1]):
             s = _SLOPE[j] * zeta[i, j]
@@ -49,7 +49,7 @@ def theta_and_slope(zeta: Array) -> tuple[Array, Array]:
     """Physical health parameters and d theta / d zeta, both (..., 5), from coordinates (..., 5)."""
     rows = np.ascontiguousarray(zeta, dtype=np.float64).reshape(-1, len(HEALTH))
     theta, slope = np.empty_like(rows), np.empty_like(rows)
-    _theta_and_slope(rows, theta, slope)
+    map_health(rows, theta, slope)
     return theta.reshape(zeta.shape), slope.reshape(zeta.shape)
 
 

@@ -9,9 +9,22 @@ import torch
 from data.batch import SAMPLE_PERIOD_S
 from methods.augmented import ERROR, NOISE, PROBE, SIZE, ZETA, Model, correct, predict, predict_mean, roll_out
 from methods.operator import Operator
+from methods.safeguards import Envelope, Safety, Settings, empty_safety
 from methods.stream import Stream, empty_stream, pack
 from methods.training import weights_of
 from physics.compressor import M_REF_KG_S
+from physics.health import theta_and_slope
+
+OFF = Settings(
+    trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
+    channel_gate=np.inf, rollback=False, inflation=1.0,
+)  # fmt: skip
+"""No safeguard at all: the plain augmented filter."""
+
+
+def one_safety():
+    """The memory of one machine."""
+    return Safety(*(part[0] for part in empty_safety(1)))
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +42,8 @@ def problem():
         error_keep=0.999,
         zeta_low=np.full(5, -10.0),
         zeta_high=np.full(5, 10.0),
+        settings=OFF,
+        envelope=Envelope(np.full(5, -3.0), np.full(5, 3.0)),
     )
     z = np.concatenate([model.state_mean, [435.0], rng.normal(size=SIZE - 6) * 0.1])
     B = rng.normal(size=(SIZE, SIZE))
@@ -47,8 +62,9 @@ def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
         behind[j] -= size[j]
         ends = [predict_mean(weights.heads, model, base, at) for at in (ahead, behind)]
         F[:, j] = (ends[0] - ends[1]) / (2 * size[j])
-    after, P_after = predict(weights.heads, model, base, z, P)
+    after, P_after, slope = predict(weights.heads, model, base, z, P, 0.0, np.zeros(5))
     assert after == pytest.approx(predict_mean(weights.heads, model, base, z), abs=1e-6)
+    assert slope == pytest.approx(F, abs=1e-2)
     expected = F @ P @ F.T + model.Q
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((P_after - expected) / scale).max() < 2e-3
@@ -77,7 +93,8 @@ def test_correction_is_the_textbook(problem):
     _, model, _, z, P = problem
     white, coloured = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
     measured = np.array([z[1] + 0.01, z[PROBE] + 1.0, M_REF_KG_S * z[4]])
-    bias, slope = 0.3, 0.5
+    theta, slopes = theta_and_slope(z[ZETA:NOISE])
+    bias, slope = theta[4], slopes[4]
     H = np.zeros((3, SIZE))
     H[0, 1] = H[1, PROBE] = 1.0
     H[1, ZETA + 4] = slope
@@ -86,7 +103,8 @@ def test_correction_is_the_textbook(problem):
     S = H @ P @ H.T + np.diag(white**2)
     K = P @ H.T @ np.linalg.inv(S)
     r = measured - np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) - coloured * z[NOISE : NOISE + 3]
-    z1, P1, innovation, S1, nis = correct(model, z, P, measured, bias, slope, white, coloured, np.inf)
+    z1, P1, innovation, used, S1, nis = correct(model, one_safety(), z, P, measured, white, coloured, np.inf)
+    assert used == pytest.approx(innovation)
     assert innovation == pytest.approx(r)
     assert S1 == pytest.approx(S)
     assert z1 == pytest.approx(z + K @ r)
@@ -99,7 +117,7 @@ def test_health_is_held_within_its_coordinates(problem):
     z = z.copy()
     z[ZETA] = 50.0
     measured = np.array([z[1], z[PROBE], M_REF_KG_S * z[4]])
-    corrected, *_ = correct(model, z, P, measured, 0.0, 1.0, np.ones(3), np.ones(3), 6.0)
+    corrected, *_ = correct(model, one_safety(), z, P, measured, np.ones(3), np.ones(3), 6.0)
     assert corrected[ZETA] <= 10.0
 
 

@@ -9,7 +9,7 @@ import torch
 from data.batch import HEALTH, SAMPLE_PERIOD_S, Batch, Truth
 from methods.frontend import FrontEnd
 from methods.operator import Operator
-from methods.operator_training import LossWeights, Scales, audit, feasibility, fit_operator
+from methods.operator_training import Recipe, Scales, audit, feasibility, fit_operator
 from methods.training import adamw, load_weights, seeded, weights_of
 from methods.transitions import draw_transitions, plant_sensitivities
 from methods.windows import WindowSource
@@ -55,7 +55,7 @@ def trained(train: Batch, validation: Batch, perturbed: bool):
     transitions = draw_transitions(train, 20_000, rng, perturbed=perturbed)
     scales = Scales.fit(transitions)
     operator = Operator()
-    fit_operator(operator, source, transitions, scales, rng, 250, 256, 1e-2, LossWeights())
+    fit_operator(operator, source, transitions, scales, rng, Recipe(250, 256, 1e-2))
     held_out = WindowSource(validation, FrontEnd.fit(train), source.query_mean, source.query_scale)
     return operator, audit(operator, held_out, validation, scales, rng, count=1000)
 
@@ -123,7 +123,7 @@ def test_same_seed_same_weights(train, validation):
         source = WindowSource.fit(train, FrontEnd.fit(train))
         transitions = draw_transitions(train, 600, rng)
         operator = Operator()
-        fit_operator(operator, source, transitions, Scales.fit(transitions), rng, 5, 32, 1e-3, LossWeights())
+        fit_operator(operator, source, transitions, Scales.fit(transitions), rng, Recipe(5, 32, 1e-3))
         results.append(weights_of(operator))
     assert all(np.array_equal(results[0][name], results[1][name]) for name in results[0])
     again = Operator()

@@ -1,0 +1,119 @@
+"""Ablations: an estimator without a part, run beside the whole and compared with it sequence by sequence."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from tiny_run import parts, twinbench, write_profile
+
+from bench.ablations import ablation_table
+from bench.bootstrap import differences, sequence_scores
+from bench.cells import make_cell
+from bench.profile import load_profile
+from bench.registry import find
+from bench.scores import DEFINITIONS
+from data.errors import BadInput
+from methods.deeponet_kalman import DeepONetKalman
+from methods.estimator import ablated
+
+
+def test_an_ablation_is_the_estimator_with_other_settings():
+    kind = find("deeponet_kalman:no_rollback")
+    assert kind.name == "deeponet_kalman:no_rollback"
+    assert not kind().config["rollback"]
+    changed = {name for name, value in kind.settings.items() if value != DeepONetKalman.settings[name]}
+    assert changed == {"rollback"}
+
+
+def test_an_ablation_that_is_none_is_refused_in_one_line():
+    with pytest.raises(BadInput, match="has no ablation 'no_luck'; it has: no_covariance_adaptation"):
+        find("deeponet_kalman:no_luck")
+
+
+def test_what_fit_does_not_read_is_not_trained_anew(tmp_path):
+    """And a profile's settings hold in an ablation, but for those that the ablation is about."""
+    more = "[settings.deeponet_kalman]\niterations = 40\nfeasibility = 0.3\ninflation = 2.0\n"
+    profile = load_profile(str(write_profile(tmp_path, more=more)))
+    whole, online, offline = (
+        make_cell(name, 0, profile)
+        for name in ("deeponet_kalman", "deeponet_kalman:no_rollback", "deeponet_kalman:no_feasibility")
+    )
+    assert online.fit == whole.fit
+    assert len({whole.estimates, online.estimates, offline.estimates}) == 3
+    assert offline.fit != whole.fit
+    assert dict(offline.settings) == {"iterations": 40, "feasibility": 0.0, "inflation": 2.0}
+
+
+def scores(**values: list[float]) -> pd.DataFrame:
+    rows = [
+        (name, 0, f"s{i}", metric, value)
+        for name, of_sequences in values.items() for metric in DEFINITIONS for i, value in enumerate(of_sequences)
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])
+
+
+def test_the_table_holds_paired_differences_from_the_whole():
+    rng = np.random.default_rng(0)
+    whole = rng.uniform(1.0, 5.0, 10)
+    table = scores(**{"a": list(whole), "a:no_b": list(whole + 1.0 + 0.1 * rng.normal(size=10)), "c": [1.0] * 10})
+    shown = ablation_table(table, {})
+    assert list(shown.frame["estimator"]) == ["a:no_b"]
+    expected = differences(sequence_scores(table, "p_nrmse_pct"), "a").set_index("estimator").loc["a:no_b"]
+    assert shown.frame["p_nrmse_pct"][0] == expected["difference"]
+    assert shown.frame["p_nrmse_pct_low"][0] == expected["low"] > 0.8
+    assert shown.rows[0][0].text == "a, no b"
+    assert shown.rows[0][1].best
+
+
+def test_a_failed_ablation_says_so():
+    table = scores(**{"a": [1.0, 2.0], "a:no_b": [np.nan, np.nan]})
+    assert ablation_table(table, {"a:no_b": "seed 0, fit: broke"}).rows[0][1].text == "failed"
+
+
+ABLATED = '''
+import numpy as np
+from methods.estimator import Estimator, gaussian_state, no_info, register
+
+@register
+class Constant(Estimator):
+    name, says = "constant", "the mean in training"
+    settings = {"shift": 0.0, "scale": 1.0}
+    online = frozenset({"shift"})
+    ablations = {"no_scale": {"scale": 2.0}, "shifted": {"shift": 1.0}}
+
+    def fit(self, train, validation, seed):
+        truth = train.truth.estimated.reshape(-1, 10)
+        self.arrays = {"mean": self.config["scale"] * truth.mean(axis=0), "cov": np.cov(truth[::50].T)}
+
+    def init(self, batch):
+        return gaussian_state(np.tile(self.arrays["mean"] + self.config["shift"], (batch, 1)), self.arrays["cov"])
+
+    def step(self, state, sample):
+        return gaussian_state(state.mean, self.arrays["cov"]), no_info(len(state.mean))
+'''
+
+
+def test_a_run_with_ablations_trains_what_differs_and_reports_it_apart(tmp_path):
+    (tmp_path / "constant.py").write_text(ABLATED)
+    out = tmp_path / "out"
+    profile = write_profile(tmp_path, updates=3)
+    assert twinbench("run", "--profile", profile, "--out", out, "--only", tmp_path / "constant.py", "--ablations") == 0
+    stored = parts(out)
+    assert sum(name.startswith("store/fit/") for name in stored) == 2
+    assert sum(name.startswith("store/estimate/") for name in stored) == 3
+    comparison = pd.read_csv(out / "tables/comparison.csv")
+    assert list(comparison["estimator"]) == ["constant"]
+    table = pd.read_csv(out / "tables/ablations.csv")
+    assert list(table["estimator"]) == ["constant:no_scale", "constant:shifted"]
+    assert (table["parameter_error_pct"].abs() > 0.1).all()
+    assert set(pd.read_csv(out / "latency.csv")["estimator"]) == {"constant"}
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["ablations"] == ["constant:no_scale", "constant:shifted"]
+    assert manifest["estimators"] == ["constant"]
+
+
+def test_an_ablation_of_an_ablation_is_none():
+    assert ablated(DeepONetKalman, "no_gate").ablations == {}

@@ -1,0 +1,221 @@
+"""Each safeguard alone: what it does, and that without it things would go wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from test_augmented import OFF
+
+from methods.kalman import gain, joseph
+from methods.safeguards import (
+    CHANNEL,
+    CHI2_GATE,
+    FROZEN,
+    FROZEN_MOST,
+    INFLATING,
+    INFLATION_UPDATES,
+    INSIDE_LEAST,
+    MISMATCH_KEEP,
+    OUTSIDE,
+    OUTSIDE_MOST,
+    PUSHED,
+    Envelope,
+    bound_health,
+    carry_sensitivity,
+    distance,
+    empty_safety,
+    gather,
+    informed,
+    left_out,
+    noise_factor,
+    note_mismatch,
+    note_push,
+    scale_health,
+    trust,
+    walk_factor,
+    watch,
+)
+
+BOX = Envelope(np.full(5, -2.0), np.full(5, 2.0))
+
+
+def covariance(seed: int, n: int = 8) -> np.ndarray:
+    A = np.random.default_rng(seed).normal(size=(n, n))
+    return A @ A.T
+
+
+def test_sensitivities_are_trusted_inside_the_envelope_and_less_and_less_outside():
+    strength = OFF._replace(trust_reach=1.5)
+    inside = np.array([1.9, -1.9, 0.0, 2.0, -2.0])
+    assert distance(BOX, inside) == 0.0
+    assert trust(strength, 0.0) == 1.0
+    outside = np.array([2.9, -3.2, 0.0, 0.0, 0.0])
+    assert distance(BOX, outside) == pytest.approx(1.5)
+    assert trust(strength, 1.5) == pytest.approx(0.5)
+    assert trust(strength, 15.0) < 0.01
+    assert trust(OFF, 1e3) == 1.0
+
+
+def test_sensitivity_is_that_of_a_machine_with_other_health():
+    """Against the difference of two linear machines that have run for long under two values of health."""
+    rng = np.random.default_rng(1)
+    F = np.eye(12)
+    F[:6, :6] = np.diag(rng.uniform(0.5, 0.9, 6)) + 0.05 * rng.normal(size=(6, 6))
+    F[:6, 7:12] = rng.normal(size=(6, 5))
+    X = np.zeros((6, 5))
+    for _ in range(200):
+        carry_sensitivity(X, F, 7)
+    assert X == pytest.approx(np.linalg.solve(np.eye(6) - F[:6, :6], F[:6, 7:12]), rel=1e-6)
+
+
+def test_only_what_the_readings_tell_apart_is_corrected():
+    """Two parameters that move one reading alike are known by their sum alone until the machine moves on."""
+    H = np.zeros((3, 11))
+    H[0, 6], H[0, 7], H[1, 8] = 2.0, 2.0, 1.0
+    information = np.zeros((5, 5))
+    present = np.array([True, True, False])
+    for _ in range(100):
+        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), present)
+    projector = informed(information, 1.0)
+    assert np.trace(projector) == pytest.approx(2.0)
+    assert projector @ [1.0, -1.0, 0.0, 0.0, 0.0] == pytest.approx(np.zeros(5), abs=1e-12)
+    assert projector @ [1.0, 1.0, 3.0, 0.0, 0.0] == pytest.approx([1.0, 1.0, 3.0, 0.0, 0.0])
+    H[0, 7] = -2.0
+    for _ in range(100):
+        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), present)
+    assert np.trace(informed(information, 1.0)) == pytest.approx(3.0)
+
+
+def test_a_missing_channel_tells_nothing():
+    H = np.zeros((3, 11))
+    H[:, 6] = 1.0
+    information = np.zeros((5, 5))
+    gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.zeros(3, bool))
+    assert not information.any()
+
+
+def test_mismatch_is_the_noise_that_is_really_there():
+    rng = np.random.default_rng(2)
+    explained, R = covariance(3, 3) + np.eye(3), np.diag([4.0, 1.0, 0.25])
+    C = np.zeros((3, 3))
+    root = np.linalg.cholesky(explained + R)
+    for _ in range(4000):
+        note_mismatch(C, root @ rng.normal(size=3), explained)
+    assert np.diag(C) == pytest.approx(np.diag(R), rel=0.5)
+    before = C.copy()
+    note_mismatch(C, np.array([np.nan, 1.0, 1.0]), explained)
+    assert np.array_equal(C[0], before[0])
+
+
+@pytest.mark.parametrize(("truth", "low", "high"), [(1.0, 1.0, 1.05), (9.0, 5.0, 12.0)])
+def test_r_widens_with_the_noise_and_is_left_alone_where_the_data_sheet_holds(truth, low, high):
+    rng = np.random.default_rng(4)
+    strength = OFF._replace(r_gain=1.0)
+    C, factors = np.zeros((3, 3)), []
+    for n in range(3000):
+        note_mismatch(C, np.sqrt(truth) * rng.normal(size=3), np.zeros((3, 3)))
+        factors.append(noise_factor(strength, C, 1.0, n + 1, 0))
+    assert low <= np.mean(factors[1000:]) <= high
+    assert max(factors) <= strength.r_most
+    assert noise_factor(OFF, C, 1.0, 3000, 0) == 1.0
+
+
+def test_r_is_bounded():
+    C = np.eye(3) * 1e6
+    assert noise_factor(OFF._replace(r_gain=1.0, r_most=7.0), C, 1.0, 5000, 0) == 7.0
+
+
+def test_a_parameter_that_is_pushed_one_way_walks_faster_and_the_others_do_not():
+    rng = np.random.default_rng(5)
+    strength = OFF._replace(q_gain=0.1, q_most=20.0)
+    push, quiet = np.zeros(5), []
+    for _ in range(5000):
+        note_push(push, rng.normal(size=5), np.ones(5))
+        quiet.append(walk_factor(strength, push[1]))
+    assert np.mean(quiet) < 1.1
+    for _ in range(200):
+        note_push(push, rng.normal([2.0, 0.0, 0.0, 0.0, 0.0]), np.ones(5))
+    assert walk_factor(strength, push[0]) == strength.q_most
+    assert walk_factor(strength, push[1]) < 2.0
+    assert walk_factor(OFF, push[0]) == 1.0
+
+
+def test_what_counts_as_chance_is_chi_square():
+    assert stats.chi2.sf(PUSHED, 1) == pytest.approx(0.01, rel=0.01)
+    assert stats.chi2.sf(CHI2_GATE, [1, 2, 3]) == pytest.approx(1e-3, rel=1e-3)
+    assert 0.0 < MISMATCH_KEEP < 1.0
+
+
+def test_a_channel_far_off_is_left_out_and_a_lasting_shift_is_let_in():
+    strength, counts, S = OFF._replace(channel_gate=5.0), empty_safety(1).counts[0], np.eye(3)
+    kept = []
+    for _ in range(OUTSIDE_MOST + 3):
+        innovation = np.array([0.5, 40.0, np.nan])
+        left_out(strength, counts, innovation, S)
+        assert innovation[0] == 0.5
+        kept.append(bool(np.isfinite(innovation[1])))
+    assert kept == [False] * OUTSIDE_MOST + [True] * 3
+    left_out(strength, counts, np.array([0.0, 1.0, np.nan]), S)
+    assert counts[CHANNEL + 1] == 0
+
+
+def run_of(nis: float, updates: int, counts: np.ndarray) -> list[bool]:
+    return [bool(watch(counts, nis, 3)) for _ in range(updates)]
+
+
+def test_five_updates_outside_the_gate_freeze_health_and_consistency_frees_it():
+    counts = empty_safety(1).counts[0]
+    assert run_of(100.0, OUTSIDE_MOST - 1, counts) == [False] * (OUTSIDE_MOST - 1)
+    assert run_of(1.0, 1, counts) == [False]
+    assert run_of(100.0, OUTSIDE_MOST, counts)[-1]
+    assert counts[FROZEN] > 0
+    run_of(1.0, INSIDE_LEAST, counts)
+    assert counts[FROZEN] == 0
+    assert counts[INFLATING] == INFLATION_UPDATES
+    assert counts[OUTSIDE] == 0
+
+
+def test_what_stays_inconsistent_is_let_through_after_a_second():
+    counts = empty_safety(1).counts[0]
+    run_of(100.0, OUTSIDE_MOST + FROZEN_MOST, counts)
+    assert counts[FROZEN] == 0
+    assert counts[INFLATING] == INFLATION_UPDATES
+
+
+def test_no_reading_says_nothing_about_consistency():
+    counts = empty_safety(1).counts[0]
+    run_of(100.0, 2, counts)
+    before = counts.copy()
+    assert not watch(counts, np.nan, 0)
+    assert np.array_equal(counts, before)
+
+
+@settings(deadline=None)  # the first call compiles
+@given(st.integers(0, 1000), st.floats(0.01, 100.0))
+def test_inflation_keeps_correlations_and_definiteness(seed, size):
+    P = covariance(seed)
+    after = P.copy()
+    scale_health(after, 2, np.full(5, size))
+    sd, sd_after = np.sqrt(np.diag(P)), np.sqrt(np.diag(after))
+    assert after / np.outer(sd_after, sd_after) == pytest.approx(P / np.outer(sd, sd))
+    assert sd_after[2:7] == pytest.approx(size * sd[2:7])
+    assert np.linalg.eigvalsh(after).min() > -1e-9 * sd_after.max() ** 2
+
+
+@settings(deadline=None)
+@given(st.integers(0, 1000))
+def test_a_variance_is_bounded_by_a_reading_without_news(seed):
+    P = covariance(seed)
+    P /= 2.0 * np.sqrt(np.outer(np.diag(P), np.diag(P)))
+    scale_health(P, 2, np.array([1.0, 1.0, 4.0, 1.0, 1.0]))  # only the third is known too badly
+    variance, H = P[4, 4], np.zeros((1, 8))
+    H[0, 4] = 1.0
+    R = np.array([[variance / (variance - 1.0)]])
+    K, _, _ = gain(P, np.zeros(1), H, R)
+    expected = joseph(P, K, H, R)
+    bound_health(P, 2, 1.0)
+    assert P == pytest.approx(expected, abs=1e-9)
+    assert P[4, 4] == pytest.approx(1.0)
