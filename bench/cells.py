@@ -67,9 +67,9 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
         estimator=kind.ablation_of or kind.name, settings=learnt, seed=seed, code=code_version(kind.__module__),
         data=data,
     )  # fmt: skip
-    online = {name: whole[name] for name in sorted(kind.online)}
+    at_work = {name: whole[name] for name in sorted(kind.online)}
     evaluation = asdict(profile.evaluation)
-    estimates = key_of(fit=fit, online=online, evaluation=evaluation, code=code_version("bench.evaluate"))
+    estimates = key_of(fit=fit, online=at_work, evaluation=evaluation, code=code_version("bench.evaluate"))
     return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
 
@@ -115,9 +115,14 @@ def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
 def load_fit(store: Store, cell: Cell) -> Estimator:
     """A trained estimator from the store."""
+    return find(cell.spec).load(store.path("fit", cell.fit), **online(cell))
+
+
+def online(cell: Cell) -> dict[str, Any]:
+    """A cell's settings that need no training."""
     kind = find(cell.spec)
     whole = {**kind.settings, **dict(cell.settings)}
-    return kind.load(store.path("fit", cell.fit), **{name: whole[name] for name in kind.online})
+    return {name: whole[name] for name in sorted(kind.online)}
 
 
 def load_estimates(store: Store, cell: Cell) -> Estimates:

@@ -63,6 +63,10 @@ def _parser() -> argparse.ArgumentParser:
         "--ablations", action="store_true",
         help="besides, each of the estimators without each of its parts (twinbench list ablations)",
     )  # fmt: skip
+    run.add_argument(
+        "--robustness", action="store_true",
+        help="besides, under more noise and dropout, faster wear, loads beyond the envelope and sensor faults",
+    )  # fmt: skip
     run.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
     run.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True,
@@ -198,7 +202,7 @@ def _run(a: argparse.Namespace) -> int:
     profile = load_profile(a.profile)
     out = a.out or Path("results") / profile.name
     command = "twinbench " + shlex.join(sys.argv[1:])
-    finished = run(profile, out, tuple(a.only), a.ablations, a.resume, a.backend, a.scheduler, command)
+    finished = run(profile, out, tuple(a.only), a.ablations, a.robustness, a.resume, a.backend, a.scheduler, command)
     print(to_text(finished.comparison, get_terminal_size().columns))
     for outcome in finished.failed:
         print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")

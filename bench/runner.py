@@ -17,7 +17,7 @@ import pandas as pd
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from bench import cells, latency
+from bench import cells, latency, robustness
 from bench.cells import Cell, Outcome
 from bench.profile import KINDS, Profile, fits
 from bench.registry import discover, find
@@ -45,6 +45,7 @@ def run(
     out: Path,
     only: tuple[str, ...] = (),
     ablations: bool = False,
+    harder: bool = False,
     resume: bool = True,
     backend: str = "local",
     scheduler: str = "",
@@ -56,6 +57,7 @@ def run(
     Args:
         only: the estimators to run; all if left out.
         ablations: run each of them without each of its parts, too.
+        harder: run them under the conditions of ``data.disturb``, too.
 
     Raises:
         BadInput: an unknown estimator or setting, a folder that cannot be written to.
@@ -94,14 +96,18 @@ def run(
             failed += [o for o in stage("estimate", cells.estimate, store, profile, ready) if o.reason]
             good = _without(ready, failed)
             tables = stage("score", _score, store, good)
+            trials = robustness.trials(good, profile) if harder else []
+            tried = stage("robustness", robustness.attempt, store, profile, trials) if trials else []
             # Serial, after everything else: timings are never taken beside other work.
             start = time.perf_counter()
             first = [c for c in good if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
             timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
             walls["latency"] = round(time.perf_counter() - start, 2)
-    failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
+    failed = sorted(failed + untimed + robustness.as_outcomes(tried), key=lambda o: (o.cell.estimator, o.cell.seed))
     _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
     _write_failures(out, failed)
+    if harder:
+        _write_robustness(out, store, tried)
     latency.write(out, timings)
     write_text(out / "manifest.json", json.dumps(_manifest(profile, todo, good, command, walls), indent=2) + "\n")
     return Finished(failed, write_report(out))
@@ -171,6 +177,13 @@ def _write_scores(out: Path, tables: list[pd.DataFrame], failed: list[Outcome], 
             tables.append(frame.assign(estimator=outcome.cell.estimator, seed=outcome.cell.seed))
     scores = pd.concat(tables, ignore_index=True)[SCORES].sort_values(SCORES[:4], kind="stable")
     write_atomically(out / "scores.csv", lambda path: scores.to_csv(path, index=False))
+
+
+def _write_robustness(out: Path, store: Store, tried: list[robustness.Tried]) -> None:
+    tables = [robustness.load(store, t.trial) for t in tried if not t.reason]
+    if tables:
+        scores = pd.concat(tables, ignore_index=True).sort_values(robustness.COLUMNS[:6], kind="stable")
+        write_atomically(out / "robustness.csv", lambda path: scores.to_csv(path, index=False))
 
 
 def _write_failures(out: Path, failed: list[Outcome]) -> None:

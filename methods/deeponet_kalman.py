@@ -86,6 +86,8 @@ class DeepONetKalman(Estimator):
         "no_feasibility": {"feasibility": 0.0},
         "finite_differences": {"difference": 0.01},
         "no_trust": {"trust_reach": np.inf, "extrapolation": 0.0},
+        "trust_alone": {"extrapolation": 0.0},
+        "extrapolation_alone": {"trust_reach": np.inf},
         "no_counterfactuals": {"counterfactual": False},
         "sobolev": {"sobolev": 0.1},
         "no_conditioning": {"conditioned": False},

@@ -1,0 +1,140 @@
+"""How estimators bear harder conditions: a trial is a trained estimator under one condition of ``data.disturb``."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from bench import cells
+from bench.aligned import truth_at
+from bench.cells import Cell, Outcome
+from bench.estimates import Estimates
+from bench.evaluate import run as evaluate
+from bench.profile import Evaluation, Profile
+from bench.registry import one_line
+from bench.roster import PROPOSED, is_ablation
+from bench.scores import RELATIVE, ZERO_C_IN_K, score
+from bench.store import CannotWrite, Store, key_of
+from bench.threads import pin_torch
+from bench.versions import code_version
+from data.batch import STATES, Array, Batch
+from data.benchmark import DesignConfig
+from data.disturb import CONDITIONS, FAULT_BEGINS_S, Condition, simulate_condition
+
+COLUMNS = ["estimator", "seed", "group", "condition", "sequence", "metric", "value"]
+METRICS = (
+    "p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct", "p_open60_pct", "T_open60_pct", "m_open60_pct",
+    "parameter_error_pct", "coverage95_pct", "nis_ratio",
+)  # fmt: skip
+RECOVERY_S = 60.0
+"""After a fault's end an estimate has so long to be as good again as without the fault."""
+UNDISTURBED = Condition("fault", "none")
+TREATMENTS = ("trust_alone", "extrapolation_alone", "no_trust")
+"""Ablations of the proposed method that treat loads beyond the envelope otherwise."""
+EVALUATION = Evaluation(stride=10)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One estimator under one condition, and the key of its scores in the store."""
+
+    cell: Cell
+    condition: Condition
+    key: str
+
+
+class Tried(NamedTuple):
+    """How a trial ended: ``reason`` is empty where it is done."""
+
+    trial: Trial
+    reason: str = ""
+
+
+def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
+    """Every condition for the proposed method; for the others all but noise and dropout, of which the paper shows one
+    map; for the proposed method's other treatments of the envelope, that. The first seed of each."""
+    first = [c for c in done if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
+    found = []
+    for cell in first:
+        for condition in (UNDISTURBED, *CONDITIONS):
+            if cell.estimator == PROPOSED or condition.group != "noise and dropout":
+                found.append(_trial(cell, condition, profile))
+        if cell.estimator == PROPOSED:
+            treated = [cells.make_cell(f"{cell.spec}:{name}", cell.seed, profile) for name in TREATMENTS]
+            beyond = [c for c in CONDITIONS if c.group == "envelope"]
+            found += [_trial(other, condition, profile) for other in treated for condition in beyond]
+    return found
+
+
+def _trial(cell: Cell, condition: Condition, profile: Profile) -> Trial:
+    code = [code_version("data.disturb"), code_version("bench.robustness")]
+    online = cells.online(cell)
+    key = key_of(fit=cell.fit, online=online, condition=asdict(condition), design=asdict(profile.data), code=code)
+    return Trial(cell, condition, key)
+
+
+def attempt(store: Store, profile: Profile, trial: Trial) -> Tried:
+    """Run a trial unless it is done, and keep its scores."""
+    if store.has("trial", trial.key, ".csv"):
+        return Tried(trial)
+    pin_torch()
+    try:
+        batch = _sequences(profile.data, trial.condition)
+        estimator = cells.load_fit(store, trial.cell)
+        estimates = evaluate(estimator, batch.without_truth(), EVALUATION, trial.cell.seed)
+        table = scores_under(estimates, batch, trial)
+        store.put("trial", trial.key, lambda path: table.to_csv(path, index=False), ".csv")
+    except CannotWrite:
+        raise
+    except Exception as error:
+        return Tried(trial, one_line(error))
+    return Tried(trial)
+
+
+@functools.lru_cache(maxsize=1)
+def _sequences(config: DesignConfig, condition: Condition) -> Batch:
+    return simulate_condition(config, condition)
+
+
+def load(store: Store, trial: Trial) -> pd.DataFrame:
+    """The scores of a finished trial, columns COLUMNS."""
+    return pd.read_csv(store.path("trial", trial.key, ".csv"))
+
+
+def scores_under(estimates: Estimates, batch: Batch, trial: Trial) -> pd.DataFrame:
+    """Scores of one trial, sequence by sequence, with those of the time after any fault."""
+    table = score(estimates, batch)
+    table = pd.concat([table[table["metric"].isin(METRICS)], _afterwards(estimates, batch)], ignore_index=True)
+    cell, condition = trial.cell, trial.condition
+    table = table.assign(estimator=cell.estimator, seed=cell.seed, group=condition.group, condition=condition.name)
+    return table[COLUMNS]
+
+
+def _afterwards(estimates: Estimates, batch: Batch) -> pd.DataFrame:
+    """Errors from RECOVERY_S after the end of the longest fault on, as ``..._after_pct``."""
+    longest = max(c.fault.seconds for c in CONDITIONS if c.fault is not None)
+    late = estimates.time_s >= min(FAULT_BEGINS_S, 0.5 * estimates.time_s[-1]) + longest + RECOVERY_S
+    if not late.any():
+        return pd.DataFrame(columns=["sequence", "metric", "value"])
+    at = truth_at(batch, estimates.names, estimates.time_s[late])
+    mean = estimates.mean[:, late].astype(np.float64)
+    values: dict[str, Array] = {}
+    for key, state, zero in (("p", "p_exh_bar", 0.0), ("T", "T_gas_K", ZERO_C_IN_K), ("m", "flow_memory", 0.0)):
+        i = STATES.index(state)
+        error = np.sqrt(np.mean((mean[..., i] - at.states[..., i]) ** 2, axis=1))
+        values[f"{key}_after_pct"] = 100.0 * error / (at.states[..., i] - zero).mean(axis=1)
+    first, true = len(STATES), at.health[..., : len(RELATIVE)]
+    relative = np.abs(mean[..., first : first + len(RELATIVE)] - true) / np.abs(true)
+    values["parameter_after_pct"] = 100.0 * relative.mean(axis=(1, 2))
+    frame = pd.DataFrame(values).assign(sequence=estimates.names)
+    return frame.melt("sequence", var_name="metric", value_name="value")
+
+
+def as_outcomes(tried: Sequence[Tried]) -> list[Outcome]:
+    """Failed trials as the runner reports failures."""
+    return [Outcome(t.trial.cell, f"robustness: {t.trial.condition.name}", t.reason) for t in tried if t.reason]

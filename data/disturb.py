@@ -1,0 +1,144 @@
+"""Test sequences under harder conditions: noisier sensors, faster wear, loads beyond the envelope, sensor faults."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from data.benchmark import DesignConfig, design, run
+from data.corrupt import Corruption
+from data.scenario import N_LIMITS_RPM, RATIO_LIMITS, Scenario, stream
+from physics.sensors import INPUT_NOISE, OUTPUT_NOISE
+
+MINUTES = 10.0
+"""Length of a disturbed sequence: a filter has settled by half of it, and has time to recover in the other half."""
+FAULT_BEGINS_S = 300.0
+NOISE_LEVELS = (0.5, 1.0, 1.5, 2.0, 3.0)
+DROPOUT_LEVELS = (0.0, 0.02, 0.05, 0.10, 0.20, 0.30)
+PACES = (0.5, 1.0, 2.0, 4.0)
+BEYOND = (0.0, 0.1, 0.2, 0.3, 0.4)
+
+
+@dataclass(frozen=True)
+class SensorFault:
+    """What some sensors do for a while.
+
+    Attributes:
+        kind: ``stuck`` at the last value, ``spikes``, ``drift`` and back at once, ``bias``, ``jitter`` of the
+            sampling instant, ``loss``.
+        channels: whose.
+        seconds: for how long.
+        size: of spikes, drift and bias in standard deviations of the sensor's noise; of jitter in samples.
+    """
+
+    name: str
+    kind: str
+    channels: tuple[str, ...]
+    seconds: float = 60.0
+    size: float = 0.0
+
+
+FAULTS = (
+    *(SensorFault(f"stuck {c}", "stuck", (c,)) for c in OUTPUTS),
+    *(SensorFault(f"spikes {c}", "spikes", (c,), size=30.0) for c in OUTPUTS),
+    *(SensorFault(f"drift {c}", "drift", (c,), size=6.0) for c in OUTPUTS),
+    *(SensorFault(f"bias {c}", "bias", (c,), size=6.0) for c in OUTPUTS),
+    SensorFault("jitter", "jitter", CHANNELS, size=1.0),
+    *(SensorFault(f"loss {c}", "loss", (c,)) for c in (*INPUTS[:3], *OUTPUTS)),
+    SensorFault("all lost", "loss", CHANNELS, seconds=10.0),
+)
+SPIKED = 0.2
+"""Share of samples that spike while a sensor does."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One way in which the test sequences are harder.
+
+    Attributes:
+        group: ``noise and dropout``, ``pace``, ``envelope`` or ``fault``.
+        pace: of all wear, in that of the benchmark.
+        beyond: by which share speeds and pressure ratios reach farther from the middle than in training.
+    """
+
+    group: str
+    name: str
+    corruption: Corruption = field(default_factory=Corruption)
+    pace: float = 1.0
+    beyond: float = 0.0
+    fault: SensorFault | None = None
+
+
+CONDITIONS = (
+    *(Condition("noise and dropout", f"noise {n:g}, dropout {d:g}", Corruption(noise=n, dropout=d))
+      for n in NOISE_LEVELS for d in DROPOUT_LEVELS),
+    *(Condition("pace", f"wear at pace {p:g}", pace=p) for p in PACES),
+    *(Condition("envelope", f"loads {b:.0%} beyond", beyond=b) for b in BEYOND),
+    *(Condition("fault", f.name, fault=f) for f in FAULTS),
+)  # fmt: skip
+
+
+def simulate_condition(config: DesignConfig, condition: Condition) -> Batch:
+    """The test sequences, shortened to MINUTES after the warm-up, under a condition; with their truth."""
+    minutes = min(config.minutes, config.warmup_minutes + MINUTES)
+    scenarios = design(replace(config, minutes=minutes))["test"]
+    harder = tuple(_harder(s, condition) for s in scenarios)
+    batch = run(harder, config.warmup_minutes, condition.corruption)
+    if condition.fault is None:
+        return batch
+    rngs = [stream(config.seed, s.name, condition.name) for s in scenarios]
+    measured = [with_fault(m, condition.fault, rng) for m, rng in zip(batch.measured, rngs, strict=True)]
+    return replace(batch, measured=np.stack(measured))
+
+
+def _harder(scenario: Scenario, condition: Condition) -> Scenario:
+    changes = tuple(
+        replace(c, finish_s=c.begin_s + (c.finish_s - c.begin_s) / condition.pace) for c in scenario.changes
+    )
+    return replace(
+        scenario, changes=changes,
+        N_rpm=_stretched(scenario.N_rpm, N_LIMITS_RPM, condition.beyond),
+        ratio=_stretched(scenario.ratio, RATIO_LIMITS, condition.beyond),
+    )  # fmt: skip
+
+
+def _stretched(knots: Array, limits: tuple[float, float], beyond: float) -> Array:
+    middle = 0.5 * (limits[0] + limits[1])
+    return np.stack([knots[:, 0], middle + (1.0 + beyond) * (knots[:, 1] - middle)], axis=-1)
+
+
+def with_fault(measured: Array, fault: SensorFault, rng: np.random.Generator) -> Array:
+    """Readings (N, 7) with the fault from FAULT_BEGINS_S on, or from the middle where they are shorter."""
+    out = measured.copy()
+    begin = min(round(FAULT_BEGINS_S / SAMPLE_PERIOD_S), len(out) // 2)
+    rows = slice(begin, begin + round(fault.seconds / SAMPLE_PERIOD_S))
+    for channel in fault.channels:
+        c = CHANNELS.index(channel)
+        values = out[rows, c]
+        sd = fault.size * _noise_sd(channel, measured[:, c])
+        if fault.kind == "stuck":
+            before = measured[:begin, c]
+            seen = before[np.isfinite(before)]
+            values[:] = seen[-1] if len(seen) else np.nan
+        elif fault.kind == "spikes":
+            spiked = rng.random(len(values)) < SPIKED
+            values[spiked] += sd * rng.choice([-1.0, 1.0], int(spiked.sum()))
+        elif fault.kind == "drift":
+            values += sd * np.linspace(0.0, 1.0, len(values))
+        elif fault.kind == "bias":
+            values += sd
+        elif fault.kind == "jitter":
+            late = np.clip(rng.normal(size=len(values)) * fault.size, -3.0, 3.0)
+            values[:] = np.interp(np.arange(len(values)) + late, np.arange(len(values)), values)
+        else:
+            values[:] = np.nan
+    return out
+
+
+def _noise_sd(channel: str, readings: Array) -> float:
+    """Of white and coloured noise together, at the mean reading."""
+    (noise,) = (n for n in (*INPUT_NOISE, *OUTPUT_NOISE) if n.channel == channel)
+    size = float(np.nanmean(np.abs(readings))) if noise.relative else 1.0
+    return size * float(np.hypot(noise.white, noise.coloured))

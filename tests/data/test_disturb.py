@@ -1,0 +1,51 @@
+"""Harder conditions are what they say, and nothing but the readings or the load is touched."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from data.batch import CHANNELS, SAMPLE_PERIOD_S
+from data.benchmark import DesignConfig
+from data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
+
+SMALL = DesignConfig(n_train=1, n_validation=1, n_test=2, minutes=4.0, warmup_minutes=0.5)
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    return simulate_condition(SMALL, Condition("fault", "none"))
+
+
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda f: f.name)
+def test_a_fault_begins_and_ends_and_touches_its_channels_only(fault, undisturbed):
+    before = undisturbed.measured[0]
+    after = with_fault(before, fault, np.random.default_rng(0))
+    touched = ~((before == after) | (np.isnan(before) & np.isnan(after)))
+    assert not touched[:, [i for i, c in enumerate(CHANNELS) if c not in fault.channels]].any()
+    rows = np.flatnonzero(touched.any(axis=1))
+    begin = len(before) // 2
+    assert begin <= rows[0] <= begin + 20
+    assert rows[-1] < begin + fault.seconds / SAMPLE_PERIOD_S
+    assert rows[-1] > min(begin + fault.seconds / SAMPLE_PERIOD_S, len(before)) - 60
+
+
+def test_faster_wear_ends_sooner_at_the_same_place(undisturbed):
+    fast = simulate_condition(SMALL, Condition("pace", "fast", pace=4.0))
+    assert fast.truth.health[:, -1] == pytest.approx(undisturbed.truth.health[:, -1])
+    moved = [np.ptp(b.truth.health, axis=1) for b in (fast, undisturbed)]
+    assert (moved[0] == pytest.approx(moved[1])) or (moved[0] >= moved[1] - 1e-12).all()
+    changing = (np.diff(undisturbed.truth.health, axis=1) != 0).sum()
+    assert (np.diff(fast.truth.health, axis=1) != 0).sum() < 0.5 * changing
+
+
+def test_loads_beyond_the_envelope_reach_farther(undisturbed):
+    beyond = simulate_condition(SMALL, Condition("envelope", "far", beyond=0.4))
+    N = CHANNELS.index("N_rpm")
+    assert np.ptp(beyond.truth.inputs[..., N]) == pytest.approx(1.4 * np.ptp(undisturbed.truth.inputs[..., N]))
+
+
+def test_every_condition_has_a_name_of_its_own():
+    names = [c.name for c in CONDITIONS]
+    assert len(set(names)) == len(names)
+    assert sum(c.group == "noise and dropout" for c in CONDITIONS) == 30
