@@ -18,6 +18,8 @@ MANY = 3
 """From so many effects on."""
 TURNS = 4
 """Pictures that are thinned out one after the other, at most."""
+KNOWN_SIZE = 6.0
+"""Units by which an effect of roughly its usual size is better than chance, whatever how likely it is to be there."""
 RIDGE, TIGHT = 0.5, 0.5
 """Where all candidates are fitted at once: prior standard deviation of a size, in typical ones, and what all other
 priors are shortened to. Loose, such a fit ends where large effects cancel each other."""
@@ -54,6 +56,29 @@ def from_everything(best: Explanation, problem: Problem, choices: Sequence[Varia
     # Under the noise of whichever leaves less: what is unexplained makes any explanation cheap.
     whitener = min((best.problem.whitener, at.problem.whitener), key=lambda w: float(np.log(w.variance()).sum()))
     return min((_under(whitener, best), _under(whitener, at)), key=lambda e: e.score(PENALTY))
+
+
+def completed(best: Explanation, shown: Picture) -> Explanation:
+    """With the physics besides that is likely where so much is missing already, though it explains little.
+
+    What is one of seven effects of 28 that might be there is likely by itself: it must earn less than the first.
+    Left out, it would be made up for by what drifts: the health of a machine is wrong then, if hardly its readings.
+
+    Args:
+        shown: a picture around ``best``.
+    """
+    faults = {j for j, candidate in enumerate(best.problem.machine.candidates) if is_fault(candidate)}
+    owner = [v.candidate for v in shown.variants]
+    here = tuple(sorted(owner.index(v.candidate) for v in best.chosen))
+    chosen = local_search(shown, here, LARGEST, each_of_many(best), without=faults)
+    return best if set(chosen) == set(here) else refit(best.bare, best.z[: best.first], shown, chosen, rounds=2)
+
+
+def each_of_many(best: Explanation) -> float:
+    """Units that an effect must earn where as much physics is missing as in ``best``; fewer than one alone must."""
+    physics = sum(not is_fault(candidate) for candidate in best.problem.machine.candidates)
+    found = max(len(best.names), 1)
+    return KNOWN_SIZE + 2.0 * float(np.log(max((physics - found) / found, 1.0)))
 
 
 def _under(whitener: Whitener, explanation: Explanation) -> Explanation:

@@ -15,7 +15,7 @@ from mismatch.fit import Problem, Unknown
 from mismatch.proof import Held
 from mismatch.tracks import Track
 
-FORM = 3.0
+FORM = 2.0
 """Times that the chi-square may exceed what chance makes in one of a hundred: no drift's form is exact."""
 TOLD = 0.05
 """Information of the held-out recordings about a size, in what the fitted ones have, from which on it is compared."""

@@ -17,7 +17,7 @@ from mismatch.explanation import Explanation, present, refit, rewhitened
 from mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
 from mismatch.guards import Guards
 from mismatch.machine import Machine
-from mismatch.many import MANY, from_everything
+from mismatch.many import MANY, completed, from_everything
 from mismatch.model import whole_catalogue
 from mismatch.noise import ORDER, Whitener, noise_floor
 from mismatch.onset import find_onsets, settled_onsets
@@ -148,6 +148,9 @@ def examine(
     held_before = held_out(problem, z, held, own, held_first) if held else None
     held_after, share, there, transferred, refused, others = None, None, None, None, "", []
     if best is not None:
+        if len(best.names) >= MANY and (fuller := completed(best, shown)) is not best:
+            best = _again(dataclasses.replace(problem, offsets=best.problem.offsets), fuller)
+            shown = _pictured(best.bare, best, choices, progress, TURNS, guards)
         fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
         if held_before is not None:
             held_after = held_out(best.problem, best.z, held, own)

@@ -12,10 +12,10 @@ import numpy as np
 
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
-from mismatch.many import MANY
+from mismatch.many import MANY, each_of_many
 from mismatch.picture import Picture
 from mismatch.proof import NOTHING, BorneOut, Gain, Held, clearly_worse, held_out, lost
-from mismatch.rivals import NEAR, fresh_rounds
+from mismatch.rivals import NEAR, fresh_rounds, slack
 from mismatch.search import PENALTY
 from mismatch.tracks import Track
 
@@ -23,8 +23,8 @@ FORM, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
 plainer explanations within that are weighed."""
 LIKELY, FAR = 6, 100.0
-"""Explanations of each number of effects that are held against the best on held-out recordings; of many effects, if
-they are no more units behind it."""
+"""Explanations of each number of effects that are held against the best on held-out recordings; of many effects so
+many in all, if they are no more units behind it."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
 error, in noise variances, that there must be."""
@@ -47,16 +47,18 @@ def contended(
     beside = Beside(best, held_best, held, own)
     # Of many effects several sets predict alike, but for how far the forms of drifts suit each.
     many = len(best.names) >= MANY
-    most = min(before.cost, best.score(PENALTY) + FAR) if many else before.cost
-    ranked = sorted((e for e in fitted if e.names and e.score(PENALTY) < most), key=lambda e: e.score(PENALTY))
+    each = min(each_of_many(best), PENALTY) if many else PENALTY
+    most = min(before.cost, best.score(each) + FAR) if many else before.cost
+    ranked = sorted((e for e in fitted if e.names and e.score(each) < most), key=lambda e: e.score(each))
     sizes: dict[int, dict[tuple[str, ...], Explanation]] = {}
     for e in ranked:
         sizes.setdefault(len(e.names), {}).setdefault(e.names, e)
     likely = [e for same in sizes.values() for e in list(same.values())[:LIKELY]]
-    total = {e.names: (e.score(PENALTY) + beside.behind(e), e) for e in likely}
+    likely = sorted(likely, key=lambda e: e.score(each))[:LIKELY] if many else likely
+    total = {e.names: (e.score(each) + beside.behind(e), e) for e in likely}
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     variance = best.problem.whitener.variance()
-    better = least < best.score(PENALTY) - NEAR
+    better = least < best.score(each) - (slack(before.cost - best.cost) if many else NEAR)
     if better and (not many or clearly_worse(held_best, beside.held(first), variance)):
         best, held_best = first, beside.held(first)
     for e in finalists:

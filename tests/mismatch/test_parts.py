@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from data.recording import Recording
 from mismatch.faults import faults
 from mismatch.fit import Problem, Unknown, solve
 from mismatch.machine import Machine
+from mismatch.many import completed
 from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from mismatch.picture import RARE, Picture, Variant
 from mismatch.proof import Gain
@@ -181,6 +183,26 @@ def test_a_walk_finds_what_single_steps_do_not():
     r = 4.0 * true.sum(axis=1) + rng.normal(size=800)
     shown = pictured(np.concatenate((fakes, true, rng.normal(size=(800, 20))), axis=1), r)
     assert wander(shown, (0, 1), 6, PENALTY) == (2, 3, 4)
+
+
+@pytest.mark.parametrize(("found", "of", "worth", "comes"), [
+    (5, 12, 9.0, True), (5, 12, 5.0, False), (3, 60, 9.0, False), (3, 60, 14.0, True),
+])  # fmt: skip
+def test_what_is_likely_beside_so_many_effects_must_earn_less(monkeypatch, found, of, worth, comes):
+    """Of independent candidates the first ones gain 1000 units, the next one ``worth``, the others nothing."""
+    r = np.zeros(of)
+    r[:found], r[found] = np.sqrt(1000.0), np.sqrt(worth)
+    shown = pictured(np.eye(of), r)
+    physics = [SimpleNamespace(mechanism=SimpleNamespace(port="balance:x", series=None)) for _ in range(of)]
+    machine = SimpleNamespace(candidates=physics)
+    problem = SimpleNamespace(machine=machine)
+    best = SimpleNamespace(
+        problem=problem, names=tuple("abcde"[:found]), chosen=shown.variants[:found], bare=problem, z=r, first=0
+    )
+    monkeypatch.setattr("mismatch.many.is_fault", lambda candidate: False)
+    monkeypatch.setattr("mismatch.many.refit", lambda problem, z, shown, chosen, rounds: chosen)
+    ends = completed(best, shown)
+    assert (ends == tuple(range(found + 1))) if comes else (ends is best)
 
 
 def test_a_faulty_sensor_that_is_not_alone_must_earn_more():
