@@ -86,6 +86,14 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
     check.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
+    tuning = command(
+        "tune", "choose an estimator's settings on the validation sequences", "twinbench tune gru_kf --trials 20"
+    )
+    tuning.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
+    tuning.add_argument("--profile", default="quick", help="whose data and training (default: quick)")
+    tuning.add_argument("--trials", type=int, default=20, metavar="N", help="in all, earlier ones included")
+    tuning.add_argument("--out", type=Path, default=Path("results/tuning"), metavar="DIR")
+
     simulate = command(
         "simulate", "write the benchmark's recordings, or what a simulator of yours makes of recorded inputs",
         "twinbench simulate --out recordings\n"
@@ -297,6 +305,19 @@ def _check(a: argparse.Namespace) -> int:
     return 1 if failed else 0
 
 
+def _tune(a: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from bench.profile import load_profile
+    from bench.tune import tune
+
+    command = "twinbench " + shlex.join(sys.argv[1:])
+    best = tune(a.estimator, load_profile(a.profile), a.out, a.trials, Console(stderr=True), command)
+    for name, value in best.items():
+        print(f"{name} = {value!r}")
+    return 0
+
+
 def _simulate(a: argparse.Namespace) -> int:
     from data.errors import BadInput
 
@@ -428,6 +449,7 @@ _COMMANDS = {
     "run": _run,
     "list": _list,
     "check": _check,
+    "tune": _tune,
     "simulate": _simulate,
     "estimate": _estimate,
     "mismatch": _mismatch,

@@ -1,0 +1,135 @@
+"""Choose an estimator's settings on the validation sequences: every estimator gets the same number of trials."""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import optuna
+import pandas as pd
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import TrialState
+from rich.console import Console
+
+from bench import cells
+from bench.evaluate import run as evaluate
+from bench.profile import Evaluation, Profile
+from bench.registry import find
+from bench.runner import bars
+from bench.scores import score
+from bench.store import Store, check_writable, write_atomically, write_text
+from bench.versions import provenance
+from data.errors import BadInput
+from methods.estimator import Estimator
+
+ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
+COVERAGE, RIGHT_PCT = "coverage95_pct", 95.0
+PENALTY = 0.05
+"""Of one per cent that the intervals hold less than they promise, in per cent of error."""
+FAILED = 1e3
+"""Score of settings with which an estimator fails."""
+EVALUATION = Evaluation(stride=10, origin_every_s=3600.0)
+SEED = 0
+
+
+def merit(means: dict[str, float]) -> float:
+    """The paper's rule: mean error of pressure, temperature and flow, and a penalty for lacking coverage."""
+    lacking = max(RIGHT_PCT - means[COVERAGE], 0.0)
+    return float(np.mean([means[m] for m in ERRORS])) + PENALTY * lacking
+
+
+def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "") -> dict[str, Any]:
+    """Try settings out of an estimator's search space until there are ``trials`` of them, earlier ones counted.
+
+    The first trial is the profile's own settings. Writes ``NAME.csv``, one row a trial, ``NAME.toml``, the best as
+    a profile's section, and ``NAME.json``, what made them.
+
+    Returns:
+        The best settings.
+
+    Raises:
+        BadInput: nothing to tune, or ``out`` cannot be written to.
+    """
+    kind = find(spec)
+    if not kind.search_space:
+        raise BadInput(f"{kind.name} has no search space, so nothing to tune; declare one in the class")
+    if trials < 1:
+        raise BadInput(f"--trials is {trials}, must be at least 1")
+    check_writable(out)
+    store = Store(out / "store")
+    optuna.logging.set_verbosity(logging.WARNING)
+    study = optuna.create_study(
+        storage=JournalStorage(JournalFileBackend(str(out / f"{kind.name}.journal"))),
+        study_name=cells.make_cell(spec, SEED, replace(profile, seeds=(SEED,))).fit,
+        sampler=optuna.samplers.TPESampler(seed=SEED, multivariate=True, n_startup_trials=max(4, trials // 4)),
+        load_if_exists=True,
+    )
+    own = {**kind.settings, **profile.settings.get(kind.name, {})}
+    if not study.trials:
+        study.enqueue_trial({name: own[name] for name in kind.search_space})
+    began = time.time()
+    with bars(console) as progress:
+        bar = progress.add_task("trials", total=trials, completed=len(_finished(study)))
+        while len(_finished(study)) < trials:
+            trial = study.ask()
+            chosen = {name: _suggest(trial, name, own[name], *ends) for name, ends in kind.search_space.items()}
+            means = _measure(spec, kind, replace(profile, seeds=(SEED,)), chosen, store)
+            for name, value in means.items():
+                trial.set_user_attr(name, value)
+            study.tell(trial, means["merit"])
+            progress.update(bar, completed=len(_finished(study)))
+    return _write(kind, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
+
+
+def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
+    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+
+
+def _suggest(trial: optuna.Trial, name: str, default: Any, low: float, high: float) -> Any:
+    if isinstance(default, int):
+        return trial.suggest_int(name, int(low), int(high), log=True)
+    return trial.suggest_float(name, low, high, log=True)
+
+
+def _measure(
+    spec: str, kind: type[Estimator], profile: Profile, chosen: dict[str, Any], store: Store
+) -> dict[str, Any]:
+    """Merit of some settings on the validation sequences, and what it is made of."""
+    own = {**profile.settings.get(kind.name, {}), **chosen}
+    profile = replace(profile, settings={**profile.settings, kind.name: own})
+    cell = cells.make_cell(spec, SEED, profile)
+    began = time.perf_counter()
+    cells.ensure_data(store, profile, cell.data)
+    outcome = cells.fit(store, profile, cell)
+    if outcome.reason:
+        return {"merit": FAILED, "failed": outcome.reason}
+    validation = cells.load_split(store, cell.data).validation
+    try:
+        estimates = evaluate(cells.load_fit(store, cell), validation.without_truth(), EVALUATION, SEED)
+    except FloatingPointError as error:
+        return {"merit": FAILED, "failed": str(error)}
+    table = score(estimates, validation).groupby("metric")["value"].mean()
+    means = {m: float(table[m]) for m in (*ERRORS, COVERAGE, "parameter_error_pct")}
+    return {"merit": merit(means), **means, "seconds": round(time.perf_counter() - began, 1)}
+
+
+def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[str, Any]) -> dict[str, Any]:
+    done = _finished(study)
+    table = pd.DataFrame([{"trial": t.number, **t.params, **t.user_attrs} for t in done])
+    write_atomically(out / f"{kind.name}.csv", lambda path: table.to_csv(path, index=False))
+    best = {name: _rounded(value) for name, value in study.best_trial.params.items()}
+    lines = [f"# The best of {len(done)} trials; merit {study.best_value:.4g}.", f"[settings.{kind.name}]"]
+    write_text(out / f"{kind.name}.toml", "\n".join([*lines, *(f"{n} = {v!r}" for n, v in best.items())]) + "\n")
+    about = {"estimator": kind.name, "trials": len(done), "seed": SEED, **facts, **provenance()}
+    write_text(out / f"{kind.name}.json", json.dumps(about, indent=2) + "\n")
+    return best
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.4g}") if isinstance(value, float) else value

@@ -1,0 +1,74 @@
+"""Tuning: the best of so many trials on the validation sequences, begun from the defaults, and resumable."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from tiny_run import parts, twinbench, write_estimator, write_profile
+
+from bench.profile import load_profile
+from bench.tune import COVERAGE, ERRORS, FAILED, PENALTY, merit
+
+
+def tunable(folder, **lines: str) -> str:
+    """The tiny estimator with its scale to be searched for; 1 is right."""
+    spec = write_estimator(folder, "steady", scale=1.7, **lines)
+    text = Path(spec).read_text()
+    space = '    search_space = {"scale": (0.6, 1.7)}\n    implementations'
+    (folder / "steady.py").write_text(text.replace("    implementations", space))
+    return spec
+
+
+def test_merit_is_the_mean_error_and_what_the_intervals_lack():
+    means = {**dict.fromkeys(ERRORS, 0.0), ERRORS[0]: 3.0, COVERAGE: 95.0}
+    assert merit(means) == pytest.approx(1.0)
+    assert merit({**means, COVERAGE: 85.0}) == pytest.approx(1.0 + 10.0 * PENALTY)
+    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(1.0)
+
+
+def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_profiles_section(tmp_path, capsys):
+    profile, out, spec = write_profile(tmp_path), tmp_path / "tuning", tunable(tmp_path)
+    arguments = ("tune", spec, "--profile", profile, "--out", out, "--trials")
+    assert twinbench(*arguments, 2) == 0
+    first = pd.read_csv(out / "steady.csv")
+    assert first["scale"][0] == 1.7
+    kept = parts(out)
+    assert twinbench(*arguments, 7) == 0
+    table = pd.read_csv(out / "steady.csv")
+    assert len(table) == 7
+    pd.testing.assert_frame_equal(table[:2], first)
+    assert kept.items() <= parts(out).items()
+    best = tomllib.loads((out / "steady.toml").read_text())["settings"]["steady"]
+    assert best["scale"] == pytest.approx(table["scale"][table["merit"].argmin()], rel=1e-3)
+    assert table["merit"].min() < table["merit"][0]
+    assert f"scale = {best['scale']!r}" in capsys.readouterr().out
+    about = json.loads((out / "steady.json").read_text())
+    assert about["trials"] == 7
+    assert "commit" in about
+    more = write_profile(tmp_path, more=(out / "steady.toml").read_text())
+    assert load_profile(str(more)).settings["steady"] == best
+
+
+def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
+    spec = tunable(tmp_path, fit="assert self.config['scale'] > 1.5, 'too small'")
+    out = tmp_path / "tuning"
+    assert twinbench("tune", spec, "--profile", write_profile(tmp_path), "--out", out, "--trials", 5) == 0
+    table = pd.read_csv(out / "steady.csv")
+    assert table["merit"].max() == FAILED
+    assert table["failed"].dropna().str.contains("too small").all()
+    assert table["merit"].min() < FAILED
+
+
+@pytest.mark.parametrize(("arguments", "says"), [
+    (("nominal_ekf_mended", "--trials", 0), "--trials is 0, must be at least 1"),
+    (("untunable",), "untunable has no search space"),
+])  # fmt: skip
+def test_what_cannot_be_tuned_is_said_in_one_line(tmp_path, capsys, arguments, says):
+    name, *rest = arguments
+    spec = write_estimator(tmp_path, "untunable") if name == "untunable" else name
+    assert twinbench("tune", spec, "--profile", write_profile(tmp_path), "--out", tmp_path / "t", *rest) == 2
+    assert says in capsys.readouterr().err
