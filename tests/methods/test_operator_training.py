@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from data.batch import HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from methods.augmentation import DROPOUT, FLOW, PRESSURES, TEMPERATURE, augmented
 from methods.frontend import FrontEnd
 from methods.operator import Operator
 from methods.operator_training import Recipe, Scales, audit, feasibility, fit_operator
 from methods.training import adamw, load_weights, seeded, weights_of
-from methods.transitions import draw_transitions, plant_sensitivities
+from methods.transitions import draw_transitions, plant_sensitivities, plant_slopes
 from methods.windows import WindowSource
 from physics.compressor import PLANT
 from physics.integrate import advance, simulate
@@ -135,3 +136,80 @@ def test_training_stops_at_a_loss_that_is_not_finite():
     model = torch.nn.Linear(1, 1)
     with pytest.raises(FloatingPointError, match="training loss is nan"):
         adamw(model, lambda i: model(torch.tensor([[float("nan")]])).sum(), 5)
+
+
+def setting(train, count=3000, each=1):
+    """A window source and transitions of the small recordings."""
+    rng, _ = seeded(0)
+    source = WindowSource.fit(train, FrontEnd.fit(train))
+    transitions = draw_transitions(train, count, rng, each=each)
+    return source, transitions, Scales.fit(transitions), rng
+
+
+def test_slopes_are_the_sensitivities_along_their_directions(train):
+    _, transitions, _, rng = setting(train, 200)
+    F, G = plant_sensitivities(train, transitions)
+    slopes = plant_slopes(train, transitions, rng)
+    along = np.einsum("mij,mj->mi", F - np.eye(5), slopes.x) + np.einsum("mij,mj->mi", G, slopes.theta)
+    scale = np.abs(along).mean(axis=0)
+    assert np.abs((slopes.increment - along) / scale).max() < 0.05
+
+
+def test_sobolev_training_without_increments_learns_the_sensitivities(train, validation):
+    """All transitions with the right slope and a wrong value: the slopes are learnt from the Sobolev term alone."""
+    source, transitions, scales, rng = setting(train, 6000)
+    held_out = WindowSource(validation, FrontEnd.fit(train), source.query_mean, source.query_scale)
+    wrong = transitions._replace(x_next=transitions.x)
+    cosines = []
+    for weight in (0.0, 1.0):
+        torch.manual_seed(0)
+        operator = Operator()
+        slopes = plant_slopes(train, transitions, rng)
+        fit_operator(operator, source, wrong, scales, rng, Recipe(80, 128, 1e-2, sobolev=weight), slopes)
+        cosines.append(audit(operator, held_out, validation, scales, rng, count=400).G_cosine.min())
+    assert cosines[1] > 0.7 > cosines[0] + 0.2
+
+
+def test_heads_that_do_not_see_health_have_no_sensitivity_to_it(train):
+    source, transitions, scales, rng = setting(train, 600)
+    operator = Operator()
+    fit_operator(operator, source, transitions, scales, rng, Recipe(5, 32, 1e-2, conditioned=False))
+    assert not operator.heads.from_condition.weight[:, 5:].any()
+
+
+def test_refining_the_heads_lowers_the_loss_and_leaves_the_rest(train):
+    source, transitions, scales, rng = setting(train, 3000, each=3)
+    operator = Operator()
+    losses = fit_operator(operator, source, transitions, scales, rng, Recipe(30, 64, 1e-2))
+    before = weights_of(operator)
+    from methods.operator_training import _Examples, refine_heads
+
+    examples = _Examples(source, transitions, None, scales, True)
+    refined = refine_heads(operator, examples, rng, 30)
+    assert refined[-1] < 0.7 * refined[0] < losses[0]
+    after = weights_of(operator)
+    changed = {name for name in before if not np.array_equal(before[name], after[name])}
+    assert changed
+    assert all(name.startswith("net.heads.") for name in changed)
+
+
+def test_augmentation_is_what_sensors_do(train):
+    source, *_ = setting(train, 60)
+    rng = np.random.default_rng(3)
+    sequence, sample = rng.integers(3, size=400), rng.integers(200, 2000, size=400)
+    plain = source.at(sequence, sample)
+    noisy = augmented(plain, source, rng)
+    mean, scale = source.front_end.mean, source.front_end.scale
+    change = (noisy.values - plain.values).numpy()
+    p_suc, p_dis = (CHANNELS.index(c) for c in PRESSURES)
+    # The drift of the two pressures is one and the same share of the reading.
+    share = [(change[:, 1:, c] * scale[c]).mean(axis=1) / (plain.values[:, 1:, c].numpy() * scale[c] + mean[c]).mean(
+        axis=1) for c in (p_suc, p_dis)]  # fmt: skip
+    assert np.corrcoef(share)[0, 1] > 0.9
+    silent = (plain.masks - noisy.masks).numpy()
+    assert not np.delete(silent, FLOW, axis=2).any()
+    assert silent[..., FLOW].any(axis=1).mean() == pytest.approx(DROPOUT, abs=0.06)
+    assert np.abs(change[..., TEMPERATURE]).max() < 0.5
+    assert torch.equal(noisy.slow, plain.slow)
+    again = source.at(sequence, sample)
+    assert torch.equal(again.values, plain.values)
