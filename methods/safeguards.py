@@ -36,6 +36,9 @@ INSIDE_LEAST = 3
 INFLATION_UPDATES = 8
 OBSERVED_S = 60.0
 """Memory of the stacked sensitivities."""
+MOST_SENSITIVE = 1e4
+"""Bound on what a state moves by for one unit of health, in its own unit; real ones stay below a hundred."""
+LEAST_VARIANCE = 1e-12
 REFRESH = 20
 """Updates between two looks at their singular values."""
 PUSH_KEEP = 0.99
@@ -129,7 +132,8 @@ def carry_sensitivity(sensitivity, F, at):  # type: ignore[no-untyped-def]
             s = F[i, at + j]
             for k in range(N_MOVED):
                 s += F[i, k] * sensitivity[k, j]
-            after[i, j] = s
+            # Far from any machine, where broken sensors lead, the operator may be unstable.
+            after[i, j] = min(max(s, -MOST_SENSITIVE), MOST_SENSITIVE)
     for i in range(N_MOVED):
         for j in range(N_HEALTH):
             sensitivity[i, j] = after[i, j]
@@ -157,7 +161,8 @@ def gather(information, sensitivity, H, at, accuracy, present):  # type: ignore[
         for j in range(N_HEALTH):
             s = keep * information[i, j]
             for c in range(N_OUTPUTS):
-                s += J[c, i] * J[c, j] / accuracy[c]
+                # At a reading of nothing the data sheet promises no noise at all.
+                s += J[c, i] * J[c, j] / max(accuracy[c], LEAST_VARIANCE)
             information[i, j] = s
 
 

@@ -6,10 +6,11 @@ import json
 import re
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from bench.contract.promise import Broken, need, promise
+from bench.contract.promise import Broken, NotOffered, need, promise
 from bench.contract.subject import SEED, SHORT, Subject, future, record, recordings, same, small_benchmark, state_after
 from bench.evaluate import run
 from bench.profile import Evaluation
@@ -46,6 +47,28 @@ def _same_seed(s: Subject) -> str:
     for name, array in first.items():
         need(same(array, second[name]), f"two fits with seed {SEED} differ in {name}")
     return f"{len(first)} arrays equal bit for bit"
+
+
+@promise("settings that work online are not learnt from")
+def _online(s: Subject) -> str:
+    kind = s.kind
+    if not kind.online:
+        raise NotOffered("every setting may matter to its training")
+    stray = sorted(kind.online - set(kind.settings))
+    need(not stray, f"not among its settings: {', '.join(stray)}")
+    others = {name: _other(kind.settings[name]) for name in kind.online}
+    split = small_benchmark()
+    estimator = kind(**{**kind.contract_settings, **others})
+    estimator.fit(split.train, split.validation, SEED)
+    for name, array in s.fitted.arrays.items():
+        need(same(array, estimator.arrays[name]), f"with other online settings, fit learns another {name}")
+    return f"{len(others)} of them, {len(s.fitted.arrays)} arrays equal bit for bit"
+
+
+def _other(value: Any) -> Any:
+    if isinstance(value, bool):
+        return not value
+    return type(value)(2 * value + 1) if isinstance(value, int) else 1.5 * value + 0.1
 
 
 @promise("fit leaves the recordings as they were")
