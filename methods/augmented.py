@@ -1,4 +1,4 @@
-"""The augmented extended Kalman filter, Eqs. (6)-(11), with the operator as its model.
+"""The augmented extended Kalman filter, Eqs. (6)-(14), with the operator as its model.
 
 z = [five states, probe temperature, five health coordinates zeta, three coloured-noise states,
 five slow errors of the operator].

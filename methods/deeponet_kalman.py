@@ -1,4 +1,4 @@
-"""DeepONet-Kalman: the operator as the model of an augmented extended Kalman filter, Eqs. (1)-(12)."""
+"""DeepONet-Kalman: the operator as the model of an augmented extended Kalman filter, Eqs. (1)-(14)."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DeepONetKalman(Estimator):
         "window": 64,
         "update_every": 1,
         "model_noise": 2.0,
-        "slow_error": 0.3,
+        "slow_error": 2.0,
         "error_tau_s": 120.0,
         "capacity_walk": 4e-4,
         "efficiency_walk": 4e-4,
@@ -59,20 +59,23 @@ class DeepONetKalman(Estimator):
         "T_bias_K_walk": 0.05,
         "trust_reach": 1.0,
         "extrapolation": 1.0,
-        "least_information": 0.01,
-        "q_gain": 0.05,
+        "least_information": 1.0,
+        "q_gain": 0.02,
         "q_most": 30.0,
         "r_gain": 1.0,
         "r_most": 25.0,
         "channel_gate": 6.0,
         "rollback": True,
-        "inflation": 3.0,
+        "inflation": 5.0,
         "difference": 0.0,
     }
     search_space: ClassVar[dict[str, tuple[float, float]]] = {
         "learning_rate": (2e-3, 2e-2),
         "model_noise": (1.0, 30.0),
-        "slow_error": (0.1, 3.0),
+        "slow_error": (0.5, 8.0),
+        "least_information": (0.1, 10.0),
+        "q_gain": (0.005, 0.2),
+        "inflation": (1.5, 15.0),
         "capacity_walk": (1e-4, 2e-3),
         "efficiency_walk": (1e-4, 2e-3),
         "leakage_walk": (3e-5, 5e-4),

@@ -54,7 +54,7 @@ class Settings(NamedTuple):
 
     trust_reach: float  # distance outside the envelope at which sensitivities are halved, sd [inf]
     extrapolation: float  # growth of the process noise with distance [0]
-    least_information: float  # of a direction, in units of the prior's [0]
+    least_information: float  # of a direction of health, in units of the prior's, at which corrections are halved [0]
     q_gain: float  # gamma_q of Eq. (14) [0]
     q_most: float  # largest factor on the walk's variance
     r_gain: float  # the same for R, smaller [0]
@@ -168,7 +168,11 @@ def gather(information, sensitivity, H, at, accuracy, present):  # type: ignore[
 
 @njit(cache=True, error_model="numpy")
 def informed(information, least):  # type: ignore[no-untyped-def]
-    """Projector (5, 5) onto the directions of health of which at least so much is known."""
+    """Projector (5, 5) onto the directions of health that are known well enough.
+
+    Not a sharp one: which directions those are changes with the load, and a correction that came
+    and went with it would shake health. At ``least`` it is a half.
+    """
     values, vectors = np.linalg.eigh(information)
     out = np.zeros((N_HEALTH, N_HEALTH))
     for k in range(N_HEALTH):

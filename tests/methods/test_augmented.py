@@ -9,7 +9,17 @@ import torch
 from data.batch import SAMPLE_PERIOD_S
 from methods.augmented import ERROR, NOISE, PROBE, SIZE, ZETA, Model, correct, predict, predict_mean, roll_out
 from methods.operator import Operator
-from methods.safeguards import Envelope, Safety, Settings, empty_safety
+from methods.safeguards import (
+    FROZEN,
+    INFLATION_UPDATES,
+    INSIDE_LEAST,
+    OUTSIDE_MOST,
+    UPDATES,
+    Envelope,
+    Safety,
+    Settings,
+    empty_safety,
+)
 from methods.stream import Stream, empty_stream, pack
 from methods.training import weights_of
 from physics.compressor import M_REF_KG_S
@@ -17,7 +27,7 @@ from physics.health import theta_and_slope
 
 OFF = Settings(
     trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
-    channel_gate=np.inf, rollback=False, inflation=1.0,
+    channel_gate=np.inf, rollback=False, inflation=1.0, difference=0.0,
 )  # fmt: skip
 """No safeguard at all: the plain augmented filter."""
 
@@ -110,6 +120,105 @@ def test_correction_is_the_textbook(problem):
     assert z1 == pytest.approx(z + K @ r)
     assert P1 == pytest.approx((np.eye(SIZE) - K @ H) @ P, abs=1e-12)
     assert nis == pytest.approx(r @ np.linalg.inv(S) @ r)
+
+
+WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
+
+
+def off_by(z: np.ndarray, sd: float) -> np.ndarray:
+    """Readings that lie so many standard deviations of the sensors above what is expected."""
+    bias = theta_and_slope(z[ZETA:NOISE])[0][4]
+    return np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) + COLOURED * z[NOISE:ERROR] + sd * WHITE
+
+
+def test_an_inconsistent_spell_leaves_health_where_it_was_and_lets_it_move_faster_afterwards(problem):
+    _, model, _, z, P = problem
+    guarded = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
+    safety = one_safety()
+    z, P = z.copy(), 1e-4 * np.eye(SIZE)
+    for _ in range(3):
+        z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.3), WHITE, COLOURED, np.inf)
+    valid, sd = z[ZETA:NOISE].copy(), np.sqrt(np.diag(P)[ZETA:NOISE])
+    for k in range(OUTSIDE_MOST + 3):
+        moved, P, *_ = correct(guarded, safety, z, P, off_by(z, 40.0), WHITE, COLOURED, np.inf)
+        assert (moved[:5] != z[:5]).any()
+        z = moved
+        if k >= OUTSIDE_MOST - 1:
+            assert safety.counts[FROZEN] > 0
+            assert z[ZETA:NOISE] == pytest.approx(valid, abs=1e-12)
+    for _ in range(INSIDE_LEAST):
+        z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    assert safety.counts[FROZEN] == 0
+    z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    assert np.sqrt(P[ZETA, ZETA]) > 1.1 * sd[0]
+    for _ in range(INFLATION_UPDATES):
+        z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    assert np.sqrt(P[ZETA, ZETA]) == pytest.approx(4.0 * sd[0], rel=0.1)
+
+
+def test_directions_of_which_nothing_is_known_are_not_corrected(problem):
+    _, model, _, z, P = problem
+    guarded = model._replace(settings=OFF._replace(least_information=1e12))
+    safety = one_safety()
+    safety.observable[:] = 0.0
+    corrected, after, *_ = correct(guarded, safety, z, P, off_by(z, 3.0), WHITE, COLOURED, np.inf)
+    assert np.array_equal(corrected[ZETA:NOISE], z[ZETA:NOISE])
+    assert (corrected[:5] != z[:5]).any()
+    assert np.diag(after)[ZETA:NOISE] == pytest.approx(np.minimum(np.diag(P)[ZETA:NOISE], 1.0))
+
+
+def test_noise_beyond_the_data_sheet_widens_r(problem):
+    _, model, _, z, P = problem
+    guarded = model._replace(settings=OFF._replace(r_gain=1.0))
+    safety = one_safety()
+    safety.counts[UPDATES] = 5000
+    safety.mismatch[:] = 9.0 * np.diag(WHITE**2)
+    *_, S, _ = correct(model, one_safety(), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    *_, wide, _ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    assert np.diag(wide - S) / WHITE**2 == pytest.approx(np.full(3, 8.0), rel=0.05)
+
+
+def test_a_channel_far_off_is_left_out_of_the_correction_and_of_the_nis(problem):
+    _, model, _, z, P = problem
+    guarded = model._replace(settings=OFF._replace(channel_gate=5.0))
+    measured = off_by(z, 0.5)
+    broken = measured.copy()
+    broken[2] += 1.0
+    missing = np.where(np.arange(3) == 2, np.nan, measured)
+    got = correct(guarded, one_safety(), z, P, broken, WHITE, COLOURED, np.inf)
+    expected = correct(guarded, one_safety(), z, P, missing, WHITE, COLOURED, np.inf)
+    assert np.isnan(got[3][2])
+    assert np.isfinite(got[2][2])
+    for ours, theirs in zip((*got[:2], *got[4:]), (*expected[:2], *expected[4:]), strict=True):
+        assert np.array_equal(ours, theirs)
+
+
+def test_untrusted_sensitivities_carry_no_news_to_health_and_the_forecast_is_less_sure(problem):
+    weights, model, base, z, P = problem
+    cautious = model._replace(settings=OFF._replace(trust_reach=1.0, extrapolation=1.0))
+    _, near, F_near = predict(weights.heads, cautious, base, z, P, 0.0, np.zeros(5))
+    _, far, F_far = predict(weights.heads, cautious, base, z, P, 3.0, np.zeros(5))
+    assert F_far[:5, ZETA : ZETA + 4] == pytest.approx(0.1 * F_near[:5, ZETA : ZETA + 4])
+    assert (np.diag(far)[ERROR:] > np.diag(near)[ERROR:]).all()
+
+
+def test_what_is_pushed_one_way_walks_faster(problem):
+    weights, model, base, z, P = problem
+    quick = model._replace(settings=OFF._replace(q_gain=1.0))
+    push = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
+    calm = predict(weights.heads, quick, base, z, P, 0.0, np.zeros(5))[1]
+    pushed = predict(weights.heads, quick, base, z, P, 0.0, push)[1]
+    more = np.diag(pushed - calm)
+    assert more[ZETA] == pytest.approx((OFF.q_most - 1.0) * model.Q[ZETA, ZETA], rel=1e-6)
+    assert np.abs(np.delete(more, ZETA)).max() < 1e-12
+
+
+def test_sensitivities_by_differences_are_nearly_the_derivatives(problem):
+    weights, model, base, z, P = problem
+    by_differences = model._replace(settings=OFF._replace(difference=0.01))
+    F, G = (predict(weights.heads, m, base, z, P, 0.0, np.zeros(5))[2] for m in (model, by_differences))
+    assert G != pytest.approx(F, abs=1e-7)
+    assert pytest.approx(F, abs=0.02) == G
 
 
 def test_health_is_held_within_its_coordinates(problem):
