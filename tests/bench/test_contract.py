@@ -43,6 +43,7 @@ class Good(Estimator):
     name = "good"
     settings = {"implementation": "compiled", "inflation": 1.0}  # noqa: RUF012
     search_space = {"inflation": (0.5, 2.0)}  # noqa: RUF012
+    online = frozenset({"inflation"})
     implementations = ("compiled", "written out")
     toy_filter = staticmethod(linear_filter)
 
@@ -105,6 +106,12 @@ class DrawsWithoutTheSeed(Good):
     def fit(self, train, validation, seed):
         super().fit(train, validation, seed)
         self.arrays["y"] = self.arrays["y"] * (1.0 + 1e-6 * np.random.default_rng().random())
+
+
+class LearnsFromWhatWorksOnline(Good):
+    def fit(self, train, validation, seed):
+        super().fit(train, validation, seed)
+        self.arrays["cov"] = self.config["inflation"] ** 2 * self.arrays["cov"]
 
 
 class FillsGapsInTheTrainingData(Good):
@@ -349,6 +356,7 @@ CAUGHT = [
     (SearchesWhatIsNoSetting, "it declares itself consistently", "infaltion"),
     (TakesAnySetting, "an unknown setting is refused", "without a ValueError"),
     (DrawsWithoutTheSeed, "the same seed learns the same", "differ in y"),
+    (LearnsFromWhatWorksOnline, "settings that work online are not learnt from", "learns another cov"),
     (FillsGapsInTheTrainingData, "fit leaves the recordings as they were", "changed the training"),
     (KeepsAViewOfTheTruth, "only fit reads the truth", "change with the truth"),
     (ForgetsAnArray, "save and load, without pickle", "KeyError: 'W'"),
