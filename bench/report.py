@@ -10,6 +10,7 @@ from bench.evidence import Evidence, gather
 from bench.figures import draw
 from bench.page import render, write_bytes, write_figures
 from bench.results import Results, load_results
+from bench.robustness_tables import robustness_tables
 from bench.roster import FLOOR, is_ablation, label
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
@@ -39,7 +40,8 @@ def write_report(out: Path) -> Table:
     for table in tables:
         for suffix, text in FORMATS.items():
             write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
-    figures = write_figures(out / "figures", draw(summary, evidence, results.latency))
+    tables += robustness_tables(results.robustness)
+    figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness))
     write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
     return tables[0]
 

@@ -22,6 +22,9 @@ COLUMNS = {
     "latency.csv": ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us"),
 }
 
+HARDER = ("estimator", "seed", "group", "condition", "sequence", "metric", "value")
+"""Columns of ``robustness.csv``, which only a run with --robustness leaves."""
+
 
 @dataclass(frozen=True)
 class Results:
@@ -31,6 +34,7 @@ class Results:
     scores: pd.DataFrame
     failed_cells: pd.DataFrame
     latency: pd.DataFrame
+    robustness: pd.DataFrame
     manifest: dict[str, Any]
 
     @property
@@ -62,6 +66,8 @@ def load_results(out: Path) -> Results:
         BadInput: a file is missing, unreadable, or not what a run writes.
     """
     tables = {name: _read_csv(out / name, columns) for name, columns in COLUMNS.items()}
+    harder = out / "robustness.csv"
+    robustness = _read_csv(harder, HARDER) if harder.exists() else pd.DataFrame(columns=list(HARDER))
     path = out / "manifest.json"
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -69,7 +75,7 @@ def load_results(out: Path) -> Results:
         raise _unusable(path, error.strerror or str(error)) from error
     except ValueError as error:
         raise _unusable(path, f"not JSON: {error}") from error
-    return Results(out, tables["scores.csv"], tables["failures.csv"], tables["latency.csv"], manifest)
+    return Results(out, tables["scores.csv"], tables["failures.csv"], tables["latency.csv"], robustness, manifest)
 
 
 def _read_csv(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:

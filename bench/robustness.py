@@ -17,6 +17,7 @@ from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
 from bench.registry import one_line
+from bench.results import HARDER
 from bench.roster import PROPOSED, is_ablation
 from bench.scores import RELATIVE, ZERO_C_IN_K, score
 from bench.store import CannotWrite, Store, key_of
@@ -26,7 +27,7 @@ from data.batch import STATES, Array, Batch
 from data.benchmark import DesignConfig
 from data.disturb import CONDITIONS, FAULT_BEGINS_S, Condition, simulate_condition
 
-COLUMNS = ["estimator", "seed", "group", "condition", "sequence", "metric", "value"]
+COLUMNS = list(HARDER)
 METRICS = (
     "p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct", "p_open60_pct", "T_open60_pct", "m_open60_pct",
     "parameter_error_pct", "coverage95_pct", "nis_ratio",

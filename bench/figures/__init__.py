@@ -13,6 +13,7 @@ from bench.evidence import Evidence
 from bench.figures.coverage import coverage_by_quantity, coverage_by_regime
 from bench.figures.errors import critical_difference, error_bars, parameter_violins
 from bench.figures.latency import latency_percentiles
+from bench.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
 from bench.figures.tracks import parameter_tracking, state_trajectories
 from bench.roster import PROPOSED, label
 from bench.summary import FORECAST, PARAMETERS, QUESTIONS, Summary
@@ -29,11 +30,15 @@ class Drawing(NamedTuple):
     missing: str
 
 
-def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame) -> Iterator[Drawing]:
+def draw(
+    summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness: pd.DataFrame
+) -> Iterator[Drawing]:
     """All figures of a run, one at a time.
 
     Args:
         latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us.
+        robustness: columns estimator, seed, group, condition, sequence, metric, value; empty where no
+            harder conditions were tried.
     """
     coverage, trajectory = evidence.coverage, evidence.trajectory
     known_errors = any(np.isfinite(errors).any() for errors in evidence.errors.values())
@@ -83,6 +88,29 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame) -> Iterato
         parameter_tracking(evidence.degradations) if evidence.degradations else None,
         "no estimates of a test sequence whose health changes",
     )
+    if PROPOSED in set(robustness["estimator"]):
+        yield Drawing(
+            "fig6a_noise_dropout",
+            f"Error of the filtered pressure of {label(PROPOSED)} under so many times the sensors' noise and with so "
+            "many samples missing.",
+            noise_and_dropout(robustness),
+            "",
+        )
+        yield Drawing(
+            "fig6b_envelope",
+            "Loads beyond the training envelope: what the 95 % intervals hold, and the parameter error, by what is "
+            "done about sensitivities and process noise there.",
+            beyond_the_envelope(robustness),
+            "",
+        )
+    if len(robustness):
+        yield Drawing(
+            "faults",
+            "Parameter error from a minute after each sensor fault on, over that of the same time without it: 1, "
+            "dashed, is recovered.",
+            after_faults(robustness),
+            "",
+        )
     yield Drawing(
         "latency",
         "Time of one update of one machine, measured serially. Dashed: the sample period, within which a twin must "

@@ -1,0 +1,63 @@
+"""Tables and figures of harder conditions, from a table of scores."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bench.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
+from bench.robustness import COLUMNS, METRICS, TREATMENTS
+from bench.robustness_tables import robustness_tables
+from data.disturb import CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS
+
+
+@pytest.fixture(scope="module")
+def scores() -> pd.DataFrame:
+    """Every trial of two estimators and the treatments; errors grow with noise, and after a stuck flow meter."""
+    rng = np.random.default_rng(0)
+    rows = []
+    for name in ("oracle", "deeponet_kalman", *(f"deeponet_kalman:{t}" for t in TREATMENTS)):
+        tried = [("fault", "none", 1.0), *((c.group, c.name, c.corruption.noise) for c in CONDITIONS)]
+        for group, condition, noise in tried:
+            if group == "noise and dropout" and name != "deeponet_kalman":
+                continue
+            for metric in (*METRICS, "parameter_after_pct"):
+                hurt = 3.0 if condition == "stuck m_flow_kg_s" and metric == "parameter_after_pct" else 1.0
+                rows += [(name, 0, group, condition, f"s{i}", metric, noise * hurt * (1 + 0.01 * rng.random()))
+                         for i in range(3)]  # fmt: skip
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def test_the_map_shows_every_level_of_noise_and_dropout(scores):
+    axes = noise_and_dropout(scores).axes[0]
+    assert axes.images[0].get_array().shape == (len(NOISE_LEVELS), len(DROPOUT_LEVELS))
+    assert len(axes.texts) == len(NOISE_LEVELS) * len(DROPOUT_LEVELS)
+    assert (np.diff(np.asarray(axes.images[0].get_array()), axis=0) > 0).all()
+
+
+def test_four_treatments_of_the_envelope_are_told_apart(scores):
+    left, right = beyond_the_envelope(scores).axes
+    for axes in (left, right):
+        drawn = [line for line in axes.lines if len(line.get_xdata()) > 2]
+        assert len({(line.get_color(), line.get_marker(), line.get_linestyle()) for line in drawn}) == 4
+
+
+def test_after_faults_one_is_recovered(scores):
+    axes = after_faults(scores).axes[0]
+    points = [line for line in axes.lines if len(line.get_xdata()) == len(FAULTS)]
+    assert len(points) == 2
+    stuck = [f.name for f in FAULTS].index("stuck m_flow_kg_s")
+    for line in points:
+        assert line.get_xdata()[stuck] == pytest.approx(3.0, rel=0.05)
+        assert np.delete(line.get_xdata(), stuck) == pytest.approx(np.ones(len(FAULTS) - 1), rel=0.05)
+
+
+def test_the_tables_hold_errors_and_their_multiples(scores):
+    harder, faults = robustness_tables(scores)
+    assert list(faults.frame.columns) == ["condition", "oracle", "deeponet_kalman"]
+    row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
+    assert faults.frame["oracle"][row] == pytest.approx(3.0, rel=0.05)
+    assert faults.rows[row][1].times.startswith("×3")
+    assert len(harder.rows) == 1 + sum(c.group in ("pace", "envelope") for c in CONDITIONS)
+    assert robustness_tables(scores[:0]) == []
