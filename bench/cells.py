@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,6 @@ from bench.versions import code_version
 from data.batch import Batch, Truth
 from data.benchmark import PARTS, Split, simulate_benchmark
 from methods.estimator import Estimator
-
-Part = Estimator | Estimates
 
 
 @dataclass(frozen=True)
@@ -67,9 +65,8 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
         estimator=kind.ablation_of or kind.name, settings=learnt, seed=seed, code=code_version(kind.__module__),
         data=data,
     )  # fmt: skip
-    at_work = {name: whole[name] for name in sorted(kind.online)}
     evaluation = asdict(profile.evaluation)
-    estimates = key_of(fit=fit, online=at_work, evaluation=evaluation, code=code_version("bench.evaluate"))
+    estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code_version("bench.evaluate"))
     return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
 
@@ -98,7 +95,7 @@ def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
         estimator.fit(split.train, split.validation, cell.seed)
         return estimator
 
-    return _attempt(store, "fit", cell, cell.fit, train)
+    return attempt(store, "fit", cell, cell.fit, lambda: train().save)
 
 
 def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
@@ -110,7 +107,7 @@ def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
         test = load_split(store, cell.data).test.without_truth()
         return evaluate(load_fit(store, cell), test, profile.evaluation, cell.seed)
 
-    return _attempt(store, "estimate", cell, cell.estimates, run)
+    return attempt(store, "estimate", cell, cell.estimates, lambda: run().save)
 
 
 def load_fit(store: Store, cell: Cell) -> Estimator:
@@ -120,9 +117,11 @@ def load_fit(store: Store, cell: Cell) -> Estimator:
 
 def online(cell: Cell) -> dict[str, Any]:
     """A cell's settings that need no training."""
-    kind = find(cell.spec)
-    whole = {**kind.settings, **dict(cell.settings)}
-    return {name: whole[name] for name in sorted(kind.online)}
+    return _online(find(cell.spec), dict(cell.settings))
+
+
+def _online(kind: type[Estimator], own: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: {**kind.settings, **own}[name] for name in sorted(kind.online)}
 
 
 def load_estimates(store: Store, cell: Cell) -> Estimates:
@@ -130,11 +129,13 @@ def load_estimates(store: Store, cell: Cell) -> Estimates:
     return Estimates.load(store.path("estimate", cell.estimates))
 
 
-def _attempt(store: Store, stage: str, cell: Cell, key: str, work: Callable[[], Part]) -> Outcome:
-    """Do the work and keep what comes of it. What the method does wrong is an outcome; a full disk is not."""
+def attempt(
+    store: Store, stage: str, cell: Cell, key: str, work: Callable[[], Callable[[Path], None]], suffix: str = ".npz"
+) -> Outcome:
+    """Do the work and keep what its writer writes. What the method does wrong is an outcome; a full disk is not."""
     pin_torch()
     try:
-        store.put(stage, key, work().save)
+        store.put(stage, key, work(), suffix)
     except CannotWrite:
         raise
     except Exception as error:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,16 +16,14 @@ from bench.cells import Cell, Outcome
 from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
-from bench.registry import one_line
 from bench.results import HARDER
 from bench.roster import PROPOSED, is_ablation
 from bench.scores import RELATIVE, ZERO_C_IN_K, score
-from bench.store import CannotWrite, Store, key_of
-from bench.threads import pin_torch
+from bench.store import Store, key_of
 from bench.versions import code_version
 from data.batch import STATES, Array, Batch
 from data.benchmark import DesignConfig
-from data.disturb import CONDITIONS, FAULT_BEGINS_S, Condition, simulate_condition
+from data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Condition, simulate_condition
 
 COLUMNS = list(HARDER)
 METRICS = (
@@ -34,7 +32,7 @@ METRICS = (
 )  # fmt: skip
 RECOVERY_S = 60.0
 """After a fault's end an estimate has so long to be as good again as without the fault."""
-UNDISTURBED = Condition("fault", "none")
+KIND, SUFFIX = "trial", ".csv"
 TREATMENTS = ("trust_alone", "extrapolation_alone", "no_trust")
 """Ablations of the proposed method that treat loads beyond the envelope otherwise."""
 EVALUATION = Evaluation(stride=10)
@@ -47,13 +45,6 @@ class Trial:
     cell: Cell
     condition: Condition
     key: str
-
-
-class Tried(NamedTuple):
-    """How a trial ended: ``reason`` is empty where it is done."""
-
-    trial: Trial
-    reason: str = ""
 
 
 def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
@@ -79,22 +70,24 @@ def _trial(cell: Cell, condition: Condition, profile: Profile) -> Trial:
     return Trial(cell, condition, key)
 
 
-def attempt(store: Store, profile: Profile, trial: Trial) -> Tried:
+def attempt(store: Store, profile: Profile, trial: Trial) -> Outcome:
     """Run a trial unless it is done, and keep its scores."""
-    if store.has("trial", trial.key, ".csv"):
-        return Tried(trial)
-    pin_torch()
-    try:
+
+    def work() -> Callable[[Path], None]:
         batch = _sequences(profile.data, trial.condition)
         estimator = cells.load_fit(store, trial.cell)
         estimates = evaluate(estimator, batch.without_truth(), EVALUATION, trial.cell.seed)
         table = scores_under(estimates, batch, trial)
-        store.put("trial", trial.key, lambda path: table.to_csv(path, index=False), ".csv")
-    except CannotWrite:
-        raise
-    except Exception as error:
-        return Tried(trial, one_line(error))
-    return Tried(trial)
+        return lambda path: table.to_csv(path, index=False)
+
+    stage = f"robustness: {trial.condition.name}"
+    if _done(store, trial):
+        return Outcome(trial.cell, stage)
+    return replace(cells.attempt(store, KIND, trial.cell, trial.key, work, SUFFIX), stage=stage)
+
+
+def _done(store: Store, trial: Trial) -> bool:
+    return store.has(KIND, trial.key, SUFFIX)
 
 
 @functools.lru_cache(maxsize=1)
@@ -102,9 +95,9 @@ def _sequences(config: DesignConfig, condition: Condition) -> Batch:
     return simulate_condition(config, condition)
 
 
-def load(store: Store, trial: Trial) -> pd.DataFrame:
-    """The scores of a finished trial, columns COLUMNS."""
-    return pd.read_csv(store.path("trial", trial.key, ".csv"))
+def finished(store: Store, planned: Sequence[Trial]) -> list[pd.DataFrame]:
+    """The scores of those trials that did not fail, columns COLUMNS."""
+    return [pd.read_csv(store.path(KIND, t.key, SUFFIX)) for t in planned if _done(store, t)]
 
 
 def scores_under(estimates: Estimates, batch: Batch, trial: Trial) -> pd.DataFrame:
@@ -134,8 +127,3 @@ def _afterwards(estimates: Estimates, batch: Batch) -> pd.DataFrame:
     values["parameter_after_pct"] = 100.0 * relative.mean(axis=(1, 2))
     frame = pd.DataFrame(values).assign(sequence=estimates.names)
     return frame.melt("sequence", var_name="metric", value_name="value")
-
-
-def as_outcomes(tried: Sequence[Tried]) -> list[Outcome]:
-    """Failed trials as the runner reports failures."""
-    return [Outcome(t.trial.cell, f"robustness: {t.trial.condition.name}", t.reason) for t in tried if t.reason]

@@ -7,9 +7,8 @@ import pandas as pd
 
 from bench.roster import is_ablation, label, ordered
 from bench.table_formats import Cell, Column, Table, number
-from data.disturb import CONDITIONS, FAULT_BEGINS_S
+from data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED
 
-UNDISTURBED = "none"
 NOTE = (
     "Mean relative error of capacity, efficiency, leakage and heat transfer, %, mean over the test sequences, "
     "shortened to ten minutes. First seed."
@@ -41,9 +40,9 @@ def _table(
     chosen = scores[scores["metric"] == metric]
     means = chosen.groupby(["condition", "estimator"])["value"].mean()
     rows, lines = [], []
-    for condition in (UNDISTURBED, *conditions):
+    usual = [float(means.get((UNDISTURBED.name, n), np.nan)) for n in names]
+    for condition in (UNDISTURBED.name, *conditions):
         values = [float(means.get((condition, n), np.nan)) for n in names]
-        usual = [float(means.get((UNDISTURBED, n), np.nan)) for n in names]
         lines.append({"condition": condition, **dict(zip(names, values, strict=True))})
         rows.append((Cell(condition.replace("_", " ")), *map(_cell, values, usual)))
     columns = (Column("condition"), *(Column(label(n)) for n in names))

@@ -103,11 +103,11 @@ def run(
             first = [c for c in good if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
             timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
             walls["latency"] = round(time.perf_counter() - start, 2)
-    failed = sorted(failed + untimed + robustness.as_outcomes(tried), key=lambda o: (o.cell.estimator, o.cell.seed))
+    failed = sorted(failed + untimed + [o for o in tried if o.reason], key=lambda o: (o.cell.estimator, o.cell.seed))
     _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
     _write_failures(out, failed)
     if harder:
-        _write_robustness(out, store, tried)
+        _write_robustness(out, robustness.finished(store, trials))
     latency.write(out, timings)
     write_text(out / "manifest.json", json.dumps(_manifest(profile, todo, good, command, walls), indent=2) + "\n")
     return Finished(failed, write_report(out))
@@ -179,8 +179,7 @@ def _write_scores(out: Path, tables: list[pd.DataFrame], failed: list[Outcome], 
     write_atomically(out / "scores.csv", lambda path: scores.to_csv(path, index=False))
 
 
-def _write_robustness(out: Path, store: Store, tried: list[robustness.Tried]) -> None:
-    tables = [robustness.load(store, t.trial) for t in tried if not t.reason]
+def _write_robustness(out: Path, tables: list[pd.DataFrame]) -> None:
     if tables:
         scores = pd.concat(tables, ignore_index=True).sort_values(robustness.COLUMNS[:6], kind="stable")
         write_atomically(out / "robustness.csv", lambda path: scores.to_csv(path, index=False))

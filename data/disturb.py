@@ -71,6 +71,8 @@ class Condition:
     fault: SensorFault | None = None
 
 
+UNDISTURBED = Condition("fault", "none")
+"""What the time after a fault is compared with."""
 CONDITIONS = (
     *(Condition("noise and dropout", f"noise {n:g}, dropout {d:g}", Corruption(noise=n, dropout=d))
       for n in NOISE_LEVELS for d in DROPOUT_LEVELS),

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from bench.figures.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, face, legend_handles, looks, styled
 from bench.roster import ABLATION, PROPOSED, label, ordered
-from data.disturb import BEYOND, CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS
+from data.disturb import BEYOND, CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS, UNDISTURBED
 
 RIGHT_PCT = 95.0
 TREATMENTS = {
@@ -86,7 +86,7 @@ def after_faults(table: pd.DataFrame) -> Figure:
     offsets = np.linspace(-0.32, 0.32, len(names)) if len(names) > 1 else np.zeros(1)
     for offset, (name, look) in zip(offsets, looks(names).items(), strict=True):
         means = _means(table, name, "parameter_after_pct")
-        share = np.array([means.get(f.name, np.nan) for f in FAULTS]) / means.get("none", np.nan)
+        share = np.array([means.get(f.name, np.nan) for f in FAULTS]) / means.get(UNDISTURBED.name, np.nan)
         axes.plot(
             share, rows + offset, linestyle="none", color=look.colour, marker=look.marker, markersize=4.5,
             markerfacecolor=face(name, look), label=label(name),
