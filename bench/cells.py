@@ -145,9 +145,13 @@ def attempt(
 
 def save_split(split: Split, path: Path) -> None:
     """Write the simulated sequences to one ``.npz``, without pickle."""
+    save_batches({part: getattr(split, part) for part in PARTS}, path)
+
+
+def save_batches(batches: Mapping[str, Batch], path: Path) -> None:
+    """Write named sets of sequences, with their truth, to one ``.npz``, without pickle."""
     arrays: dict[str, np.ndarray] = {}
-    for part in PARTS:
-        batch: Batch = getattr(split, part)
+    for part, batch in batches.items():
         assert batch.truth is not None
         arrays |= {
             f"{part}.names": np.array(batch.names),
@@ -169,10 +173,15 @@ def load_split(store: Store, key: str) -> Split:
 
 @functools.lru_cache(maxsize=1)
 def _load_split(path: Path) -> Split:
+    return Split(**load_batches(path))
+
+
+def load_batches(path: Path) -> dict[str, Batch]:
+    """Read what ``save_batches`` wrote."""
     with np.load(path, allow_pickle=False) as stored:
-        parts = []
-        for part in PARTS:
+        batches = {}
+        for part in dict.fromkeys(name.partition(".")[0] for name in stored.files):
             fields = (stored[f"{part}.{name}"] for name in ("states", "health", "outputs", "inputs"))
             names = tuple(str(n) for n in stored[f"{part}.names"])
-            parts.append(Batch(names, stored[f"{part}.time_s"], stored[f"{part}.measured"], Truth(*fields)))
-    return Split(*parts)
+            batches[part] = Batch(names, stored[f"{part}.time_s"], stored[f"{part}.measured"], Truth(*fields))
+    return batches

@@ -1,4 +1,4 @@
-"""What the report needs of the stored estimates themselves: coverage by regime, errors over time, example tracks."""
+"""What the report needs of the stored estimates themselves: coverage by regime, errors over time, tracks, scenes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,21 @@ import pandas as pd
 from bench.aligned import truth_at
 from bench.coverage import coverage_by_regime, coverage_table
 from bench.estimates import Estimates
+from bench.roster import PROPOSED
 from bench.scores import parameter_error_series
 from bench.tracking import health_change
-from data.batch import HEALTH, OUTPUTS, Array, Batch
+from data.batch import HEALTH, OUTPUTS, STATES, Array, Batch
+from data.scenes import ONSET_S
+from physics.compressor import M_REF_KG_S
 
 SHOWN = ("capacity", "leakage", "heat_transfer", "T_bias_K")
 """The health parameters that degrade in the benchmark, as in the paper's Fig. 4."""
+
+PARITY_POINTS = 8000
+"""As many as the paper's Fig. 3c shows."""
+AFTERMATH_S = 300.0
+"""How long after something abrupt the innovations of Fig. 6c are looked at."""
+CHANNELS_READ = 3
 
 
 class Track(NamedTuple):
@@ -47,12 +56,19 @@ class Evidence:
         errors: per estimator, the instantaneous mean relative parameter error in %, all seeds, (n,).
         trajectory: the test sequence whose load moves most.
         degradations: per degrading health parameter, the test sequence in which it moves most.
+        flow: (2, n) true and estimated mass flow of the proposed method, kg/s, all over the test split.
+        scenes: the paper's own, ``data.scenes``, by name; empty where the run has none.
+        nis: of the proposed method's updates with all channels, in the scenes ``normal``, ``fouling`` and ``bias``,
+            the latter two from their onset on.
     """
 
     coverage: pd.DataFrame = field(default_factory=pd.DataFrame)
     errors: dict[str, Array] = field(default_factory=dict)
     trajectory: Example | None = None
     degradations: dict[str, Example] = field(default_factory=dict)
+    flow: Array = field(default_factory=lambda: np.empty((2, 0)))
+    scenes: dict[str, Example] = field(default_factory=dict)
+    nis: dict[str, Array] = field(default_factory=dict)
 
 
 def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]) -> Evidence:
@@ -65,22 +81,56 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
     wanted = _examples(truth)
     examples: dict[str, Example] = {}
     coverage, errors = [], dict[str, list[Array]]()
+    flow = np.empty((2, 0))
     for cell in cells:
         coverage.append(coverage_by_regime(cell, truth).assign(estimator=cell.estimator, seed=cell.seed))
         errors.setdefault(cell.estimator, []).append(parameter_error_series(cell, truth).ravel())
-        for sequence in set(wanted.values()) & set(cell.names):
-            if sequence not in examples:
-                at = truth_at(truth, (sequence,), cell.time_s)
-                examples[sequence] = Example(sequence, cell.time_s, at.estimated[0])
-            b = cell.names.index(sequence)
-            track = Track(cell.mean[b].copy(), cell.low[b].copy(), cell.high[b].copy())
-            examples[sequence].tracks.setdefault(cell.estimator, track)
+        if cell.estimator == PROPOSED and not flow.size:
+            flow = _flow(cell, truth)
+        _add_tracks(examples, cell, truth, set(wanted.values()))
     return Evidence(
         coverage=coverage_table(pd.concat(coverage, ignore_index=True), failures) if coverage else pd.DataFrame(),
         errors={name: np.concatenate(parts) for name, parts in errors.items()},
         trajectory=examples.get(wanted["load"]),
         degradations={kind: examples[s] for kind, s in wanted.items() if kind in SHOWN and s in examples},
+        flow=flow,
     )
+
+
+def add_scenes(evidence: Evidence, takes: Iterable[tuple[Batch, Estimates]]) -> None:
+    """Put what the estimators made of the paper's scenes in ``evidence``.
+
+    Args:
+        takes: recordings of a scene with their truth, and one estimator's estimates of them.
+    """
+    for truth, estimates in takes:
+        _add_tracks(evidence.scenes, estimates, truth, set(estimates.names))
+        if estimates.estimator == PROPOSED:
+            for name in {"normal", "fouling", "bias"} & set(estimates.names):
+                b, since_s = estimates.names.index(name), 0.0 if name == "normal" else ONSET_S
+                last_s = np.inf if name == "normal" else ONSET_S + AFTERMATH_S
+                shown = (since_s <= estimates.time_s) & (estimates.time_s < last_s)
+                shown &= estimates.nis_dof[b] == CHANNELS_READ
+                evidence.nis[name] = estimates.nis[b, shown].astype(np.float64)
+
+
+def _add_tracks(examples: dict[str, Example], estimates: Estimates, truth: Batch, sequences: set[str]) -> None:
+    """One estimator's tracks of those sequences; those of its first seed stay."""
+    for sequence in sequences & set(estimates.names):
+        if sequence not in examples:
+            at = truth_at(truth, (sequence,), estimates.time_s)
+            examples[sequence] = Example(sequence, estimates.time_s, at.estimated[0])
+        b = estimates.names.index(sequence)
+        track = Track(estimates.mean[b].copy(), estimates.low[b].copy(), estimates.high[b].copy())
+        examples[sequence].tracks.setdefault(estimates.estimator, track)
+
+
+def _flow(estimates: Estimates, truth: Batch) -> Array:
+    """(2, n): true and estimated flow, kg/s, at points spread evenly over all sequences."""
+    i = STATES.index("flow_memory")
+    at = truth_at(truth, estimates.names, estimates.time_s)
+    both = M_REF_KG_S * np.stack([at.states[..., i].ravel(), estimates.mean[..., i].ravel()])
+    return both[:, np.linspace(0, both.shape[1] - 1, min(PARITY_POINTS, both.shape[1])).astype(int)]
 
 
 def _examples(truth: Batch) -> dict[str, str]:

@@ -35,7 +35,12 @@ class Latency:
 
 @dataclass(frozen=True)
 class Profile:
-    """One benchmark configuration. ``settings`` overrides the settings of estimators by name."""
+    """One benchmark configuration.
+
+    Attributes:
+        scenes: run everyone in the scenes of the paper's figures, too.
+        settings: overrides the settings of estimators, by name.
+    """
 
     name: str
     seeds: tuple[int, ...] = (0,)
@@ -43,6 +48,7 @@ class Profile:
     corruption: Corruption = field(default_factory=Corruption)
     evaluation: Evaluation = field(default_factory=Evaluation)
     latency: Latency = field(default_factory=Latency)
+    scenes: bool = True
     settings: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 

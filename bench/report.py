@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.ablations import ablation_table
-from bench.evidence import Evidence, gather
+from bench.claims import claims, claims_table
+from bench.evidence import Evidence, add_scenes, gather
 from bench.figures import draw
 from bench.page import render, write_bytes, write_figures
 from bench.results import Results, load_results
@@ -37,10 +38,13 @@ def write_report(out: Path) -> Table:
     tables = build_tables(summary, evidence.coverage, results.latency)
     if not whole.all():
         tables.append(ablation_table(results.scores, results.failures))
+    if results.manifest.get("scenes"):
+        found = claims(summary, evidence, results.scores, results.robustness, results.latency)
+        tables.append(claims_table(found))
+    tables += robustness_tables(results.robustness)
     for table in tables:
         for suffix, text in FORMATS.items():
             write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
-    tables += robustness_tables(results.robustness)
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness))
     write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
     return tables[0]
@@ -48,7 +52,9 @@ def write_report(out: Path) -> Table:
 
 def _evidence(results: Results) -> Evidence:
     truth = results.truth()
-    return Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
+    evidence = Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
+    add_scenes(evidence, results.scenes())
+    return evidence
 
 
 def _html(results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]]) -> str:

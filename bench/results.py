@@ -10,8 +10,9 @@ from typing import Any
 
 import pandas as pd
 
-from bench.cells import load_split
+from bench.cells import load_batches, load_split
 from bench.estimates import Estimates
+from bench.scenes import KIND, RECORDINGS
 from bench.store import Store
 from data.batch import Batch
 from data.errors import BadInput
@@ -58,6 +59,16 @@ class Results:
         store, key = Store(self.out / "store"), self.manifest.get("data_key", "")
         return load_split(store, key).test if store.has("data", key) else None
 
+    def scenes(self) -> Iterator[tuple[Batch, Estimates]]:
+        """Recordings of each scene with their truth, and each estimator's estimates of them, one at a time."""
+        store, filmed = Store(self.out / "store"), self.manifest.get("scenes", {})
+        if not store.has(RECORDINGS, filmed.get("recordings", "")):
+            return
+        recordings = load_batches(store.path(RECORDINGS, filmed["recordings"]))
+        for scene, key in filmed["takes"]:
+            if store.has(KIND, key):
+                yield recordings[scene], Estimates.load(store.path(KIND, key))
+
 
 def load_results(out: Path) -> Results:
     """Read a run's folder.
@@ -66,8 +77,6 @@ def load_results(out: Path) -> Results:
         BadInput: a file is missing, unreadable, or not what a run writes.
     """
     tables = {name: _read_csv(out / name, columns) for name, columns in COLUMNS.items()}
-    harder = out / "robustness.csv"
-    robustness = _read_csv(harder, HARDER) if harder.exists() else pd.DataFrame(columns=list(HARDER))
     path = out / "manifest.json"
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
@@ -75,6 +84,9 @@ def load_results(out: Path) -> Results:
         raise _unusable(path, error.strerror or str(error)) from error
     except ValueError as error:
         raise _unusable(path, f"not JSON: {error}") from error
+    robustness = pd.DataFrame(columns=list(HARDER))
+    if manifest.get("robustness"):
+        robustness = _read_csv(out / "robustness.csv", HARDER)
     return Results(out, tables["scores.csv"], tables["failures.csv"], tables["latency.csv"], robustness, manifest)
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from bench import cells, latency, robustness
+from bench import cells, latency, robustness, scenes
 from bench.cells import Cell, Outcome
 from bench.profile import KINDS, Profile, fits
 from bench.registry import discover, find
@@ -96,20 +96,27 @@ def run(
             failed += [o for o in stage("estimate", cells.estimate, store, profile, ready) if o.reason]
             good = _without(ready, failed)
             tables = stage("score", _score, store, good)
+            takes = scenes.takes(good, profile) if profile.scenes else []
+            if takes:
+                stage("simulate scenes", scenes.ensure_recordings, store, profile, [takes[0].recordings])
+                failed += [o for o in stage("scenes", scenes.attempt, store, takes) if o.reason]
             trials = robustness.trials(good, profile) if harder else []
-            tried = stage("robustness", robustness.attempt, store, profile, trials) if trials else []
+            if trials:
+                failed += [o for o in stage("robustness", robustness.attempt, store, profile, trials) if o.reason]
             # Serial, after everything else: timings are never taken beside other work.
             start = time.perf_counter()
             first = [c for c in good if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
             timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
             walls["latency"] = round(time.perf_counter() - start, 2)
-    failed = sorted(failed + untimed + [o for o in tried if o.reason], key=lambda o: (o.cell.estimator, o.cell.seed))
+    failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
     _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
     _write_failures(out, failed)
     if harder:
         _write_robustness(out, robustness.finished(store, trials))
     latency.write(out, timings)
-    write_text(out / "manifest.json", json.dumps(_manifest(profile, todo, good, command, walls), indent=2) + "\n")
+    filmed = {"recordings": takes[0].recordings, "takes": [(t.scene, t.key) for t in takes]} if takes else {}
+    manifest = {**_manifest(profile, todo, good, command, walls), "robustness": harder, "scenes": filmed}
+    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return Finished(failed, write_report(out))
 
 

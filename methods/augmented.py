@@ -28,6 +28,7 @@ from methods.safeguards import (
     OUTSIDE,
     REFRESH,
     UPDATES,
+    WIDEST,
     Envelope,
     Safety,
     Settings,
@@ -244,7 +245,7 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip):  # type
         note_mismatch(safety.mismatch, np.where(np.isnan(used), used, r), S - R)
     _health_gain(model, safety, K, S, r)
     z, P = z + K @ r, joseph(P, K, H, R)
-    bound_health(P, ZETA, 1.0)
+    bound_health(P, ZETA, WIDEST)
     _bounded_states(model, z)
     _remember(model, safety, z, P, H, used, white_sd, coloured_sd)
     return z, P, innovation, used, S, nis

@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from data.batch import SAMPLE_PERIOD_S, Array
+from physics.health import HEALTHY, SPAN, to_zeta
 
 N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3
 """Health coordinates; what they act on, five states and the probe; sensors of outputs."""
@@ -39,6 +40,8 @@ OBSERVED_S = 60.0
 MOST_SENSITIVE = 1e4
 """Bound on what a state moves by for one unit of health, in its own unit; real ones stay below a hundred."""
 LEAST_VARIANCE = 1e-12
+WIDEST = (0.5 * to_zeta(HEALTHY + np.array([-1.0, -1.0, 1.0, -1.0, 1.0]) * SPAN)) ** 2
+"""Variance of a health coordinate of which nothing is known: two sd reach the end of a machine's life."""
 REFRESH = 20
 """Updates between two looks at their singular values."""
 PUSH_KEEP = 0.99
@@ -274,17 +277,18 @@ def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def bound_health(P, at, most):  # type: ignore[no-untyped-def]
-    """Keep the variance of each health parameter at ``most`` by a reading of it that brings no news.
+    """Keep the variance of each health parameter within ``most`` (5,) by a reading of it that brings no news.
 
     The update of Eq. (11) with zero innovation and the noise at which the variance comes out at ``most``;
     clipping it instead would break its correlations.
     """
     n = P.shape[0]
-    for j in range(at, at + N_HEALTH):
+    for i in range(N_HEALTH):
+        j = at + i
         variance = P[j, j]
-        if variance > most:
+        if variance > most[i]:
             column = P[:, j].copy()
-            share = (variance - most) / variance**2
+            share = (variance - most[i]) / variance**2
             for a in range(n):
                 for b in range(n):
                     P[a, b] -= share * column[a] * column[b]

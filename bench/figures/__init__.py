@@ -14,11 +14,19 @@ from bench.figures.coverage import coverage_by_quantity, coverage_by_regime
 from bench.figures.errors import critical_difference, error_bars, parameter_violins
 from bench.figures.latency import latency_percentiles
 from bench.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
+from bench.figures.scenes import flow_parity, innovations, ramps, wear
 from bench.figures.tracks import parameter_tracking, state_trajectories
 from bench.roster import PROPOSED, label
 from bench.summary import FORECAST, PARAMETERS, QUESTIONS, Summary
 
 NO_ESTIMATES = "the store holds no estimates of this run"
+
+WEAR = {
+    "fig4a_capacity": ("capacity", "capacity", "Capacity falls from 1.00 to 0.88 in 18 minutes"),
+    "fig4b_leakage": ("leakage", "leakage", "Leakage grows from 0.015 to 0.052 in 18 minutes"),
+    "fig4c_heat_transfer": ("cooling", "heat_transfer", "Cooling is impaired in two stages"),
+}
+"""By figure: the scene, the health parameter, and what happens."""
 
 
 class Drawing(NamedTuple):
@@ -81,6 +89,14 @@ def draw(
         state_trajectories(trajectory) if trajectory else None,
         NO_ESTIMATES,
     )
+    yield from _ramps(evidence)
+    yield Drawing(
+        "fig3c_parity",
+        f"Mass flow of {label(PROPOSED)} against the truth at {evidence.flow.shape[1]:,} points spread evenly over the "
+        "test sequences. Dashed: equal.",
+        flow_parity(evidence.flow) if evidence.flow.size else None,
+        NO_ESTIMATES if not evidence.errors else f"no estimates of {label(PROPOSED)}",
+    )
     yield Drawing(
         "fig4_parameters",
         "Health parameters, each on the test sequence in which it changes most: truth (broad grey), estimates, and the "
@@ -88,6 +104,12 @@ def draw(
         parameter_tracking(evidence.degradations) if evidence.degradations else None,
         "no estimates of a test sequence whose health changes",
     )
+    for name, (scene, parameter, says) in WEAR.items():
+        if scene in evidence.scenes:
+            yield Drawing(
+                name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
+                wear(evidence.scenes[scene], parameter), "",
+            )  # fmt: skip
     if PROPOSED in set(robustness["estimator"]):
         yield Drawing(
             "fig6a_noise_dropout",
@@ -101,6 +123,15 @@ def draw(
             "Loads beyond the training envelope: what the 95 % intervals hold, and the parameter error, by what is "
             "done about sensitivities and process noise there.",
             beyond_the_envelope(robustness),
+            "",
+        )
+    if evidence.nis:
+        yield Drawing(
+            "fig6c_innovations",
+            f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
+            "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
+            "temperature sensor went off by 5 K.",
+            innovations(evidence.nis),
             "",
         )
     if len(robustness):
@@ -118,6 +149,21 @@ def draw(
         latency_percentiles(latency) if len(latency) else None,
         "no latency was measured in this run",
     )
+
+
+def _ramps(evidence: Evidence) -> Iterator[Drawing]:
+    """Figs. 3a and b, where the run has the scenes."""
+    if not any(PROPOSED in e.tracks for name, e in evidence.scenes.items() if name.startswith("ramp")):
+        return
+    for name, column, quantity, unit, claimed in (
+        ("fig3a_pressure_ramps", 0, "exhaust pressure", "bar", 0.03),
+        ("fig3b_temperature_ramps", 1, "gas temperature", "K", 1.7),
+    ):
+        caption = (
+            f"{quantity.capitalize()} over five load ramps and what {label(PROPOSED)} makes of it; dashed: the error "
+            "that the paper reports at most."
+        )
+        yield Drawing(name, caption, ramps(evidence.scenes, column, quantity, unit, claimed), "")
 
 
 def _ranks(summary: Summary, question: str, name: str) -> Drawing:

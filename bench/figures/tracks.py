@@ -35,7 +35,7 @@ TRUTH_STYLE: dict[str, Any] = {"color": "#aab4bd", "linewidth": 4.0, "solid_caps
 """A broad road below the estimates, so that it shows where they leave it."""
 
 
-def _states(estimated: Array) -> Array:
+def states(estimated: Array) -> Array:
     """(M, 3) discharge pressure in bar, gas temperature in degC, mass flow in g/s from (M, 10)."""
     healthy_sensor = estimated.copy()
     healthy_sensor[..., ESTIMATED.index("T_bias_K")] = 0.0
@@ -52,13 +52,13 @@ def state_trajectories(example: Example) -> Figure:
     """Fig. 3 on one test sequence: truth and estimates on the left, estimate minus truth on the right."""
     names = ordered(example.tracks)
     keep = thin(len(example.time_s), MOST_POINTS)
-    minutes, true = example.time_s[keep] / 60.0, _states(example.truth[keep])
+    minutes, true = example.time_s[keep] / 60.0, states(example.truth[keep])
     figure = canvas(PAGE_MM, 128.0)
     panels = figure.subplots(3, 2, sharex=True)
     banded = _banded(names)
     for name, look in looks(names).items():
         track = example.tracks[name]
-        mean, low, high = (_states(np.asarray(a[keep], dtype=float)) for a in (track.mean, track.low, track.high))
+        mean, low, high = (states(np.asarray(a[keep], dtype=float)) for a in (track.mean, track.low, track.high))
         width = 1.3 if name in (FLOOR, banded) else 0.8
         for row in range(3):
             left, right = panels[row]
@@ -86,16 +86,17 @@ def parameter_tracking(panels: Mapping[str, Example]) -> Figure:
     everyone: set[str] = set()
     for axes, (parameter, example) in zip(grid, panels.items(), strict=False):
         everyone |= set(example.tracks)
-        _track_panel(axes, parameter, example)
+        track_panel(axes, parameter, example)
         axes.set_title(example.sequence, color=MUTED, loc="right")
         axes.set_xlabel("time, min")
     for axes in grid[len(panels) :]:
         axes.set_visible(False)
-    _legend(figure, ordered(everyone))
+    legend(figure, ordered(everyone))
     return figure
 
 
-def _track_panel(axes: Axes, parameter: str, example: Example) -> None:
+def track_panel(axes: Axes, parameter: str, example: Example) -> None:
+    """One health parameter of one sequence: truth, everybody's estimate, one band."""
     column = ESTIMATED.index(parameter)
     keep = thin(len(example.time_s), MOST_POINTS)
     minutes = example.time_s[keep] / 60.0
@@ -120,10 +121,11 @@ def _finish(figure: Figure, panels: np.ndarray, sequence: str, names: list[str],
     panels[0, 0].set_title("trajectory")
     panels[0, 1].set_title("estimate − truth")
     figure.align_ylabels(panels)
-    _legend(figure, names)
+    legend(figure, names)
 
 
-def _legend(figure: Figure, names: list[str]) -> None:
+def legend(figure: Figure, names: list[str]) -> None:
+    """Below the figure: truth, the estimators, whose band is drawn."""
     banded = _banded(names)
     handles = [
         Line2D([], [], label="truth", **TRUTH_STYLE),

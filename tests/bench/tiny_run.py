@@ -8,6 +8,7 @@ from pathlib import Path
 from bench.cli import main
 
 PROFILE = """
+scenes = false
 [data]
 n_train = 2
 n_validation = 1

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from test_augmented import OFF
 
+from data.scenario import WORN
+from methods.estimator import Z95
 from methods.kalman import gain, joseph
 from methods.safeguards import (
     CHANNEL,
@@ -19,9 +21,11 @@ from methods.safeguards import (
     INFLATION_UPDATES,
     INSIDE_LEAST,
     MISMATCH_KEEP,
+    N_HEALTH,
     OUTSIDE,
     OUTSIDE_MOST,
     PUSHED,
+    WIDEST,
     Envelope,
     bound_health,
     carry_sensitivity,
@@ -38,6 +42,7 @@ from methods.safeguards import (
     walk_factor,
     watch,
 )
+from physics.health import HEALTHY, SPAN, to_theta
 
 BOX = Envelope(np.full(5, -2.0), np.full(5, 2.0))
 
@@ -217,6 +222,14 @@ def test_a_variance_is_bounded_by_a_reading_without_news(seed):
     R = np.array([[variance / (variance - 1.0)]])
     K, _, _ = gain(P, np.zeros(1), H, R)
     expected = joseph(P, K, H, R)
-    bound_health(P, 2, 1.0)
+    bound_health(P, 2, np.ones(N_HEALTH))
     assert P == pytest.approx(expected, abs=1e-9)
     assert P[4, 4] == pytest.approx(1.0)
+
+
+def test_the_interval_of_what_nothing_is_known_of_spans_a_machines_life():
+    half = Z95 * np.sqrt(WIDEST)
+    ends = np.sort(np.stack([to_theta(-half), to_theta(half)]), axis=0)
+    share = (np.clip(WORN, *ends) - HEALTHY)[:4] / (WORN - HEALTHY)[:4]
+    assert (share > 0.95).all()
+    assert ends[:, 4] == pytest.approx([-SPAN[4], SPAN[4]], rel=0.05)
