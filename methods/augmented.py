@@ -52,6 +52,8 @@ from physics.health import map_health
 
 PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
 BIAS = ZETA + 4
+LATE = 0.5
+"""Of a tick: what was read no longer ago than this counts as read at the tick."""
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
 TAU_PROBE_X = float(PLANT.theta()[PLANT.index("tau_T_x")])
 
@@ -105,12 +107,13 @@ def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def predict(w, model, base, z, P, away, push):  # type: ignore[no-untyped-def]
+def predict(w, model, base, z, P, away, push, part):  # type: ignore[no-untyped-def]
     """One tick ahead, Eqs. (6) and (7): z (19,), P (19, 19) and the Jacobian F (19, 19).
 
     Args:
         away: distance of the query from the training envelope.
         push: (5,) direction of late corrections, which widens the walk of health by Eq. (14).
+        part: of the tick, 1 for all of it; less goes along the straight line there.
     """
     settings = model.settings
     if settings.difference > 0.0:
@@ -137,7 +140,12 @@ def predict(w, model, base, z, P, away, push):  # type: ignore[no-untyped-def]
         Q[ZETA + i, ZETA + i] *= walk_factor(settings, push[i])
     for i in range(N_STATES):
         Q[ERROR + i, ERROR + i] *= 1.0 + settings.extrapolation * away * away
-    return _moved(model, z, scaled), predict_covariance(P, F, Q), F
+    after = _moved(model, z, scaled)
+    if part < 1.0:
+        after = z + part * (after - z)
+        F = np.eye(SIZE) + part * (F - np.eye(SIZE))
+        Q *= part
+    return after, predict_covariance(P, F, Q), F
 
 
 @njit(cache=True, error_model="numpy")
@@ -271,40 +279,78 @@ def _push(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def tick(w, model, stream, safety, z, P, sample, mask, query, measured, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
+def _next_readings(left, lag, now):  # type: ignore[no-untyped-def]
+    """Move what is read next from ``left`` (3,) to ``now`` (3,). Returns when in the tick; the rest is at 1."""
+    to = 1.0
+    for c in range(N_OUTPUTS):
+        if not np.isnan(left[c]) and LATE < lag[c] <= 1.0:
+            to = min(to, 1.0 - lag[c])
+    for c in range(N_OUTPUTS):
+        due = 1.0 - lag[c] == to if lag[c] > LATE else to == 1.0
+        now[c] = left[c] if due else np.nan
+        if due:
+            left[c] = np.nan
+    return to
+
+
+@njit(cache=True, error_model="numpy")
+def _report(innovation, S, accepted, surprise, used, spread, last):  # type: ignore[no-untyped-def]
+    """Put one of a tick's corrections into its diagnostics, in place; the last one speaks for what is missing, too."""
+    before = ~np.isnan(innovation)
+    for i in range(N_OUTPUTS):
+        for j in range(N_OUTPUTS):
+            both = not np.isnan(surprise[i]) and not np.isnan(surprise[j])
+            if both or (last and not before[i] and not before[j]):
+                S[i, j] = spread[i, j]
+    for c in range(N_OUTPUTS):
+        if not np.isnan(surprise[c]):
+            innovation[c] = surprise[c]
+            accepted[c] = not np.isnan(used[c])
+
+
+@njit(cache=True, error_model="numpy")
+def tick(w, model, stream, safety, z, P, sample, mask, query, measured, lag, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
     """One tick of B machines, in place on ``stream``, ``safety``, ``z``, ``P`` and ``info``.
 
     Args:
         sample, mask, query: (B, 7), (B, 7), (B, 5) float32, what the operator's window takes in.
         measured: (B, 3) outputs, NaN where missing or rejected.
+        lag: (B, 3) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
+            gets a correction of its own at its time; what is older than the last tick is left out.
         white_sd, coloured_sd: (B, 3) present sd of the output noise.
         info: innovation (B, 3), S (B, 3, 3), NIS (B,), accepted (B, 3), flags (B,).
     """
     innovation, S, nis, accepted, flags = info
+    now = np.empty(N_OUTPUTS)
     for b in range(z.shape[0]):
         mean, cov = z[b], P[b]
         own = Safety(
             safety.sensitivity[b], safety.information[b], safety.observable[b], safety.mismatch[b],
             safety.push[b], safety.valid[b], safety.counts[b],
         )  # fmt: skip
-        if stream.ticks[b] > 0:
-            away = distance(model.envelope, query[b])
-            mean, cov, F = predict(w.heads, model, stream.base[b], mean, cov, away, own.push)
-            if model.settings.least_information > 0.0:
-                carry_sensitivity(own.sensitivity, F, ZETA)
-        mean, cov, surprise, used, spread, nis[b] = correct(
-            model, own, mean, cov, measured[b], white_sd[b], coloured_sd[b], clip
-        )
+        away = distance(model.envelope, query[b])
+        innovation[b], S[b], nis[b], accepted[b], flags[b] = np.nan, 0.0, np.nan, False, 0
+        left, at = measured[b].copy(), 0.0
+        while at < 1.0:
+            to = _next_readings(left, lag[b], now)
+            if stream.ticks[b] > 0 and to > at:
+                mean, cov, F = predict(w.heads, model, stream.base[b], mean, cov, away, own.push, to - at)
+                if model.settings.least_information > 0.0:
+                    carry_sensitivity(own.sensitivity, F, ZETA)
+            mean, cov, surprise, used, spread, surprised = correct(
+                model, own, mean, cov, now, white_sd[b], coloured_sd[b], clip
+            )
+            _report(innovation[b], S[b], accepted[b], surprise, used, spread, to == 1.0)
+            if not np.isnan(surprised):
+                nis[b] = surprised if np.isnan(nis[b]) else nis[b] + surprised
+            at = to
         fill(z[b], mean)
         fill(P[b].ravel(), cov.ravel())
-        fill(innovation[b], surprise)
-        fill(S[b].ravel(), spread.ravel())
         flags[b] = FLAG_FROZEN if own.counts[FROZEN] > 0 else 0
         if model.settings.least_information > 0.0 and np.trace(own.observable) < N_HEALTH - 0.5:
             flags[b] |= FLAG_UNINFORMED
         for c in range(N_OUTPUTS):
-            accepted[b, c] = not np.isnan(used[c])
-            if np.isnan(used[c]) and not np.isnan(surprise[c]):
+            if not accepted[b, c] and not np.isnan(innovation[b, c]):
                 flags[b] |= FLAG_GATED
         _push(w.encoder, stream, b, sample[b], mask[b], query[b])
 

@@ -10,7 +10,7 @@ import numpy as np
 from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model, roll_out, tick
 from methods.estimator import Estimator, Info, Sample, State, register
-from methods.frontend import FrontEnd, Memory
+from methods.frontend import THRESHOLD, FrontEnd, Memory
 from methods.kalman import linear_filter
 from methods.noise import coloured_keep, output_sd
 from methods.reporting import clean_flags, report
@@ -64,6 +64,7 @@ class DeepONetKalman(Estimator):
         "q_most": 30.0,
         "r_gain": 1.0,
         "r_most": 25.0,
+        "hampel": True,
         "channel_gate": 6.0,
         "rollback": True,
         "inflation": 5.0,
@@ -82,8 +83,8 @@ class DeepONetKalman(Estimator):
         "heat_transfer_walk": (5e-4, 1e-2),
         "T_bias_K_walk": (0.01, 0.2),
     }
-    online = frozenset({*Settings._fields, "update_every", *(f"{name}_walk" for name in HEALTH), "model_noise",
-                        "slow_error", "error_tau_s"})  # fmt: skip
+    online = frozenset({*Settings._fields, "hampel", "update_every", "model_noise", "slow_error", "error_tau_s",
+                        *(f"{name}_walk" for name in HEALTH)})  # fmt: skip
     ablations: ClassVar[dict[str, dict[str, Any]]] = {
         "no_covariance_adaptation": {"q_gain": 0.0, "r_gain": 0.0},
         "no_feasibility": {"feasibility": 0.0},
@@ -95,7 +96,7 @@ class DeepONetKalman(Estimator):
         "sobolev": {"sobolev": 0.1},
         "no_conditioning": {"conditioned": False},
         "no_observability": {"least_information": 0.0},
-        "no_gate": {"channel_gate": np.inf},
+        "no_gate": {"channel_gate": np.inf, "hampel": False},
         "no_rollback": {"rollback": False},
         "no_augmentation": {"augmented": False},
         "no_refinement": {"refinement": 0},
@@ -156,7 +157,7 @@ class DeepONetKalman(Estimator):
         """Pack the weights and assemble Q."""
         a = self.arrays
         self._weights = pack(a)
-        self._front_end = FrontEnd.from_arrays(a)
+        self._front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
         self._scaling = (self._front_end.mean, self._front_end.scale, a["query.mean"], a["query.scale"])
         walk = np.array([self.config[f"{name}_walk"] for name in HEALTH])
         Q = np.zeros((SIZE, SIZE))
@@ -203,9 +204,10 @@ class DeepONetKalman(Estimator):
         due = stream.ticks % self.config["update_every"] == 0
         white, coloured = output_sd(filled)
         batch = len(z)
+        lag = np.zeros(sample.measured.shape) if sample.lag_s is None else np.asarray(sample.lag_s, dtype=np.float64)
         info = Info(
             np.empty((batch, 3)), np.empty((batch, 3, 3)), np.empty(batch), np.empty((batch, 3), bool),
-            np.empty(batch, np.int64), clean.age_s,
+            np.empty(batch, np.int64), clean.age_s + lag,
         )  # fmt: skip
         tick(
             self._weights,
@@ -218,6 +220,7 @@ class DeepONetKalman(Estimator):
             clean.accepted.astype(np.float32),
             ((query_of(filled) - self._scaling[2]) / self._scaling[3]).astype(np.float32),
             np.where(due[:, None] & clean.accepted[:, 4:], filled[:, 4:], np.nan),
+            lag[:, 4:] / SAMPLE_PERIOD_S,
             white,
             coloured,
             INNOVATION_CLIP_SD,

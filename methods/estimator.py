@@ -23,6 +23,7 @@ class Sample(NamedTuple):
 
     time_s: float
     measured: Array  # (B, 7), order CHANNELS; NaN means missing
+    lag_s: Array | None = None  # (B, 7) how long before time_s each channel was read; None: not at all
 
 
 class State(NamedTuple):

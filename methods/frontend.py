@@ -54,7 +54,7 @@ def _median(a, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _gate(recent, filled, age_s, outlier, measured, mean, scale, floor, accepted, spike):  # type: ignore[no-untyped-def]
+def _gate(recent, filled, age_s, outlier, measured, mean, scale, floor, threshold, accepted, spike):  # type: ignore[no-untyped-def]
     """Advance one tick in place."""
     batch, window, channels = recent.shape
     kept = np.empty(window)
@@ -84,7 +84,7 @@ def _gate(recent, filled, age_s, outlier, measured, mean, scale, floor, accepted
             spread = 1.4826 * _median(kept, n)
             deviation = value - median
             sign = 0.0
-            if n >= 5 and abs(deviation) > THRESHOLD * max(spread, floor[c]):
+            if n >= 5 and abs(deviation) > threshold * max(spread, floor[c]):
                 sign = 1.0 if deviation > 0.0 else -1.0
             if sign != 0.0 and outlier[b, c] != sign:
                 spike[b, c] = True
@@ -96,11 +96,13 @@ def _gate(recent, filled, age_s, outlier, measured, mean, scale, floor, accepted
 
 
 @njit(cache=True)
-def _gate_sequence(recent, filled, age_s, outlier, measured, mean, scale, floor, out, accepted, ages):  # type: ignore[no-untyped-def]
+def _gate_sequence(  # type: ignore[no-untyped-def]
+    recent, filled, age_s, outlier, measured, mean, scale, floor, threshold, out, accepted, ages
+):
     ok = np.empty(filled.shape, np.bool_)
     spike = np.empty(filled.shape, np.bool_)
     for k in range(measured.shape[1]):
-        _gate(recent, filled, age_s, outlier, measured[:, k], mean, scale, floor, ok, spike)
+        _gate(recent, filled, age_s, outlier, measured[:, k], mean, scale, floor, threshold, ok, spike)
         out[:, k] = filled
         accepted[:, k] = ok
         ages[:, k] = age_s
@@ -112,10 +114,11 @@ class FrontEnd:
     Attributes:
         mean, scale: (7,) standardisation, order CHANNELS.
         floor: (7,) least noise sd that the gate assumes.
+        threshold: of the Hampel precheck, robust standard deviations; inf leaves it out.
     """
 
-    def __init__(self, mean: Array, scale: Array, floor: Array) -> None:
-        self.mean, self.scale, self.floor = mean, scale, floor
+    def __init__(self, mean: Array, scale: Array, floor: Array, threshold: float = THRESHOLD) -> None:
+        self.mean, self.scale, self.floor, self.threshold = mean, scale, floor, threshold
 
     @classmethod
     def fit(cls, train: Batch) -> Self:
@@ -132,9 +135,9 @@ class FrontEnd:
         return {"front.mean": self.mean, "front.scale": self.scale, "front.floor": self.floor}
 
     @classmethod
-    def from_arrays(cls, arrays: dict[str, np.ndarray]) -> Self:
+    def from_arrays(cls, arrays: dict[str, np.ndarray], threshold: float = THRESHOLD) -> Self:
         """The inverse of ``arrays``."""
-        return cls(arrays["front.mean"], arrays["front.scale"], arrays["front.floor"])
+        return cls(arrays["front.mean"], arrays["front.scale"], arrays["front.floor"], threshold)
 
     def init(self, batch: int) -> Memory:
         """Before the first sample: the training means stand in."""
@@ -151,7 +154,8 @@ class FrontEnd:
         after = Memory(*(part.copy() for part in memory))
         accepted = np.empty(measured.shape, dtype=np.bool_)
         spike = np.empty(measured.shape, dtype=np.bool_)
-        _gate(*after, np.asarray(measured, dtype=np.float64), self.mean, self.scale, self.floor, accepted, spike)
+        measured = np.asarray(measured, dtype=np.float64)
+        _gate(*after, measured, self.mean, self.scale, self.floor, self.threshold, accepted, spike)
         return after, Clean(after.filled, accepted, spike, after.age_s)
 
     def run(self, measured: Array) -> tuple[Array, np.ndarray, Array]:
@@ -159,8 +163,8 @@ class FrontEnd:
         filled = np.empty(measured.shape)
         accepted = np.empty(measured.shape, dtype=np.bool_)
         ages = np.empty(measured.shape)
-        measured = np.ascontiguousarray(measured)
-        _gate_sequence(*self.init(len(measured)), measured, self.mean, self.scale, self.floor, filled, accepted, ages)
+        fitted = (self.mean, self.scale, self.floor, self.threshold)
+        _gate_sequence(*self.init(len(measured)), np.ascontiguousarray(measured), *fitted, filled, accepted, ages)
         return filled, accepted, ages
 
     def standardise(self, filled: Array) -> Array:

@@ -7,7 +7,19 @@ import pytest
 import torch
 
 from data.batch import SAMPLE_PERIOD_S
-from methods.augmented import ERROR, NOISE, PROBE, SIZE, ZETA, Model, correct, predict, predict_mean, roll_out
+from methods.augmented import (
+    ERROR,
+    NOISE,
+    PROBE,
+    SIZE,
+    ZETA,
+    Model,
+    correct,
+    predict,
+    predict_mean,
+    roll_out,
+    tick,
+)
 from methods.operator import Operator
 from methods.safeguards import (
     FROZEN,
@@ -72,7 +84,7 @@ def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
         behind[j] -= size[j]
         ends = [predict_mean(weights.heads, model, base, at) for at in (ahead, behind)]
         F[:, j] = (ends[0] - ends[1]) / (2 * size[j])
-    after, P_after, slope = predict(weights.heads, model, base, z, P, 0.0, np.zeros(5))
+    after, P_after, slope = predict(weights.heads, model, base, z, P, 0.0, np.zeros(5), 1.0)
     assert after == pytest.approx(predict_mean(weights.heads, model, base, z), abs=1e-6)
     assert slope == pytest.approx(F, abs=1e-2)
     expected = F @ P @ F.T + model.Q
@@ -196,8 +208,8 @@ def test_a_channel_far_off_is_left_out_of_the_correction_and_of_the_nis(problem)
 def test_untrusted_sensitivities_carry_no_news_to_health_and_the_forecast_is_less_sure(problem):
     weights, model, base, z, P = problem
     cautious = model._replace(settings=OFF._replace(trust_reach=1.0, extrapolation=1.0))
-    _, near, F_near = predict(weights.heads, cautious, base, z, P, 0.0, np.zeros(5))
-    _, far, F_far = predict(weights.heads, cautious, base, z, P, 3.0, np.zeros(5))
+    _, near, F_near = predict(weights.heads, cautious, base, z, P, 0.0, np.zeros(5), 1.0)
+    _, far, F_far = predict(weights.heads, cautious, base, z, P, 3.0, np.zeros(5), 1.0)
     assert F_far[:5, ZETA : ZETA + 4] == pytest.approx(0.1 * F_near[:5, ZETA : ZETA + 4])
     assert (np.diag(far)[ERROR:] > np.diag(near)[ERROR:]).all()
 
@@ -206,8 +218,8 @@ def test_what_is_pushed_one_way_walks_faster(problem):
     weights, model, base, z, P = problem
     quick = model._replace(settings=OFF._replace(q_gain=1.0))
     push = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-    calm = predict(weights.heads, quick, base, z, P, 0.0, np.zeros(5))[1]
-    pushed = predict(weights.heads, quick, base, z, P, 0.0, push)[1]
+    calm = predict(weights.heads, quick, base, z, P, 0.0, np.zeros(5), 1.0)[1]
+    pushed = predict(weights.heads, quick, base, z, P, 0.0, push, 1.0)[1]
     more = np.diag(pushed - calm)
     assert more[ZETA] == pytest.approx((OFF.q_most - 1.0) * model.Q[ZETA, ZETA], rel=1e-6)
     assert np.abs(np.delete(more, ZETA)).max() < 1e-12
@@ -216,7 +228,7 @@ def test_what_is_pushed_one_way_walks_faster(problem):
 def test_sensitivities_by_differences_are_nearly_the_derivatives(problem):
     weights, model, base, z, P = problem
     by_differences = model._replace(settings=OFF._replace(difference=0.01))
-    F, G = (predict(weights.heads, m, base, z, P, 0.0, np.zeros(5))[2] for m in (model, by_differences))
+    F, G = (predict(weights.heads, m, base, z, P, 0.0, np.zeros(5), 1.0)[2] for m in (model, by_differences))
     assert G != pytest.approx(F, abs=1e-7)
     assert pytest.approx(F, abs=0.02) == G
 
@@ -249,3 +261,74 @@ def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
     roll_out(weights, model, scaling, one, states[1:], inputs[1:], np.array([2.0]), single)
     assert np.array_equal(out[1], single[0])
     assert np.isfinite(out).all()
+
+
+WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
+
+
+def ticked(problem, measured, lag):
+    """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago."""
+    weights, model, base, z, P = problem
+    stream = empty_stream(weights, 1)
+    stream.ticks[:], stream.base[0] = 1, base
+    z, P, one = z[None].copy(), P[None].copy(), (lambda *values: np.array([values]))
+    info = (np.empty((1, 3)), np.empty((1, 3, 3)), np.empty(1), np.empty((1, 3), bool), np.empty(1, np.int64))
+    still = (np.zeros((1, 7), np.float32), np.ones((1, 7), np.float32), np.zeros((1, 5), np.float32))
+    tick(weights, model, stream, empty_safety(1), z, P, *still, one(*measured), one(*lag), WHITE[None], COLOURED[None],
+         6.0, info)  # fmt: skip
+    return z[0], P[0], info
+
+
+def read(problem):
+    """Readings near the machine of ``problem``."""
+    z = problem[3]
+    return np.array([z[1] + 0.01, z[PROBE] + 0.5, M_REF_KG_S * z[4] + 5e-4])
+
+
+def by_hand(problem, *steps):
+    """z and P after predictions over parts of a tick and corrections with some channels, in that order."""
+    weights, model, base, z, P = problem
+    safety = one_safety()
+    for step in steps:
+        if isinstance(step, float):
+            z, P, _ = predict(weights.heads, model, base, z, P, 0.0, np.zeros(5), step)
+        else:
+            z, P, *_ = correct(model, safety, z, P, np.array(step), WHITE, COLOURED, 6.0)
+    return z, P
+
+
+def test_what_was_read_within_half_a_tick_counts_as_read_at_it(problem):
+    y = read(problem)
+    at_once, a_little_late = (ticked(problem, y, lag) for lag in ((0.0, 0.0, 0.0), (0.5, 0.2, 0.4)))
+    assert np.array_equal(at_once[0], a_little_late[0])
+    assert at_once[0] == pytest.approx(by_hand(problem, 1.0, y)[0])
+
+
+def test_what_was_read_late_corrects_at_its_own_time(problem):
+    p, T, m = read(problem)
+    z, P, (innovation, S, nis, accepted, _) = ticked(problem, (p, T, m), (0.0, 0.75, 0.9))
+    nan = np.nan
+    expected = by_hand(problem, 1.0 - 0.9, [nan, nan, m], 0.9 - 0.75, [nan, T, nan], 0.75, [p, nan, nan])
+    assert z == pytest.approx(expected[0])
+    assert P == pytest.approx(expected[1])
+    assert accepted.all()
+    assert np.isfinite(innovation).all()
+    off = S[0] - np.diag(np.diag(S[0]))
+    assert not off.any()
+    assert nis[0] == pytest.approx(np.sum(innovation[0] ** 2 / np.diag(S[0])))
+
+
+def test_a_reading_as_old_as_the_last_tick_corrects_before_the_forecast(problem):
+    y = read(problem)
+    nothing = [np.nan] * 3
+    z, P, _ = ticked(problem, y, (1.0, 1.0, 1.0))
+    expected = by_hand(problem, y, 1.0, nothing)
+    assert z == pytest.approx(expected[0])
+    assert P == pytest.approx(expected[1])
+
+
+def test_a_reading_older_than_the_last_tick_is_left_out(problem):
+    p, T, m = read(problem)
+    z, _, info = ticked(problem, (p, T, m), (0.0, 1.2, 0.0))
+    assert z == pytest.approx(by_hand(problem, 1.0, [p, np.nan, m])[0])
+    assert info[3].tolist() == [[True, False, True]]

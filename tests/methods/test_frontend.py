@@ -35,6 +35,13 @@ def test_an_isolated_spike_is_replaced_by_the_last_reading(front_end, measured):
     assert ages[0, 300, 4] == pytest.approx(SAMPLE_PERIOD_S)
 
 
+def test_without_the_precheck_a_spike_gets_through(front_end, measured):
+    measured[0, 300, 4] += 40 * SD[4]
+    filled, accepted, _ = FrontEnd.from_arrays(front_end.arrays(), threshold=np.inf).run(measured)
+    assert accepted[0, 300, 4]
+    assert filled[0, 300, 4] == measured[0, 300, 4]
+
+
 def test_a_lasting_shift_gets_through_after_one_sample(front_end, measured):
     measured[0, 300:, 5] += 40 * SD[5]
     _, accepted, _ = front_end.run(measured)
