@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from bench.evidence import Evidence
 from bench.figures.coverage import coverage_by_quantity, coverage_by_regime
 from bench.figures.errors import critical_difference, error_bars, parameter_violins
-from bench.figures.latency import latency_percentiles
+from bench.figures.latency import accuracy_and_time, latency_percentiles
 from bench.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
 from bench.figures.scenes import flow_parity, innovations, ramps, wear
 from bench.figures.tracks import parameter_tracking, state_trajectories
@@ -148,6 +148,13 @@ def draw(
         "be done.",
         latency_percentiles(latency) if len(latency) else None,
         "no latency was measured in this run",
+    )
+    yield Drawing(
+        "fig7c_accuracy_time",
+        "Error against the time of one update, both on logarithmic scales; down and left is better. Dashed: who, the "
+        "oracle apart, is beaten by nobody in both.",
+        accuracy_and_time(summary, latency) if len(latency) and summary.values else None,
+        "no latency was measured in this run" if not len(latency) else "no cell finished",
     )
 
 

@@ -1,4 +1,4 @@
-"""How long one update takes."""
+"""How long one update takes, and what it buys (Fig. 7c)."""
 
 from __future__ import annotations
 
@@ -7,8 +7,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bench.figures.style import INK, MUTED, PAGE_MM, canvas, face, log_axis, looks, styled
-from bench.roster import label, ordered
+from bench.figures.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, face, legend_handles, log_axis, looks, styled
+from bench.roster import FLOOR, label, ordered
+from bench.summary import PARAMETERS, Summary
+from bench.tables import fastest_us
 from data.batch import SAMPLE_PERIOD_S
 
 PERCENTILES = ("p50_us", "p95_us", "p99_us", "max_us")
@@ -49,6 +51,42 @@ def latency_percentiles(latency: pd.DataFrame) -> Figure:
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, columnspacing=1.4)
     return figure
+
+
+ACCURACY = {
+    "mean filtered error of p, T and m, %": ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct"),
+    "parameter error, %": (PARAMETERS,),
+}
+
+
+@styled
+def accuracy_and_time(summary: Summary, latency: pd.DataFrame) -> Figure:
+    """Fig. 7c: error against the time of one update; a line joins those that none other beats in both."""
+    times = fastest_us(latency)
+    names = [n for n in summary.estimators if n in times]
+    figure = canvas(PAGE_MM, 0.85 * COLUMN_MM)
+    for axes, (says, metrics) in zip(figure.subplots(1, len(ACCURACY)), ACCURACY.items(), strict=True):
+        points = {n: (times[n], float(np.mean([summary.value(n, m).mean for m in metrics]))) for n in names}
+        points = {n: at for n, at in points.items() if np.isfinite(at).all()}
+        front = pareto({n: at for n, at in points.items() if n != FLOOR})
+        axes.plot(*zip(*(points[n] for n in front), strict=True), color=MUTED, linewidth=0.8, linestyle="--")
+        for name, look in looks(list(points)).items():
+            axes.plot(*points[name], look.marker, color=look.colour, markerfacecolor=face(name, look), markersize=6)
+        for axis, values in (("x", [x for x, _ in points.values()]), ("y", [y for _, y in points.values()])):
+            log_axis(axes, np.array(values), axis)
+        axes.set_xlabel("median time of one update, µs")
+        axes.set_ylabel(says)
+    figure.legend(handles=legend_handles(names), loc="outside lower center", ncols=4, columnspacing=1.6)
+    return figure
+
+
+def pareto(points: dict[str, tuple[float, float]]) -> list[str]:
+    """Who is beaten by nobody both in the first and in the second, in order of the first."""
+    front: list[str] = []
+    for name in sorted(points, key=lambda n: points[n]):
+        if not front or points[name][1] < points[front[-1]][1]:
+            front.append(name)
+    return front
 
 
 def _sorted(latency: pd.DataFrame) -> pd.DataFrame:

@@ -71,7 +71,9 @@ def flow_parity(flow: Array) -> Figure:
     axes.set_xlabel("true mass flow, g/s")
     axes.set_ylabel("estimated mass flow, g/s")
     axes.set_aspect("equal")
-    figure.colorbar(drawn, ax=axes, label=f"points of {flow.shape[1]:,}")
+    bar = figure.colorbar(drawn, ax=axes, label=f"points of {flow.shape[1]:,}", shrink=0.8)
+    bar.ax.yaxis.set_major_formatter("{x:,.0f}")
+    bar.minorticks_off()
     return figure
 
 

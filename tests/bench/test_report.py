@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from sample_run import LEVELS, write_run
 
+from bench.figures.latency import pareto
 from bench.report import write_report
 from bench.results import load_results
 from bench.scores import DEFINITIONS
@@ -23,7 +24,7 @@ from data.errors import BadInput
 TABLES = ("comparison", "parameters", "coverage", "regimes", "latency")
 FIGURES = (
     "fig3_states", "fig3c_parity", "fig4_parameters", "fig5a_errors", "fig5b_ranks_forecast", "fig5b_ranks_parameters",
-    "fig5c_parameter_errors", "coverage", "coverage_regimes", "latency",
+    "fig5c_parameter_errors", "coverage", "coverage_regimes", "latency", "fig7c_accuracy_time",
 )  # fmt: skip
 FAILED = (("pinn_ukf", 0, "fit", "RuntimeError: the loss is <NaN> & gone"),)
 
@@ -184,3 +185,8 @@ def test_a_browser_shows_it(full: Path, tmp_path: Path) -> None:
     for band in np.split(pixels, 6):
         assert 0.003 < (band < 0.6).any(axis=-1).mean() < 0.5
     assert (np.ptp(pixels, axis=-1) > 0.3).mean() > 1e-4
+
+
+def test_the_front_holds_whom_nobody_beats_in_both() -> None:
+    points = {"a": (1.0, 5.0), "b": (2.0, 6.0), "c": (3.0, 2.0), "d": (4.0, 2.0), "e": (9.0, 1.0)}
+    assert pareto(points) == ["a", "c", "e"]
