@@ -8,6 +8,7 @@ intervals are the errors that it made on the validation sequences.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -79,10 +80,11 @@ class DeepONet(Estimator):
         "trunk": 176,
         "inflation": 1.0,
     }
-    search_space: ClassVar[dict[str, tuple[float, float]]] = {
-        "learning_rate": (5e-4, 1e-2),
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        "learning_rate": [1e-3, 3e-3, 9e-3],
         "inflation": (0.5, 3.0),
     }
+    online = frozenset({"inflation"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 20, "windows": 16, "copies": 1}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:

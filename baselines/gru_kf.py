@@ -11,6 +11,7 @@ sequences are too few for it, and a spurious correlation there does more harm th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -54,11 +55,12 @@ class GRUKalman(Estimator):
         "noise_inflation": 1.0,
         "error_memory": 1.0,
     }
-    search_space: ClassVar[dict[str, tuple[float, float]]] = {
-        "learning_rate": (5e-4, 1e-2),
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        "learning_rate": [3e-3, 6e-3, 1.2e-2],
         "noise_inflation": (1.0, 10.0),
         "error_memory": (0.2, 5.0),
     }
+    online = frozenset({"noise_inflation", "error_memory"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 6, "batch": 4, "copies": 1}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:

@@ -10,6 +10,7 @@ own slow error, with the size that it had on the validation sequences.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -52,12 +53,13 @@ class LSTMRecursiveLeastSquares(Estimator):
         "offset_forgetting_s": 5.0,
         "noise_inflation": 1.0,
     }
-    search_space: ClassVar[dict[str, tuple[float, float]]] = {
-        "learning_rate": (5e-4, 1e-2),
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        "learning_rate": [3e-3, 6e-3, 1.2e-2],
         "forgetting_s": (20.0, 600.0),
         "offset_forgetting_s": (1.0, 60.0),
         "noise_inflation": (0.1, 10.0),
     }
+    online = frozenset({"forgetting_s", "offset_forgetting_s", "noise_inflation"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 6, "batch": 4, "copies": 1}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:

@@ -10,6 +10,7 @@ the nominal EKF.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -176,7 +177,7 @@ class ModelEKF(Estimator):
         "substeps": 2,
         "implementation": "compiled",
     }
-    search_space: ClassVar[dict[str, tuple[float, float]]] = {
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
         "capacity_walk": (1e-4, 2e-3),
         "efficiency_walk": (1e-4, 2e-3),
         "leakage_walk": (3e-5, 5e-4),
@@ -184,6 +185,7 @@ class ModelEKF(Estimator):
         "T_bias_K_walk": (0.01, 0.2),
         "state_walk": (0.1, 30.0),
     }
+    online = frozenset({"state_walk", *(f"{name}_walk" for name in HEALTH)})
 
     def machine(self) -> Simulator:
         """The model, after ``fit`` with what was calibrated."""

@@ -8,6 +8,7 @@ Uhlmann's with Merwe's sigma points; z = [five states, health coordinates, probe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -64,9 +65,9 @@ class PINNUnscentedKalman(Estimator):
         "T_bias_K_walk": 0.05,
         "implementation": "compiled",
     }
-    search_space: ClassVar[dict[str, tuple[float, float]]] = {
-        "learning_rate": (5e-4, 1e-2),
-        "physics": (1e-3, 0.3),
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        "learning_rate": [1e-3, 3e-3, 9e-3],
+        "physics": [0.005, 0.02, 0.08],
         "model_noise": (1.0, 100.0),
         "state_walk": (0.1, 30.0),
         "capacity_walk": (1e-4, 2e-3),
@@ -75,6 +76,7 @@ class PINNUnscentedKalman(Estimator):
         "heat_transfer_walk": (5e-4, 1e-2),
         "T_bias_K_walk": (0.01, 0.2),
     }
+    online = frozenset({"model_noise", "state_walk", *(f"{name}_walk" for name in HEALTH)})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "transitions": 3000}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:

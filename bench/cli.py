@@ -89,8 +89,8 @@ def _parser() -> argparse.ArgumentParser:
     tuning = command(
         "tune", "choose an estimator's settings on the validation sequences", "twinbench tune gru_kf --trials 20"
     )
-    tuning.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
-    tuning.add_argument("--profile", default="quick", help="whose data and training (default: quick)")
+    tuning.add_argument("estimators", nargs="+", metavar="NAME", help="estimators' names, or path/to/file.py[:Class]")
+    tuning.add_argument("--profile", default="tuning", help="whose data and training (default: tuning)")
     tuning.add_argument("--trials", type=int, default=20, metavar="N", help="in all, earlier ones included")
     tuning.add_argument("--out", type=Path, default=Path("results/tuning"), metavar="DIR")
 
@@ -312,9 +312,9 @@ def _tune(a: argparse.Namespace) -> int:
     from bench.tune import tune
 
     command = "twinbench " + shlex.join(sys.argv[1:])
-    best = tune(a.estimator, load_profile(a.profile), a.out, a.trials, Console(stderr=True), command)
-    for name, value in best.items():
-        print(f"{name} = {value!r}")
+    profile = load_profile(a.profile)
+    for spec in a.estimators:
+        print(tune(spec, profile, a.out, a.trials, Console(stderr=True), command), end="")
     return 0
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -44,14 +45,14 @@ def merit(means: dict[str, float]) -> float:
     return float(np.mean([means[m] for m in ERRORS])) + PENALTY * lacking
 
 
-def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "") -> dict[str, Any]:
+def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "") -> str:
     """Try settings out of an estimator's search space until there are ``trials`` of them, earlier ones counted.
 
     The first trial is the profile's own settings. Writes ``NAME.csv``, one row a trial, ``NAME.toml``, the best as
     a profile's section, and ``NAME.json``, what made them.
 
     Returns:
-        The best settings.
+        What ``NAME.toml`` holds.
 
     Raises:
         BadInput: nothing to tune, or ``out`` cannot be written to.
@@ -78,7 +79,7 @@ def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, 
         bar = progress.add_task("trials", total=trials, completed=len(_finished(study)))
         while len(_finished(study)) < trials:
             trial = study.ask()
-            chosen = {name: _suggest(trial, name, own[name], *ends) for name, ends in kind.search_space.items()}
+            chosen = {name: _suggest(trial, name, own[name], space) for name, space in kind.search_space.items()}
             means = _measure(spec, kind, replace(profile, seeds=(SEED,)), chosen, store)
             for name, value in means.items():
                 trial.set_user_attr(name, value)
@@ -91,7 +92,10 @@ def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
     return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
 
 
-def _suggest(trial: optuna.Trial, name: str, default: Any, low: float, high: float) -> Any:
+def _suggest(trial: optuna.Trial, name: str, default: Any, space: Sequence[float]) -> Any:
+    if isinstance(space, list):
+        return trial.suggest_categorical(name, space)
+    low, high = space
     if isinstance(default, int):
         return trial.suggest_int(name, int(low), int(high), log=True)
     return trial.suggest_float(name, low, high, log=True)
@@ -119,16 +123,17 @@ def _measure(
     return {"merit": merit(means), **means, "seconds": round(time.perf_counter() - began, 1)}
 
 
-def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[str, Any]) -> dict[str, Any]:
+def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
     done = _finished(study)
     table = pd.DataFrame([{"trial": t.number, **t.params, **t.user_attrs} for t in done])
     write_atomically(out / f"{kind.name}.csv", lambda path: table.to_csv(path, index=False))
     best = {name: _rounded(value) for name, value in study.best_trial.params.items()}
     lines = [f"# The best of {len(done)} trials; merit {study.best_value:.4g}.", f"[settings.{kind.name}]"]
-    write_text(out / f"{kind.name}.toml", "\n".join([*lines, *(f"{n} = {v!r}" for n, v in best.items())]) + "\n")
+    section = "\n".join([*lines, *(f"{n} = {v!r}" for n, v in best.items())]) + "\n"
+    write_text(out / f"{kind.name}.toml", section)
     about = {"estimator": kind.name, "trials": len(done), "seed": SEED, **facts, **provenance()}
     write_text(out / f"{kind.name}.json", json.dumps(about, indent=2) + "\n")
-    return best
+    return section
 
 
 def _rounded(value: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -70,8 +71,8 @@ class DeepONetKalman(Estimator):
         "inflation": 5.0,
         "difference": 0.0,
     }
-    search_space: ClassVar[dict[str, tuple[float, float]]] = {
-        "learning_rate": (2e-3, 2e-2),
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        "learning_rate": [5e-3, 1e-2, 2e-2],
         "model_noise": (1.0, 30.0),
         "slow_error": (0.5, 8.0),
         "least_information": (0.1, 10.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -73,7 +73,9 @@ class Estimator(ABC):
     name: ClassVar[str]
     says: ClassVar[str] = ""
     settings: ClassVar[Mapping[str, Any]] = {}
-    search_space: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    search_space: ClassVar[Mapping[str, Sequence[float]]] = {}
+    """What tuning tries: by setting, a range as a tuple (low, high), or choices as a list. What ``fit`` reads is
+    better chosen from a few: with the same values nothing is trained anew."""
     online: ClassVar[frozenset[str]] = frozenset()
     """Settings that ``fit`` never reads: with others of them nothing is trained anew."""
     ablations: ClassVar[Mapping[str, Mapping[str, Any]]] = {}

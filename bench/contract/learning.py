@@ -23,8 +23,10 @@ def _declares(s: Subject) -> str:
     need(re.fullmatch(r"[\w.-]+", kind.name) is not None, f"the name {kind.name!r} cannot be a file name")
     stray = {*kind.contract_settings, *kind.search_space, *(k for a in kind.ablations.values() for k in a)} - known
     need(not stray, f"not among its settings: {', '.join(sorted(stray))}")
-    for key, (low, high) in kind.search_space.items():
-        need(low <= kind.settings[key] <= high, f"the default of {key}, {kind.settings[key]}, is not searched")
+    for key, space in kind.search_space.items():
+        default = kind.settings[key]
+        searched = default in space if isinstance(space, list) else min(space) <= default <= max(space)
+        need(searched, f"the default of {key}, {default}, is not searched")
     need(json.loads(json.dumps(dict(kind.settings))) == dict(kind.settings), "settings do not survive JSON")
     need(len(kind.implementations) == 1 or "implementation" in known, "implementations without the setting for them")
     return f"{len(known)} settings, {len(kind.search_space)} searched, {len(kind.ablations)} ablations"

@@ -14,11 +14,11 @@ from bench.profile import load_profile
 from bench.tune import COVERAGE, ERRORS, FAILED, PENALTY, merit
 
 
-def tunable(folder, **lines: str) -> str:
+def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
     """The tiny estimator with its scale to be searched for; 1 is right."""
     spec = write_estimator(folder, "steady", scale=1.7, **lines)
     text = Path(spec).read_text()
-    space = '    search_space = {"scale": (0.6, 1.7)}\n    implementations'
+    space = f'    search_space = {{"scale": {space}}}\n    implementations'
     (folder / "steady.py").write_text(text.replace("    implementations", space))
     return spec
 
@@ -51,6 +51,15 @@ def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_pro
     assert "commit" in about
     more = write_profile(tmp_path, more=(out / "steady.toml").read_text())
     assert load_profile(str(more)).settings["steady"] == best
+
+
+def test_of_choices_each_is_trained_once(tmp_path):
+    profile, out, spec = write_profile(tmp_path), tmp_path / "tuning", tunable(tmp_path, "[0.6, 1.0, 1.7]")
+    assert twinbench("tune", spec, "--profile", profile, "--out", out, "--trials", 8) == 0
+    table = pd.read_csv(out / "steady.csv")
+    assert set(table["scale"]) <= {0.6, 1.0, 1.7}
+    assert sum("/fit/" in name for name in parts(out)) == table["scale"].nunique() < 8
+    assert tomllib.loads((out / "steady.toml").read_text())["settings"]["steady"]["scale"] == 1.0
 
 
 def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
