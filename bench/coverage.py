@@ -159,8 +159,8 @@ def chi2_band(dof: int, n: int, level: float = LEVEL) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array]:
-    """Mean NIS over mean dof, and per cent of ticks inside their chi-square band; both (B,).
+def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
+    """Mean NIS over mean dof, median of NIS over its expected median, per cent of ticks in their band; each (B,).
 
     Args:
         nis: (B, M), innovation' S^-1 innovation. dof: (B, M), accepted channels; 0 is left out.
@@ -171,7 +171,9 @@ def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array]:
     low, high = (chi2.ppf(p, np.maximum(dof, 1)) for p in (0.5 - LEVEL / 2, 0.5 + LEVEL / 2))
     within = np.where(np.isfinite(nis), (low <= nis) & (nis <= high), np.nan)
     total, hits = (np.where(used, values, 0.0).sum(axis=1) for values in (nis, within))
-    return total / degrees, 100.0 * hits / ticks
+    relative = nis / chi2.median(np.maximum(dof, 1))
+    medians = [np.median(row[u]) if u.any() else np.nan for row, u in zip(relative, used, strict=True)]
+    return total / degrees, np.array(medians), 100.0 * hits / ticks
 
 
 def nees(error: Array, cov: Array) -> Array:

@@ -63,6 +63,7 @@ DEFINITIONS = {
     },
     "nis_ratio": "Mean normalised innovation squared over its mean degrees of freedom; 1 is right, but says "
     "nothing about the error of the state.",
+    "nis_median_ratio": "Median normalised innovation squared, each over the median of its chi-square; 1 is right.",
     "nis_inside_pct": "Share of updates whose normalised innovation squared lies in its central 95 % "
     "chi-square band; 95 is right.",
     "nees_ratio": "Mean normalised estimation error squared of all ten quantities at the forecast origins, "
@@ -74,6 +75,7 @@ IDEAL = {
     **{metric: 95.0 for metric in DEFINITIONS if metric.startswith("coverage")},
     "nis_inside_pct": 95.0,
     "nis_ratio": 1.0,
+    "nis_median_ratio": 1.0,
     "nees_ratio": 1.0,
 }
 """What a calibration metric should be. Of every other metric less is better."""
@@ -188,13 +190,14 @@ def _tracking_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str,
 
 def _calibration_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str, Array]:
     covered = 100 * inside(estimates, at).mean(axis=1)
-    ratio, within = nis_scores(estimates.nis.astype(np.float64), estimates.nis_dof)
+    ratio, median, within = nis_scores(estimates.nis.astype(np.float64), estimates.nis_dof)
     error = estimates.mean_at_origin - truth_at(truth, estimates.names, estimates.forecast_time_s).estimated
     squared = nees(error, estimates.cov_at_origin)
     return {
         "coverage95_pct": covered.mean(axis=1),
         **{f"coverage_{name}_pct": covered[:, i] for i, name in enumerate(ESTIMATED)},
         "nis_ratio": ratio,
+        "nis_median_ratio": median,
         "nis_inside_pct": within,
         "nees_ratio": squared.sum(axis=1) / (len(ESTIMATED) * (squared.shape[1] or np.nan)),
     }

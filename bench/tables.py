@@ -51,6 +51,7 @@ TRACKED = (
 COVERED = (
     *(Measure(f"coverage_{q}_pct", QUANTITIES[q][0], "inside, %") for q in ESTIMATED),
     Measure("coverage95_pct", "mean of ten", "inside, %"),
+    Measure("nis_median_ratio", "NIS", "median"),
     Measure("nis_inside_pct", "NIS", "inside, %"),
     Measure("nis_ratio", "NIS", "ratio"),
     Measure("nees_ratio", "NEES", "ratio"),

@@ -118,6 +118,7 @@ def test_nis_of_the_exact_filter_lies_inside_95_per_cent_of_the_time():
     low, high = np.array(stats.binom.interval(SURE, RUNS * TICKS, 0.95)) / (RUNS * TICKS) * 100
     assert low < mean_score(exact, "nis_inside_pct") < high
     assert mean_score(overconfident(exact), "nis_inside_pct") < low
+    assert mean_score(exact, "nis_median_ratio") == pytest.approx(1.0, abs=0.05)
 
 
 def test_nees_of_the_exact_filter_is_in_its_band_and_of_the_overconfident_is_not():

@@ -286,7 +286,7 @@ def test_nis_counts_only_ticks_with_a_measurement():
     np.testing.assert_allclose(table["nis_ratio"], expected)
     np.testing.assert_allclose(table["nis_inside_pct"], 100 * ticks3 / (ticks2 + ticks3))
     never = replace(estimates, nis=np.full_like(nis, np.nan), nis_dof=np.zeros_like(dof))
-    assert scores(never)[["nis_ratio", "nis_inside_pct"]].isna().all(axis=None)
+    assert scores(never)[["nis_ratio", "nis_median_ratio", "nis_inside_pct"]].isna().all(axis=None)
 
 
 def test_nees_needs_no_common_scale_and_no_diagonal_covariance():
