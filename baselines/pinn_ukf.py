@@ -52,6 +52,7 @@ class PINNUnscentedKalman(Estimator):
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 10000,
         "rows": 1024,
+        "copies": 3,
         "transitions": 300_000,
         "learning_rate": 3e-3,
         "physics": 0.02,
@@ -77,14 +78,15 @@ class PINNUnscentedKalman(Estimator):
         "T_bias_K_walk": (0.01, 0.2),
     }
     online = frozenset({"model_noise", "state_walk", *(f"{name}_walk" for name in HEALTH)})
-    contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "transitions": 3000}
+    contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "copies": 1, "transitions": 3000}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
-        """Train the network on transitions of the training split; its residuals come from validation."""
+        """Train the network on transitions of training sequences and re-simulations; residuals come from validation."""
         import torch
         from torch import nn
         from torch.nn import functional
 
+        from methods.resimulate import resimulate
         from methods.training import adamw, seeded, weights_of
         from methods.transitions import draw_transitions
         from physics.integrate import advance
@@ -92,6 +94,7 @@ class PINNUnscentedKalman(Estimator):
 
         config = self.config
         rng, _ = seeded(seed)
+        train = resimulate(train, rng, config["copies"])
         moves = draw_transitions(train, config["transitions"], rng)
         assert train.truth is not None
         read = _network_input(train, moves)

@@ -38,6 +38,7 @@ class DeepONetKalman(Estimator):
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 12000,
         "windows": 384,
+        "copies": 3,
         "transitions": 300_000,
         "each": 3,
         "learning_rate": 1e-2,
@@ -105,18 +106,20 @@ class DeepONetKalman(Estimator):
         "update_10_hz": {"update_every": 2},
         "update_5_hz": {"update_every": 4},
     }
-    contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "windows": 64, "transitions": 3000}
+    contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "windows": 64, "copies": 1, "transitions": 3000}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
-        """Train the operator on the training split; take its residuals from the validation split."""
+        """Train the operator on the training sequences and their re-simulations; residuals come from validation."""
         from methods.operator import Operator
         from methods.operator_training import HORIZONS_S, Recipe, Scales, audit, fit_operator
+        from methods.resimulate import resimulate
         from methods.training import seeded, weights_of
         from methods.transitions import draw_transitions, plant_slopes
         from methods.windows import WindowSource
 
         config = self.config
         rng, _ = seeded(seed)
+        train = resimulate(train, rng, config["copies"])
         front_end = FrontEnd.fit(train)
         window = config["window"]
         source = WindowSource.fit(train, front_end, window)

@@ -1,8 +1,9 @@
-"""Training sequences run again with other health: the offline generator for sequence learners.
+"""Training sequences run again with loads recombined and other health: the offline generator of all learners.
 
-What a learner must not do is remember which wear went with which load. So the plant runs the same
-inputs again under health paths drawn anew, with sensors drawn anew. Open to every estimator, as the
-single transitions of ``methods.transitions`` are.
+What a learner must not do is remember which wear went with which load, nor which suction with which
+speed. So the plant runs again: the speed of one training sequence, the pressure ratio of another,
+the suction of two more, under health paths drawn anew, with sensors drawn anew. Open to every
+estimator, as the single transitions of ``methods.transitions`` are.
 """
 
 from __future__ import annotations
@@ -11,28 +12,43 @@ import numpy as np
 
 from data.batch import HEALTH, Array, Batch, Truth
 from data.corrupt import Corruption, corrupt
+from data.scenario import RATIO_LIMITS
 from methods.transitions import HEALTH_HIGH, HEALTH_LOW
 from physics.compressor import PLANT
 from physics.integrate import simulate
+from physics.steady import steady_state, valve_for
 
 HEALTHY = np.array([v.nominal for v in PLANT.parameters[: len(HEALTH)]])
 _LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
 _HIGH = np.array([1.01, 1.01, 0.055, 1.02, 6.5])
 
+VALVE_LIMITS = next((v.low, v.high) for v in PLANT.inputs if v.name == "valve")
+
 
 def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
-    """``copies`` more runs of every training sequence, with truth. Health starts fresh in half of them."""
+    """The training sequences and ``copies`` times as many others, with truth. Health starts fresh in half of these."""
     if train.truth is None:
         raise ValueError("re-simulation needs sequences with truth, these have none")
     batch, samples = train.measured.shape[:2]
     parts = []
     for copy in range(copies):
+        u = _recombined(train.truth, rng)
         health = np.stack([_path(samples, rng) for _ in range(batch)])
-        x, y = simulate(PLANT, train.truth.inputs, train.truth.states[:, 0], varying=HEALTH, values=health)
-        measured = np.stack([corrupt(train.truth.inputs[b], y[b], Corruption(), rng) for b in range(batch)])
+        x0 = np.stack([steady_state(PLANT, row) for row in u[:, 0]])
+        x, y = simulate(PLANT, u, x0, varying=HEALTH, values=health)
+        measured = np.stack([corrupt(u[b], y[b], Corruption(), rng) for b in range(batch)])
         names = tuple(f"{name}-again-{copy}" for name in train.names)
-        parts.append(Batch(names, train.time_s, measured, Truth(x, health, y, train.truth.inputs)))
+        parts.append(Batch(names, train.time_s, measured, Truth(x, health, y, u)))
     return joined([train, *parts])
+
+
+def _recombined(truth: Truth, rng: np.random.Generator) -> Array:
+    """(B, N, 4) inputs: each of suction pressure, suction temperature, speed and ratio from any of the sequences."""
+    p_suc, T_suc, N, ratio = (rng.permutation(len(truth.inputs)) for _ in range(4))
+    ratios = (truth.outputs[..., 0] / truth.inputs[..., 0])[ratio]
+    u = np.stack([truth.inputs[p_suc, :, 0], truth.inputs[T_suc, :, 1], truth.inputs[N, :, 2], ratios], axis=-1)
+    u[..., 3] = np.clip(valve_for(u[..., 2], np.clip(ratios, *RATIO_LIMITS)), *VALVE_LIMITS)
+    return u
 
 
 def _path(samples: int, rng: np.random.Generator) -> Array:

@@ -1,4 +1,4 @@
-"""Re-simulated training sequences: the same load, other wear, still what the plant does."""
+"""Re-simulated training sequences: loads recombined, other wear, still what the plant does."""
 
 import numpy as np
 import pytest
@@ -17,13 +17,25 @@ def both():
     return train, resimulate(train, np.random.default_rng(0), copies=2)
 
 
-def test_the_originals_come_first_and_every_copy_keeps_the_inputs(both):
+def test_the_originals_come_first_and_every_copy_recombines_their_loads(both):
     train, more = both
     assert len(more) == 9
     assert len(set(more.names)) == 9
     assert np.array_equal(more.measured[:3], train.measured, equal_nan=True)
     for copy in (slice(3, 6), slice(6, 9)):
-        assert np.array_equal(more.truth.inputs[copy], train.truth.inputs)
+        for channel in range(3):
+            again = more.truth.inputs[copy, :, channel]
+            order = np.argsort(again[:, 0]), np.argsort(train.truth.inputs[:, 0, channel])
+            assert np.array_equal(again[order[0]], train.truth.inputs[order[1], :, channel])
+    assert not np.array_equal(more.truth.inputs[3:6], more.truth.inputs[6:9])
+
+
+def test_the_recombined_ratios_stay_where_the_machine_is_run(both):
+    _, more = both
+    ratio = more.truth.outputs[3:, :, 0] / more.truth.inputs[3:, :, 0]
+    valve = more.truth.inputs[3:, :, 3]
+    assert 1.7 < ratio.min() < ratio.max() < 5.5
+    assert 0.1 < valve.min() < valve.max() <= 1.0
 
 
 def test_health_is_new_and_possible(both):
