@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,13 @@ from bench.cells import Cell
 from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.figures.recording import estimate_figure
-from bench.profile import Evaluation, load_profile
-from bench.registry import discover
+from bench.profile import Evaluation, Profile, load_profile
+from bench.registry import discover, find
+from bench.results import load_results
 from bench.roster import axis_label, label, ordered
 from bench.store import Store, write_atomically, write_text
 from bench.threads import pin_torch
+from bench.versions import code_version
 from data.batch import ESTIMATED, HEALTH
 from data.errors import BadInput
 from data.recording import Recording, check_overlap, read_recording
@@ -48,7 +51,8 @@ def trained_cells(profile_name: str, results: Path | None, names: Sequence[str])
             found.append(cell)
         elif names:
             raise BadInput(
-                f"{name} is not trained in {results} with this code and profile {profile.name!r}; "
+                f"{name} is not trained in {results} with this code and profile {profile.name!r}"
+                f"{_what_differs(results, name, profile)}; "
                 f"train it with: twinbench run --profile {profile_name} --only {name} --out {results}"
             )
     if not found:
@@ -57,6 +61,31 @@ def trained_cells(profile_name: str, results: Path | None, names: Sequence[str])
             f"train with: twinbench run --profile {profile_name} --out {results}"
         )
     return store, found
+
+
+def _what_differs(results: Path, name: str, profile: Profile) -> str:
+    """In brackets, how the run in ``results`` differs from one that would hold the estimator; empty if unknown."""
+    try:
+        manifest = load_results(results).manifest
+    except BadInput:
+        return ""
+    kind = find(name)
+    now, then = (_flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
+    trained = [key for key in now if key.startswith(("seeds", "data.", "corruption.", f"settings.{kind.name}."))]
+    for key in trained:
+        if then.get(key) != now[key]:
+            return f" (there {key} was {then.get(key)}, now it is {now[key]})"
+    if manifest.get("code", {}).get(kind.name) not in (None, code_version(kind.__module__)):
+        return f" (the code of {kind.name}, or what it imports, has changed since)"
+    return ""
+
+
+def _flattened(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as one, with keys joined by dots."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        flat |= _flattened(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat
 
 
 def apply(

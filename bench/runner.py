@@ -26,7 +26,7 @@ from bench.roster import ABLATION, is_ablation, label, ordered
 from bench.scores import DEFINITIONS, score
 from bench.store import Store, check_writable, sweep, write_atomically, write_text
 from bench.table_formats import Table
-from bench.versions import provenance
+from bench.versions import code_version, provenance
 from data.errors import BadInput
 from methods.estimator import Estimator
 
@@ -213,6 +213,7 @@ def _manifest(
         "estimators": names,
         "ablations": sorted({c.estimator for c in todo if is_ablation(c.estimator)}),
         "specs": {c.estimator: c.spec for c in todo},
+        "code": {c.estimator: code_version(find(c.spec).__module__) for c in todo},
         "data_key": todo[0].data,
         "estimates_keys": [c.estimates for c in in_order],
         **provenance(),

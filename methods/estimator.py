@@ -131,17 +131,28 @@ class Estimator(ABC):
 
     def save(self, path: Path) -> None:
         """Write settings and learnt arrays to one ``.npz``, without pickle."""
-        config = np.frombuffer(json.dumps(self.config, sort_keys=True).encode(), dtype=np.uint8)
+        about = {"estimator": self.ablation_of or self.name, "settings": self.config}
+        config = np.frombuffer(json.dumps(about, sort_keys=True).encode(), dtype=np.uint8)
         with open(path, "wb") as file:
             np.savez(file, allow_pickle=False, **{"config.json": config}, **self.arrays)
 
     @classmethod
     def load(cls, path: Path, **online: Any) -> Self:
-        """Read what ``save`` wrote; settings given here, ones of ``online``, take the place of its own."""
+        """Read what ``save`` wrote; settings given here, ones of ``online``, take the place of its own.
+
+        Raises:
+            ValueError: it holds another estimator, or one of another version, which had other settings.
+        """
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
-        config = json.loads(arrays.pop("config.json").tobytes())
-        estimator = cls(**{**config, **online})
+        about = json.loads(arrays.pop("config.json").tobytes())
+        own = cls.ablation_of or cls.name
+        if about["estimator"] != own:
+            raise ValueError(f"{path} holds the estimator {about['estimator']!r}, not {own!r}")
+        if odd := sorted(set(about["settings"]) ^ set(cls.settings)):
+            whose = "it has" if odd[0] in about["settings"] else "it lacks"
+            raise ValueError(f"{path} is of another version of {own}: {whose} the setting {odd[0]!r}; train it anew")
+        estimator = cls(**{**about["settings"], **online})
         estimator.arrays = arrays
         estimator.restore()
         return estimator

@@ -153,6 +153,18 @@ def test_a_run_that_is_broken_off_says_how_to_go_on(
     assert "run the same command again to go on" in capsys.readouterr().err
 
 
+def test_a_training_that_no_longer_fits_is_refused_with_what_differs(tiny, tmp_path, capsys, monkeypatch):
+    arguments = ("estimate", tiny.spec, tiny.recording, "--results", tiny.run, "--out", tmp_path / "e", "--profile")
+    longer = tmp_path / "tiny.toml"
+    longer.write_text(Path(tiny.profile).read_text().replace("minutes = 2.5", "minutes = 3.5"))
+    assert twinbench(*arguments, longer) == 2
+    assert "(there data.minutes was 2.5, now it is 3.5)" in capsys.readouterr().err
+    changed = write_estimator(tmp_path, Path(tiny.spec).stem, scale=1.25)
+    monkeypatch.setattr("bench.apply.code_version", lambda module: f"other than of {module}")
+    assert twinbench("estimate", changed, *arguments[2:], tiny.profile) == 2
+    assert "has changed since" in capsys.readouterr().err
+
+
 BAD_USE = [
     (("run", "--only", "orcale"), "no estimator 'orcale'; did you mean 'oracle'?"),
     (("check", "orcale"), "did you mean 'oracle'?"),
