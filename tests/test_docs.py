@@ -49,7 +49,7 @@ def test_the_comparison_in_the_readme_is_the_reference_run():
         assert cells.split(" | ") == ["{:.3g} ({:.3g} to {:.3g})".format(*values) for values in shown]
 
 
-@pytest.mark.parametrize("name", ["proof/gates.md", "proof/engines.md", "opponents/engines.md"])
+@pytest.mark.parametrize("name", ["proof/gates.md", "proof/engines.md", "opponents/engines.md", "flagship/gates.md"])
 def test_the_proof_page_shows_what_the_results_hold(name):
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
     assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text()}<!-- end -->" in page
