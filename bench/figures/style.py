@@ -128,13 +128,20 @@ def log_axis(axes: Axes, values: np.ndarray, axis: str = "y") -> None:
             [
                 digit * 10.0**power
                 for power in range(int(np.floor(np.log10(low))), int(np.ceil(np.log10(high))))
-                for digit in ((1, 2, 5) if decades < 1.6 else (1, 3) if decades < 2.6 else (1,))
+                for digit in _digits(decades)
                 if low <= digit * 10.0**power <= high
             ]
         )
     )
     target.set_major_formatter(FuncFormatter(lambda v, _: f"{v:,.10g}"))
     target.set_minor_formatter(NullFormatter())
+
+
+def _digits(decades: float) -> tuple[float, ...]:
+    """What is labelled within a decade: a handful of ticks in all."""
+    if decades < 0.7:
+        return (1, 1.5, 2, 3, 4, 5, 7)
+    return (1, 2, 5) if decades < 1.6 else (1, 3) if decades < 2.6 else (1,)
 
 
 def thin(count: int, most: int) -> np.ndarray:
