@@ -16,6 +16,8 @@ from physics.simulator import Array
 ORDER = 3
 LONGEST = 15
 """Blocks that noise may remember: what lasts longer cannot be told from left-out physics, and counts as that."""
+BY_CHANCE, HIGHEST_LEVEL = 1.2, 4.0
+"""Noise whose variance differs by no more than so much counts as equal; more than so much is no longer noise."""
 _MEMORY = 400
 _LEAST = 30  # readings without a gap before an autoregression is fitted at all
 
@@ -105,6 +107,21 @@ def _stable(a: np.ndarray) -> np.ndarray:
     slowest = np.abs(np.roots(np.concatenate(([1.0], -a)))).max(initial=0.0)
     shrink = min(1.0, np.exp(-1.0 / LONGEST) / max(slowest, 1e-12))
     return np.asarray(a * shrink ** np.arange(1, len(a) + 1))
+
+
+def levels(fitted: Sequence[Array], held: Sequence[Array]) -> list[Array]:
+    """Variance (ny,) of the noise of each held-out recording, that of the fitted ones being 1.
+
+    Many a sensor's noise grows with its reading, and another regime has other readings. A model that leaves no more
+    than that noise must not be blamed for it. Less noise than usual, and what may be chance, counts as usual.
+
+    Args:
+        fitted, held: residuals (B, ny) of one model per recording.
+    """
+    usual = noise_floor(fitted)
+    known = np.where(usual > 0.0, usual, np.inf)
+    found = [np.minimum((noise_floor([r]) / known) ** 2, HIGHEST_LEVEL) for r in held]
+    return [np.where(level > BY_CHANCE, level, 1.0) for level in found]
 
 
 def noise_floor(means: Sequence[Array]) -> Array:

@@ -35,12 +35,14 @@ class Held(NamedTuple):
         rmse: (ny,) sample by sample, in the channels' units.
         own: what each recording has for itself, as fitted.
         columns: d(block means)/d(own) there, (B, ny, K) per recording.
+        level: variance (ny,) of each recording's noise, that of the fitted ones being 1.
     """
 
     residuals: list[Array]
     rmse: Array
     own: list[Array]
     columns: list[Array]
+    level: Sequence[Array | float]
 
 
 class Gain(NamedTuple):
@@ -99,7 +101,7 @@ def held_out(
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])
     residuals, squares, best, columns = (list(part) for part in zip(*found, strict=True))
-    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, columns)
+    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, columns, [t.level for t in tracks])
 
 
 def gain(before: Held, after: Held, variance: Array) -> Gain:
@@ -146,8 +148,13 @@ def _pieces(one: Held, other: Held, variance: Array) -> tuple[Array, Array]:
 
 def _paired(one: Held, other: Held) -> list[tuple[Array, Array]]:
     """Residuals of two models in pieces, where there are readings and neither diverges."""
-    pairs = zip(_cut(one.residuals), _cut(other.residuals), strict=True)
+    pairs = zip(_cut(_levelled(one)), _cut(_levelled(other)), strict=True)
     return [(a, b) for a, b in pairs if np.isfinite(a).any() and np.isfinite(b).any()]
+
+
+def _levelled(held: Held) -> list[Array]:
+    """Residuals as if every recording had the noise of the fitted ones."""
+    return [r / np.sqrt(level) for r, level in zip(held.residuals, held.level, strict=True)]
 
 
 def piece_squares(residuals: Sequence[Array], channel: int) -> Array:

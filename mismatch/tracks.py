@@ -56,6 +56,7 @@ class Track:
         y: (N, ny), NaN where missing or a spike.
         starts: (B,) first sample of each block.
         means: (B, ny) block means of y; NaN where a block lacks too many readings.
+        level: (ny,) variance of its noise, that of the fitted recordings being 1.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Track:
     y: Array
     starts: np.ndarray
     means: Array
+    level: Array | float = 1.0
     _splits: dict[int, Grid] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def block_means(self, readings: Array) -> Array:

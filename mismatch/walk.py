@@ -19,7 +19,7 @@ from mismatch.guards import Guards
 from mismatch.machine import Machine
 from mismatch.many import MANY, completed, from_everything
 from mismatch.model import whole_catalogue
-from mismatch.noise import ORDER, Whitener, noise_floor
+from mismatch.noise import ORDER, Whitener, levels, noise_floor
 from mismatch.onset import find_onsets, settled_onsets
 from mismatch.picture import Picture, Variant, picture, variants
 from mismatch.proof import BorneOut, Gain, Held, borne_out, gain, held_out
@@ -137,6 +137,9 @@ def examine(
     held_first = held_out(problem, z, held, own) if held else None
     if held_first is not None and (found := find_stuck(held, held_first.residuals, floor)):
         held, stuck = without(held, found), [*stuck, *found]
+    if held_first is not None:
+        noise = levels(problem.residuals(z), held_first.residuals)
+        held = [dataclasses.replace(t, level=level) for t, level in zip(held, noise, strict=True)]
 
     machine.candidates = resized(machine.candidates, problem, z, period_s)
     choices = variants(machine.candidates)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mismatch.noise import HIGHEST_LEVEL, levels
 from mismatch.proof import BorneOut, Gain, Held, borne_out, gain
 from mismatch.weigh import refusal
 
@@ -17,7 +18,7 @@ VARIANCE = np.full(2, 0.09)
 
 
 def held(residual: np.ndarray) -> Held:
-    return Held([residual], np.sqrt(np.mean(residual**2, axis=0)), [], [])
+    return Held([residual], np.sqrt(np.mean(residual**2, axis=0)), [], [], [1.0])
 
 
 @pytest.mark.parametrize(("share", "ratio"), [(1.0, 1.0), (0.0, -1.0), (0.5, 0.0)])
@@ -35,6 +36,24 @@ def test_what_nobody_models_hides_the_share_of_an_effect_but_not_that_it_is_ther
     assert refusal(share, borne_out(before, after, VARIANCE)) == ""
     absent = borne_out(held(RIPPLE + NOISE), held(RIPPLE + NOISE - EFFECT), VARIANCE)
     assert refusal(share, absent).startswith("on held-out recordings it removes")
+
+
+def test_noisier_sensors_in_another_regime_are_not_held_against_a_model():
+    louder = np.sqrt(1.7) * NOISE
+    small = 0.3 * EFFECT
+    level = levels([small + NOISE], [small + louder])[0]
+    assert level == pytest.approx(1.7, rel=0.25)
+    before, after = (held(r)._replace(level=[level]) for r in (small + louder, louder))
+    assert gain(before, after, VARIANCE).share == pytest.approx(1.0, abs=0.25)
+    unaware = gain(held(small + louder), held(louder), VARIANCE)
+    assert unaware.share < 0.5
+
+
+def test_what_may_be_chance_is_the_usual_noise_and_what_is_far_more_is_no_noise():
+    assert levels([NOISE], [1.05 * NOISE, 0.5 * NOISE])[0] == pytest.approx(1.0)
+    assert levels([NOISE], [1.05 * NOISE, 0.5 * NOISE])[1] == pytest.approx(1.0)
+    assert levels([NOISE], [10.0 * NOISE])[0] == pytest.approx(HIGHEST_LEVEL)
+    assert levels([0.0 * NOISE], [NOISE])[0] == pytest.approx(1.0)
 
 
 def test_where_a_model_diverges_the_rest_is_compared():
