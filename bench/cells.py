@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.profile import Profile
 from bench.registry import find, one_line
+from bench.roster import is_ablation
 from bench.store import CannotWrite, Store, key_of
 from bench.threads import pin_torch
 from bench.versions import code_version
@@ -70,6 +71,11 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
     return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
 
+def of_first_seed(done: Iterable[Cell], profile: Profile) -> list[Cell]:
+    """Whole methods with the profile's first seed, of which what is too long for every seed is shown."""
+    return [c for c in done if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
+
+
 def data_key(profile: Profile) -> str:
     """What the simulated sequences depend on."""
     return key_of(
@@ -86,8 +92,6 @@ def ensure_data(store: Store, profile: Profile, key: str) -> None:
 
 def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
     """Train an estimator unless it is there."""
-    if store.has("fit", cell.fit):
-        return Outcome(cell, "fit")
 
     def train() -> Estimator:
         split = load_split(store, cell.data)
@@ -100,8 +104,6 @@ def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
 def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
     """Run a trained estimator over the test split unless that is done."""
-    if store.has("estimate", cell.estimates):
-        return Outcome(cell, "estimate")
 
     def run() -> Estimates:
         test = load_split(store, cell.data).test.without_truth()
@@ -132,7 +134,12 @@ def load_estimates(store: Store, cell: Cell) -> Estimates:
 def attempt(
     store: Store, stage: str, cell: Cell, key: str, work: Callable[[], Callable[[Path], None]], suffix: str = ".npz"
 ) -> Outcome:
-    """Do the work and keep what its writer writes. What the method does wrong is an outcome; a full disk is not."""
+    """Do the work, unless it is done, and keep what its writer writes.
+
+    What the method does wrong is an outcome; a full disk is not.
+    """
+    if store.has(stage, key, suffix):
+        return Outcome(cell, stage)
     pin_torch()
     try:
         store.put(stage, key, work(), suffix)
@@ -167,17 +174,13 @@ def save_batches(batches: Mapping[str, Batch], path: Path) -> None:
 
 
 def load_split(store: Store, key: str) -> Split:
-    """The simulated sequences from the store; the last ones loaded stay in memory."""
-    return _load_split(store.path("data", key))
+    """The simulated sequences from the store."""
+    return Split(**load_batches(store.path("data", key)))
 
 
 @functools.lru_cache(maxsize=1)
-def _load_split(path: Path) -> Split:
-    return Split(**load_batches(path))
-
-
 def load_batches(path: Path) -> dict[str, Batch]:
-    """Read what ``save_batches`` wrote."""
+    """Read what ``save_batches`` wrote; the last ones loaded stay in memory."""
     with np.load(path, allow_pickle=False) as stored:
         batches = {}
         for part in dict.fromkeys(name.partition(".")[0] for name in stored.files):

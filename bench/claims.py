@@ -7,25 +7,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import chi2
 
-from bench.ablations import ABLATION
+from bench.coverage import nis_median_ratio
 from bench.evidence import CHANNELS_READ, Evidence, Example
-from bench.figures.scenes import r_squared
+from bench.figures.scenes import RAMP_ERRORS, r_squared
 from bench.figures.tracks import states
-from bench.roster import FLOOR, PROPOSED, label
-from bench.scores import TERMINAL_S
+from bench.roster import ABLATION, FLOOR, PROPOSED, label
+from bench.scores import STATE_ERRORS, TERMINAL_S
 from bench.summary import PARAMETERS, Summary
 from bench.table_formats import Cell, Column, Table, number
 from bench.tables import fastest_us
 from bench.tracking import effective_delay, health_change, recovery_time
 from data.batch import ESTIMATED, HEALTH, STATES
 from data.disturb import CONDITIONS
-from data.scenes import RAMP_BEGINS_S, RAMP_S
+from data.scenes import RAMP_BEGINS_S, RAMP_NAMES, RAMP_S
 
 STRONGEST = "gru_kf"
 """The baseline that the paper finds strongest."""
-STATE_ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
 SETTLED_S = 30.0
 """After a scene begins: what a filter finds out in this time is not what the paper's figures show."""
 
@@ -95,24 +93,20 @@ def _compared(summary: Summary) -> Iterator[Claim]:
 
 
 def _ramps(evidence: Evidence) -> Iterator[Claim]:
-    ramps = [(e, s) for name, e in sorted(evidence.scenes.items()) if name.startswith("ramp")
-             for s in (RAMP_S[int(name[-1]) - 1],)]  # fmt: skip
-
     def worst(estimator: str, column: int, settled: bool) -> float:
-        found = [
-            np.abs(states(e.tracks[estimator].mean) - states(e.truth))[_from(e, seconds, settled), column].max()
-            for e, seconds in ramps if estimator in e.tracks
-        ]  # fmt: skip
+        found = []
+        for name, ramp_s in zip(RAMP_NAMES, RAMP_S, strict=True):
+            if name in evidence.scenes and estimator in evidence.scenes[name].tracks:
+                example = evidence.scenes[name]
+                since = example.time_s >= RAMP_BEGINS_S + (ramp_s if settled else 0.0)
+                error = states(example.tracks[estimator].mean) - states(example.truth)
+                found.append(np.abs(error[since, column]).max())
         return float(max(found, default=np.nan))
 
-    yield Claim("Fig. 3a, largest pressure error after a load ramp", "bar", 0.03,
+    yield Claim("Fig. 3a, largest pressure error after a load ramp", "bar", RAMP_ERRORS[0],
                 worst(PROPOSED, 0, True), worst(FLOOR, 0, True))  # fmt: skip
-    yield Claim("Fig. 3b, largest temperature error in and after a load ramp", "K", 1.7,
+    yield Claim("Fig. 3b, largest temperature error in and after a load ramp", "K", RAMP_ERRORS[1],
                 worst(PROPOSED, 1, False), worst(FLOOR, 1, False))  # fmt: skip
-
-
-def _from(example: Example, ramp_s: float, settled: bool) -> np.ndarray:
-    return example.time_s >= RAMP_BEGINS_S + (ramp_s if settled else 0.0)
 
 
 def _wear(evidence: Evidence) -> Iterator[Claim]:
@@ -180,7 +174,7 @@ def _robust(robustness: pd.DataFrame, evidence: Evidence) -> Iterator[Claim]:
     yield Claim("Fig. 6a, pressure error up to 1.5 times the noise and 10 % dropout, at most", "%", 1.2,
                 float(worst.max()) if len(worst) else np.nan)  # fmt: skip
     after = evidence.nis.get("fouling")
-    ratio = np.nan if after is None else float(np.median(after) / chi2.median(CHANNELS_READ))
+    ratio = np.nan if after is None else nis_median_ratio(after, CHANNELS_READ)
     yield Claim("Fig. 6c, median innovation after abrupt fouling, of what is expected", "1", 1.06, ratio)
 
 

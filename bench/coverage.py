@@ -171,9 +171,13 @@ def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
     low, high = (chi2.ppf(p, np.maximum(dof, 1)) for p in (0.5 - LEVEL / 2, 0.5 + LEVEL / 2))
     within = np.where(np.isfinite(nis), (low <= nis) & (nis <= high), np.nan)
     total, hits = (np.where(used, values, 0.0).sum(axis=1) for values in (nis, within))
-    relative = nis / chi2.median(np.maximum(dof, 1))
-    medians = [np.median(row[u]) if u.any() else np.nan for row, u in zip(relative, used, strict=True)]
+    medians = [nis_median_ratio(n[u], d[u]) if u.any() else np.nan for n, d, u in zip(nis, dof, used, strict=True)]
     return total / degrees, np.array(medians), 100.0 * hits / ticks
+
+
+def nis_median_ratio(nis: Array, dof: np.ndarray | int) -> float:
+    """Median of normalised innovations squared, (n,), each over the median of its chi-square."""
+    return float(np.median(nis / chi2.median(dof)))
 
 
 def nees(error: Array, cov: Array) -> Array:

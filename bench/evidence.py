@@ -15,9 +15,9 @@ from bench.estimates import Estimates
 from bench.roster import PROPOSED
 from bench.scores import parameter_error_series
 from bench.tracking import health_change
-from data.batch import HEALTH, OUTPUTS, STATES, Array, Batch
+from data.batch import HEALTH, OUTPUTS, Array, Batch
 from data.scenes import ONSET_S
-from physics.compressor import M_REF_KG_S
+from methods.observe import observe
 
 SHOWN = ("capacity", "leakage", "heat_transfer", "T_bias_K")
 """The health parameters that degrade in the benchmark, as in the paper's Fig. 4."""
@@ -26,7 +26,9 @@ PARITY_POINTS = 8000
 """As many as the paper's Fig. 3c shows."""
 AFTERMATH_S = 300.0
 """How long after something abrupt the innovations of Fig. 6c are looked at."""
-CHANNELS_READ = 3
+CHANNELS_READ = len(OUTPUTS)
+NIS_WINDOWS_S = {"normal": (0.0, np.inf), **dict.fromkeys(("fouling", "bias"), (ONSET_S, ONSET_S + AFTERMATH_S))}
+"""By scene: the time of the innovations of Fig. 6c."""
 
 
 class Track(NamedTuple):
@@ -106,30 +108,31 @@ def add_scenes(evidence: Evidence, takes: Iterable[tuple[Batch, Estimates]]) -> 
     for truth, estimates in takes:
         _add_tracks(evidence.scenes, estimates, truth, set(estimates.names))
         if estimates.estimator == PROPOSED:
-            for name in {"normal", "fouling", "bias"} & set(estimates.names):
-                b, since_s = estimates.names.index(name), 0.0 if name == "normal" else ONSET_S
-                last_s = np.inf if name == "normal" else ONSET_S + AFTERMATH_S
-                shown = (since_s <= estimates.time_s) & (estimates.time_s < last_s)
-                shown &= estimates.nis_dof[b] == CHANNELS_READ
-                evidence.nis[name] = estimates.nis[b, shown].astype(np.float64)
+            for name, (since_s, until_s) in NIS_WINDOWS_S.items():
+                if name in estimates.names:
+                    b = estimates.names.index(name)
+                    shown = (since_s <= estimates.time_s) & (estimates.time_s < until_s)
+                    shown &= estimates.nis_dof[b] == CHANNELS_READ
+                    evidence.nis[name] = estimates.nis[b, shown].astype(np.float64)
 
 
 def _add_tracks(examples: dict[str, Example], estimates: Estimates, truth: Batch, sequences: set[str]) -> None:
     """One estimator's tracks of those sequences; those of its first seed stay."""
-    for sequence in sequences & set(estimates.names):
+    for b, sequence in enumerate(estimates.names):
+        if sequence not in sequences:
+            continue
         if sequence not in examples:
             at = truth_at(truth, (sequence,), estimates.time_s)
             examples[sequence] = Example(sequence, estimates.time_s, at.estimated[0])
-        b = estimates.names.index(sequence)
         track = Track(estimates.mean[b].copy(), estimates.low[b].copy(), estimates.high[b].copy())
         examples[sequence].tracks.setdefault(estimates.estimator, track)
 
 
 def _flow(estimates: Estimates, truth: Batch) -> Array:
     """(2, n): true and estimated flow, kg/s, at points spread evenly over all sequences."""
-    i = STATES.index("flow_memory")
     at = truth_at(truth, estimates.names, estimates.time_s)
-    both = M_REF_KG_S * np.stack([at.states[..., i].ravel(), estimates.mean[..., i].ravel()])
+    i = OUTPUTS.index("m_flow_kg_s")
+    both = np.stack([observe(of)[..., i].ravel() for of in (at.estimated, estimates.mean.astype(np.float64))])
     return both[:, np.linspace(0, both.shape[1] - 1, min(PARITY_POINTS, both.shape[1])).astype(int)]
 
 

@@ -7,21 +7,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from bench import cells
-from bench.aligned import truth_at
 from bench.cells import Cell, Outcome
 from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
 from bench.results import HARDER
-from bench.roster import PROPOSED, is_ablation
-from bench.scores import RELATIVE, ZERO_C_IN_K, score
+from bench.roster import PROPOSED
+from bench.scores import score
 from bench.store import Store, key_of
 from bench.versions import code_version
-from data.batch import STATES, Array, Batch
+from data.batch import Batch
 from data.benchmark import DesignConfig
 from data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Condition, simulate_condition
 
@@ -30,6 +28,11 @@ METRICS = (
     "p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct", "p_open60_pct", "T_open60_pct", "m_open60_pct",
     "parameter_error_pct", "coverage95_pct", "nis_ratio",
 )  # fmt: skip
+AFTERWARDS = {
+    "p_nrmse_pct": "p_after_pct", "T_nrmse_pct": "T_after_pct", "m_nrmse_pct": "m_after_pct",
+    "parameter_error_pct": "parameter_after_pct",
+}  # fmt: skip
+"""Scores of the time after a fault, and what they are called."""
 RECOVERY_S = 60.0
 """After a fault's end an estimate has so long to be as good again as without the fault."""
 KIND, SUFFIX = "trial", ".csv"
@@ -50,9 +53,8 @@ class Trial:
 def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
     """Every condition for the proposed method; for the others all but noise and dropout, of which the paper shows one
     map; for the proposed method's other treatments of the envelope, that. The first seed of each."""
-    first = [c for c in done if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
     found = []
-    for cell in first:
+    for cell in cells.of_first_seed(done, profile):
         for condition in (UNDISTURBED, *CONDITIONS):
             if cell.estimator == PROPOSED or condition.group != "noise and dropout":
                 found.append(_trial(cell, condition, profile))
@@ -80,14 +82,8 @@ def attempt(store: Store, profile: Profile, trial: Trial) -> Outcome:
         table = scores_under(estimates, batch, trial)
         return lambda path: table.to_csv(path, index=False)
 
-    stage = f"robustness: {trial.condition.name}"
-    if _done(store, trial):
-        return Outcome(trial.cell, stage)
-    return replace(cells.attempt(store, KIND, trial.cell, trial.key, work, SUFFIX), stage=stage)
-
-
-def _done(store: Store, trial: Trial) -> bool:
-    return store.has(KIND, trial.key, SUFFIX)
+    outcome = cells.attempt(store, KIND, trial.cell, trial.key, work, SUFFIX)
+    return replace(outcome, stage=f"robustness: {trial.condition.name}")
 
 
 @functools.lru_cache(maxsize=1)
@@ -97,7 +93,7 @@ def _sequences(config: DesignConfig, condition: Condition) -> Batch:
 
 def finished(store: Store, planned: Sequence[Trial]) -> list[pd.DataFrame]:
     """The scores of those trials that did not fail, columns COLUMNS."""
-    return [pd.read_csv(store.path(KIND, t.key, SUFFIX)) for t in planned if _done(store, t)]
+    return [pd.read_csv(store.path(KIND, t.key, SUFFIX)) for t in planned if store.has(KIND, t.key, SUFFIX)]
 
 
 def scores_under(estimates: Estimates, batch: Batch, trial: Trial) -> pd.DataFrame:
@@ -115,15 +111,6 @@ def _afterwards(estimates: Estimates, batch: Batch) -> pd.DataFrame:
     late = estimates.time_s >= min(FAULT_BEGINS_S, 0.5 * estimates.time_s[-1]) + longest + RECOVERY_S
     if not late.any():
         return pd.DataFrame(columns=["sequence", "metric", "value"])
-    at = truth_at(batch, estimates.names, estimates.time_s[late])
-    mean = estimates.mean[:, late].astype(np.float64)
-    values: dict[str, Array] = {}
-    for key, state, zero in (("p", "p_exh_bar", 0.0), ("T", "T_gas_K", ZERO_C_IN_K), ("m", "flow_memory", 0.0)):
-        i = STATES.index(state)
-        error = np.sqrt(np.mean((mean[..., i] - at.states[..., i]) ** 2, axis=1))
-        values[f"{key}_after_pct"] = 100.0 * error / (at.states[..., i] - zero).mean(axis=1)
-    first, true = len(STATES), at.health[..., : len(RELATIVE)]
-    relative = np.abs(mean[..., first : first + len(RELATIVE)] - true) / np.abs(true)
-    values["parameter_after_pct"] = 100.0 * relative.mean(axis=(1, 2))
-    frame = pd.DataFrame(values).assign(sequence=estimates.names)
-    return frame.melt("sequence", var_name="metric", value_name="value")
+    ticks = {f: getattr(estimates, f)[:, late] for f in ("mean", "low", "high", "nis", "nis_dof", "flags")}
+    table = score(replace(estimates, time_s=estimates.time_s[late], **ticks), batch)
+    return table[table["metric"].isin(AFTERWARDS)].replace({"metric": AFTERWARDS})

@@ -105,7 +105,7 @@ def run(
                 failed += [o for o in stage("robustness", robustness.attempt, store, profile, trials) if o.reason]
             # Serial, after everything else: timings are never taken beside other work.
             start = time.perf_counter()
-            first = [c for c in good if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
+            first = cells.of_first_seed(good, profile)
             timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
             walls["latency"] = round(time.perf_counter() - start, 2)
     failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))

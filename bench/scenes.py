@@ -10,7 +10,6 @@ from bench import cells
 from bench.cells import Cell, Outcome
 from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
-from bench.roster import is_ablation
 from bench.store import Store, key_of
 from bench.versions import code_version
 from data.scenes import load_ramps, wearing
@@ -39,11 +38,10 @@ def ensure_recordings(store: Store, profile: Profile, key: str) -> None:
 
 def takes(done: Sequence[Cell], profile: Profile) -> list[Take]:
     """Every estimator in every scene, with its first seed."""
-    first = [c for c in done if c.seed == profile.seeds[0] and not is_ablation(c.estimator)]
     recordings = key_of(
         seed=profile.data.seed, corruption=asdict(profile.corruption), code=code_version("data.scenes")
     )  # fmt: skip
-    return [_take(cell, scene, recordings) for cell in first for scene in SCENES]
+    return [_take(cell, scene, recordings) for cell in cells.of_first_seed(done, profile) for scene in SCENES]
 
 
 def _take(cell: Cell, scene: str, recordings: str) -> Take:
@@ -54,12 +52,9 @@ def _take(cell: Cell, scene: str, recordings: str) -> Take:
 
 def attempt(store: Store, take: Take) -> Outcome:
     """Run a trained estimator over a scene unless that is done."""
-    stage = f"scene: {take.scene}"
-    if store.has(KIND, take.key):
-        return Outcome(take.cell, stage)
 
     def run() -> Callable[[Path], None]:
         batch = cells.load_batches(store.path(RECORDINGS, take.recordings))[take.scene].without_truth()
         return evaluate(cells.load_fit(store, take.cell), batch, EVALUATION, take.cell.seed).save
 
-    return replace(cells.attempt(store, KIND, take.cell, take.key, run), stage=stage)
+    return replace(cells.attempt(store, KIND, take.cell, take.key, run), stage=f"scene: {take.scene}")

@@ -20,6 +20,8 @@ TERMINAL_S = 60.0
 RELATIVE = HEALTH[:4]
 """The health parameters whose relative error means something; the bias is zero when healthy."""
 LEADS_S = (1, 10, 60)
+STATE_ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
+"""Errors of the filtered pressure, temperature and mass flow."""
 
 _CLEAN = {"p": "exhaust pressure", "T": "gas temperature in degC", "m": "mass flow"}
 _READ = {"p": "discharge pressure", "T": "discharge temperature in degC", "m": "mass flow"}

@@ -23,13 +23,12 @@ from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
 from bench.registry import find
 from bench.runner import bars
-from bench.scores import score
+from bench.scores import STATE_ERRORS, score
 from bench.store import Store, check_writable, write_atomically, write_text
 from bench.versions import provenance
 from data.errors import BadInput
 from methods.estimator import Estimator
 
-ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
 COVERAGE, RIGHT_PCT = "coverage95_pct", 95.0
 PENALTY = 0.05
 """Of one per cent that the intervals hold less than they promise, in per cent of error."""
@@ -42,7 +41,7 @@ SEED = 0
 def merit(means: dict[str, float]) -> float:
     """The paper's rule: mean error of pressure, temperature and flow, and a penalty for lacking coverage."""
     lacking = max(RIGHT_PCT - means[COVERAGE], 0.0)
-    return float(np.mean([means[m] for m in ERRORS])) + PENALTY * lacking
+    return float(np.mean([means[m] for m in STATE_ERRORS])) + PENALTY * lacking
 
 
 def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "") -> str:
@@ -119,7 +118,7 @@ def _measure(
     except FloatingPointError as error:
         return {"merit": FAILED, "failed": str(error)}
     table = score(estimates, validation).groupby("metric")["value"].mean()
-    means = {m: float(table[m]) for m in (*ERRORS, COVERAGE, "parameter_error_pct")}
+    means = {m: float(table[m]) for m in (*STATE_ERRORS, COVERAGE, "parameter_error_pct")}
     return {"merit": merit(means), **means, "seconds": round(time.perf_counter() - began, 1)}
 
 

@@ -26,6 +26,7 @@ STAGED_S = 9 * 60.0
 RAMPS = ((2.4, 4.6), (2.8, 4.0), (4.6, 2.6), (3.2, 4.8), (4.0, 2.4))
 """Pressure ratio that the valve aims at before and after each load ramp."""
 SPEEDS_RPM = ((1100.0, 1100.0), (950.0, 1500.0), (1300.0, 1300.0), (1700.0, 1200.0), (1000.0, 1750.0))
+RAMP_NAMES = tuple(f"ramp-{i + 1}" for i in range(len(RAMPS)))
 RAMP_BEGINS_S, RAMP_S = 60.0, (5.0, 10.0, 20.0, 40.0, 60.0)
 MIDDLE = np.full(10, 0.5)
 """Loads of no particular lean, for ``draw``."""
@@ -35,8 +36,8 @@ def load_ramps(seed: int, level: Corruption = Corruption()) -> Batch:
     """Five healthy machines whose load moves once, from RAMP_BEGINS_S on, faster or slower; four minutes each."""
     warm = 60.0 * WARMUP_MINUTES
     scenarios = []
-    for i, (ratio, speed, ramp_s) in enumerate(zip(RAMPS, SPEEDS_RPM, RAMP_S, strict=True)):
-        still = draw(f"ramp-{i + 1}", "none", seed, RAMP_MINUTES, WARMUP_MINUTES, False, MIDDLE)
+    for name, ratio, speed, ramp_s in zip(RAMP_NAMES, RAMPS, SPEEDS_RPM, RAMP_S, strict=True):
+        still = draw(name, "none", seed, RAMP_MINUTES, WARMUP_MINUTES, False, MIDDLE)
         scenarios.append(replace(
             still,
             N_rpm=_ramp(speed, warm + RAMP_BEGINS_S, ramp_s),

@@ -329,7 +329,7 @@ def tick(w, model, stream, safety, z, P, sample, mask, query, measured, lag, whi
             safety.push[b], safety.valid[b], safety.counts[b],
         )  # fmt: skip
         away = distance(model.envelope, query[b])
-        innovation[b], S[b], nis[b], accepted[b], flags[b] = np.nan, 0.0, np.nan, False, 0
+        innovation[b], S[b], nis[b], accepted[b] = np.nan, 0.0, np.nan, False
         left, at = measured[b].copy(), 0.0
         while at < 1.0:
             to = _next_readings(left, lag[b], now)

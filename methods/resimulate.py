@@ -15,10 +15,10 @@ from data.corrupt import Corruption, corrupt
 from data.scenario import RATIO_LIMITS
 from methods.transitions import HEALTH_HIGH, HEALTH_LOW
 from physics.compressor import PLANT
+from physics.health import HEALTHY
 from physics.integrate import simulate
 from physics.steady import steady_state, valve_for
 
-HEALTHY = np.array([v.nominal for v in PLANT.parameters[: len(HEALTH)]])
 _LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
 _HIGH = np.array([1.01, 1.01, 0.055, 1.02, 6.5])
 

@@ -18,6 +18,7 @@ from bench.figures.scenes import flow_parity, innovations, ramps, wear
 from bench.figures.tracks import parameter_tracking, state_trajectories
 from bench.roster import PROPOSED, label
 from bench.summary import FORECAST, PARAMETERS, QUESTIONS, Summary
+from data.scenes import RAMP_NAMES
 
 NO_ESTIMATES = "the store holds no estimates of this run"
 
@@ -160,17 +161,16 @@ def draw(
 
 def _ramps(evidence: Evidence) -> Iterator[Drawing]:
     """Figs. 3a and b, where the run has the scenes."""
-    if not any(PROPOSED in e.tracks for name, e in evidence.scenes.items() if name.startswith("ramp")):
+    if not any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes):
         return
-    for name, column, quantity, unit, claimed in (
-        ("fig3a_pressure_ramps", 0, "exhaust pressure", "bar", 0.03),
-        ("fig3b_temperature_ramps", 1, "gas temperature", "K", 1.7),
-    ):
+    for name, column, quantity in (
+        ("fig3a_pressure_ramps", 0, "exhaust pressure"), ("fig3b_temperature_ramps", 1, "gas temperature"),
+    ):  # fmt: skip
         caption = (
             f"{quantity.capitalize()} over five load ramps and what {label(PROPOSED)} makes of it; dashed: the error "
             "that the paper reports at most."
         )
-        yield Drawing(name, caption, ramps(evidence.scenes, column, quantity, unit, claimed), "")
+        yield Drawing(name, caption, ramps(evidence.scenes, column), "")
 
 
 def _ranks(summary: Summary, question: str, name: str) -> Drawing:

@@ -24,11 +24,12 @@ from bench.figures.style import (
     thin,
 )  # fmt: skip
 from bench.roster import FLOOR, PROPOSED, label, ordered
-from bench.summary import Summary
+from bench.scores import STATE_ERRORS
+from bench.summary import FORECAST_PARTS, Summary
 
 PANELS = (
-    ("filtered state", ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")),
-    ("60 s open loop", ("p_open60_pct", "T_open60_pct", "m_open60_pct")),
+    ("filtered state", STATE_ERRORS),
+    ("60 s open loop", FORECAST_PARTS),
 )
 GROUPS = ("pressure", "temperature", "mass flow")
 

@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 
 from bench.figures.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, face, legend_handles, log_axis, looks, styled
 from bench.roster import FLOOR, label, ordered
+from bench.scores import STATE_ERRORS
 from bench.summary import PARAMETERS, Summary
 from bench.tables import fastest_us
 from data.batch import SAMPLE_PERIOD_S
@@ -54,7 +55,7 @@ def latency_percentiles(latency: pd.DataFrame) -> Figure:
 
 
 ACCURACY = {
-    "mean filtered error of p, T and m, %": ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct"),
+    "mean filtered error of p, T and m, %": STATE_ERRORS,
     "parameter error, %": (PARAMETERS,),
 }
 

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.figures.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, face, legend_handles, looks, styled
-from bench.roster import ABLATION, PROPOSED, label, ordered
+from bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
 from data.disturb import BEYOND, CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS, UNDISTURBED
 
 RIGHT_PCT = 95.0
@@ -79,7 +79,7 @@ def beyond_the_envelope(table: pd.DataFrame) -> Figure:
 @styled
 def after_faults(table: pd.DataFrame) -> Figure:
     """Parameter error from a minute after each sensor fault on, over that without the fault; 1 is recovered."""
-    names = [n for n in ordered(table["estimator"].unique()) if ABLATION not in n]
+    names = [n for n in ordered(table["estimator"].unique()) if not is_ablation(n)]
     figure = canvas(PAGE_MM, 6.0 * len(FAULTS) + 22.0)
     axes = figure.subplots()
     rows = np.arange(len(FAULTS))

@@ -9,51 +9,55 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
+from bench.coverage import nis_median_ratio
 from bench.evidence import CHANNELS_READ, Example
 from bench.figures.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, looks, styled, thin
-from bench.figures.tracks import MOST_POINTS, TRUTH_STYLE, legend, states, track_panel
+from bench.figures.tracks import MOST_POINTS, STATE_PANELS, TRUTH_STYLE, legend, states, track_panel
 from bench.roster import FLOOR, PROPOSED, label, ordered
 from data.batch import Array
+from data.scenes import RAMP_NAMES
 
 NIS_PANELS = {"normal": "normal operation", "fouling": "after abrupt fouling", "bias": "after a sensor's bias"}
 NIS_LIMITS = (0.03, 300.0)
+RAMP_ERRORS = (0.03, 1.7)
+"""What the paper reports at most, by column of ``states``."""
 SHADES = ("#08306b", "#2171b5", "#6baed6", "#41ab5d", "#006d2c")
 """One per load ramp, told apart by lightness as well."""
 
 
 @styled
-def ramps(scenes: Mapping[str, Example], column: int, quantity: str, unit: str, claimed: float) -> Figure:
+def ramps(scenes: Mapping[str, Example], column: int) -> Figure:
     """Fig. 3a and b: one state over the load ramps, and what the proposed method and the floor make of it.
 
     Args:
         column: of ``states``: 0 pressure in bar, 1 temperature in degC.
-        claimed: the paper's bound on the error.
     """
+    quantity, unit, error_unit = STATE_PANELS[column]
+    claimed = RAMP_ERRORS[column]
     figure = canvas(PAGE_MM, 66.0)
     left, right = figure.subplots(1, 2)
-    shown = [e for name, e in scenes.items() if name.startswith("ramp")]
-    for example, shade in zip(shown, SHADES, strict=False):
+    shown = {name: scenes[name] for name in RAMP_NAMES if name in scenes}
+    for name, example in shown.items():
+        shade = SHADES[RAMP_NAMES.index(name)]
         keep = thin(len(example.time_s), MOST_POINTS)
         seconds, true = example.time_s[keep], states(example.truth[keep])[:, column]
         left.plot(seconds, true, zorder=1.5, **TRUTH_STYLE)
-        for name in (FLOOR, PROPOSED):
-            if name not in example.tracks:
-                continue
-            mean = states(np.asarray(example.tracks[name].mean[keep], dtype=float))[:, column]
-            style = {"color": shade, "linewidth": 1.2} if name == PROPOSED else {"color": INK, "linewidth": 0.6}
-            right.plot(seconds, mean - true, linestyle="-" if name == PROPOSED else ":", **style)
-            if name == PROPOSED:
-                left.plot(seconds, mean, **style)
+        tracked = {n: states(np.asarray(t.mean[keep], dtype=float))[:, column] for n, t in example.tracks.items()}
+        if FLOOR in tracked:
+            right.plot(seconds, tracked[FLOOR] - true, color=INK, linewidth=0.6, linestyle=":")
+        if PROPOSED in tracked:
+            left.plot(seconds, tracked[PROPOSED], color=shade, linewidth=1.2)
+            right.plot(seconds, tracked[PROPOSED] - true, color=shade, linewidth=1.2)
     for bound in (-claimed, claimed):
         right.axhline(bound, color=MUTED, linewidth=0.8, linestyle="--")
     right.axhline(0.0, color=FAINT, linewidth=0.6)
     left.set_title("trajectory (truth: broad grey)")
-    right.set_title(f"estimate − truth (dashed: ±{claimed:g} {unit}; dotted: floor)")
-    left.set_ylabel(f"{quantity}, {'°C' if unit == 'K' else unit}")
-    right.set_ylabel(f"error, {unit}")
+    right.set_title(f"estimate − truth (dashed: ±{claimed:g} {error_unit}; dotted: floor)")
+    left.set_ylabel(f"{quantity}, {unit}")
+    right.set_ylabel(f"error, {error_unit}")
     for axes in (left, right):
         axes.set_xlabel("time, s")
-        axes.set_xlim(0.0, shown[0].time_s[-1])
+        axes.set_xlim(0.0, next(iter(shown.values())).time_s[-1])
     return figure
 
 
@@ -109,7 +113,7 @@ def innovations(nis: Mapping[str, Array]) -> Figure:
             values = nis[name]
             counts, _ = np.histogram(np.clip(values, *NIS_LIMITS), bins)
             axes.stairs(counts / len(values), bins, fill=True, color=looks([PROPOSED])[PROPOSED].colour, alpha=0.7)
-            ratio = np.median(values) / chi2.median(CHANNELS_READ)
+            ratio = nis_median_ratio(values, CHANNELS_READ)
             axes.text(0.03, 0.9, f"median × {ratio:.2f}", transform=axes.transAxes)
         axes.plot(middle, expected, color=INK, linewidth=1.0, linestyle="--")
         axes.set_xscale("log")

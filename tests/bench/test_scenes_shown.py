@@ -75,7 +75,7 @@ def test_innovations_are_of_the_time_after_what_is_abrupt(evidence, recordings):
 
 
 def test_figures_of_the_scenes_show_what_they_should(evidence):
-    left, right = ramps(evidence.scenes, 0, "pressure", "bar", 0.03).axes
+    left, right = ramps(evidence.scenes, 0).axes
     assert len(left.lines) == 10
     assert len([line for line in right.lines if len(line.get_xdata()) > 2]) == 10
     panel = wear(evidence.scenes["capacity"], "capacity").axes[0]

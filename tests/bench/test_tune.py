@@ -11,7 +11,8 @@ import pytest
 from tiny_run import parts, twinbench, write_estimator, write_profile
 
 from bench.profile import load_profile
-from bench.tune import COVERAGE, ERRORS, FAILED, PENALTY, merit
+from bench.scores import STATE_ERRORS
+from bench.tune import COVERAGE, FAILED, PENALTY, merit
 
 
 def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
@@ -24,7 +25,7 @@ def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
 
 
 def test_merit_is_the_mean_error_and_what_the_intervals_lack():
-    means = {**dict.fromkeys(ERRORS, 0.0), ERRORS[0]: 3.0, COVERAGE: 95.0}
+    means = {**dict.fromkeys(STATE_ERRORS, 0.0), STATE_ERRORS[0]: 3.0, COVERAGE: 95.0}
     assert merit(means) == pytest.approx(1.0)
     assert merit({**means, COVERAGE: 85.0}) == pytest.approx(1.0 + 10.0 * PENALTY)
     assert merit({**means, COVERAGE: 99.0}) == pytest.approx(1.0)
