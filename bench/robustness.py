@@ -16,7 +16,7 @@ from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
 from bench.results import HARDER
 from bench.roster import PROPOSED
-from bench.scores import score
+from bench.scores import FORECAST_ERRORS, STATE_ERRORS, score
 from bench.store import Store, key_of
 from bench.versions import code_version
 from data.batch import Batch
@@ -25,7 +25,7 @@ from data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Condition, sim
 
 COLUMNS = list(HARDER)
 METRICS = (
-    "p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct", "p_open60_pct", "T_open60_pct", "m_open60_pct",
+    *STATE_ERRORS, *FORECAST_ERRORS,
     "parameter_error_pct", "coverage95_pct", "nis_ratio",
 )  # fmt: skip
 AFTERWARDS = {

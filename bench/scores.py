@@ -22,6 +22,8 @@ RELATIVE = HEALTH[:4]
 LEADS_S = (1, 10, 60)
 STATE_ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
 """Errors of the filtered pressure, temperature and mass flow."""
+FORECAST_ERRORS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")
+"""Errors of the same three, forecast a minute ahead."""
 
 _CLEAN = {"p": "exhaust pressure", "T": "gas temperature in degC", "m": "mass flow"}
 _READ = {"p": "discharge pressure", "T": "discharge temperature in degC", "m": "mass flow"}

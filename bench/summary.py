@@ -12,11 +12,10 @@ import pandas as pd
 from bench.bootstrap import SequenceScores, differences, means, ratios, sequence_scores
 from bench.ranks import Ranking, rank
 from bench.roster import FLOOR, ordered
-from bench.scores import DEFINITIONS, IDEAL
+from bench.scores import DEFINITIONS, FORECAST_ERRORS, IDEAL
 
 PARAMETERS = "parameter_error_pct"
 FORECAST = "forecast60_pct"
-FORECAST_PARTS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")
 QUESTIONS = {PARAMETERS: "parameter error", FORECAST: "60 s forecast error (mean of p, T and m)"}
 """What the estimators are ranked by: knowing the machine's health, and foretelling what it does."""
 
@@ -104,7 +103,7 @@ def _without_floor(failures: Mapping[str, str]) -> dict[str, str]:
 def _forecast_scores(scores: pd.DataFrame) -> pd.DataFrame:
     """The mean of the three forecast errors, per estimator, seed and sequence."""
     key = ["estimator", "seed", "sequence"]
-    parts = scores[scores["metric"].isin(FORECAST_PARTS)].pivot(index=key, columns="metric", values="value")
+    parts = scores[scores["metric"].isin(FORECAST_ERRORS)].pivot(index=key, columns="metric", values="value")
     return parts.mean(axis=1, skipna=False).rename("value").reset_index().assign(metric=FORECAST)
 
 

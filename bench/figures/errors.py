@@ -24,12 +24,12 @@ from bench.figures.style import (
     thin,
 )  # fmt: skip
 from bench.roster import FLOOR, PROPOSED, label, ordered
-from bench.scores import STATE_ERRORS
-from bench.summary import FORECAST_PARTS, Summary
+from bench.scores import FORECAST_ERRORS, STATE_ERRORS
+from bench.summary import Summary
 
 PANELS = (
     ("filtered state", STATE_ERRORS),
-    ("60 s open loop", FORECAST_PARTS),
+    ("60 s open loop", FORECAST_ERRORS),
 )
 GROUPS = ("pressure", "temperature", "mass flow")
 

@@ -11,8 +11,7 @@ import pytest
 from tiny_run import parts, twinbench, write_estimator, write_profile
 
 from bench.profile import load_profile
-from bench.scores import STATE_ERRORS
-from bench.tune import COVERAGE, FAILED, PENALTY, merit
+from bench.tune import COVERAGE, ERRORS, FAILED, PENALTY, merit
 
 
 def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
@@ -25,10 +24,11 @@ def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
 
 
 def test_merit_is_the_mean_error_and_what_the_intervals_lack():
-    means = {**dict.fromkeys(STATE_ERRORS, 0.0), STATE_ERRORS[0]: 3.0, COVERAGE: 95.0}
-    assert merit(means) == pytest.approx(1.0)
-    assert merit({**means, COVERAGE: 85.0}) == pytest.approx(1.0 + 10.0 * PENALTY)
-    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(1.0)
+    means = {**dict.fromkeys(ERRORS, 0.0), ERRORS[0]: 3.0, COVERAGE: 95.0}
+    mean = 3.0 / len(ERRORS)
+    assert merit(means) == pytest.approx(mean)
+    assert merit({**means, COVERAGE: 85.0}) == pytest.approx(mean * (1.0 + 10.0 * PENALTY))
+    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(mean)
 
 
 def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_profiles_section(tmp_path, capsys):
