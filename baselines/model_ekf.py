@@ -21,7 +21,7 @@ from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.estimator import Estimator, Info, Sample, State
 from methods.frontend import FrontEnd, Memory
 from methods.kalman import linear_filter, predict_covariance, update
-from methods.noise import coloured_keep, input_sd, output_sd
+from methods.noise import coloured_keep, health_walk_var, input_sd, output_sd
 from methods.reporting import clean_flags, report
 from physics.compile import as_argument, compiled
 from physics.health import theta_and_slope, to_theta, to_zeta
@@ -168,24 +168,16 @@ class ModelEKF(Estimator):
     toy_filter = staticmethod(linear_filter)
 
     settings: ClassVar[dict[str, Any]] = {
-        "capacity_walk": 4e-4,
-        "efficiency_walk": 4e-4,
-        "leakage_walk": 1.2e-4,
-        "heat_transfer_walk": 2e-3,
-        "T_bias_K_walk": 0.05,
+        "health_walk": 1.0,
         "state_walk": 1.0,
         "substeps": 2,
         "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "capacity_walk": (1e-4, 2e-3),
-        "efficiency_walk": (1e-4, 2e-3),
-        "leakage_walk": (3e-5, 5e-4),
-        "heat_transfer_walk": (5e-4, 1e-2),
-        "T_bias_K_walk": (0.01, 0.2),
+        "health_walk": (0.5, 4.0),
         "state_walk": (0.1, 30.0),
     }
-    online = frozenset({"state_walk", *(f"{name}_walk" for name in HEALTH)})
+    online = frozenset({"state_walk", "health_walk"})
 
     def machine(self) -> Simulator:
         """The model, after ``fit`` with what was calibrated."""
@@ -210,12 +202,10 @@ class ModelEKF(Estimator):
         nx = len(machine.states)
         n = nx + N_HEALTH + N_NOISE
         scale = np.array([v.scale for v in machine.states])
-        walk = np.array([self.config[f"{name}_walk"] for name in HEALTH])
-        slope = theta_and_slope(np.zeros(N_HEALTH))[1]
         keep = coloured_keep()
         Q = np.zeros(n)
         Q[:nx] = (self.config["state_walk"] * STATE_WALK[:nx]) ** 2 * SAMPLE_PERIOD_S
-        Q[nx : nx + N_HEALTH] = (walk / slope) ** 2 * SAMPLE_PERIOD_S
+        Q[nx : nx + N_HEALTH] = health_walk_var(self.config["health_walk"])
         Q[nx + N_HEALTH :] = 1.0 - keep**2
         health = np.array([machine.index(name) for name in HEALTH])
         self._model = Filter(machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, self.config["substeps"])

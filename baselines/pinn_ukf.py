@@ -20,10 +20,10 @@ from data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.augmented import probe_lag
 from methods.estimator import Estimator, Info, Sample, State, register
 from methods.frontend import FrontEnd, Memory
-from methods.noise import coloured_keep, output_sd
+from methods.noise import coloured_keep, health_walk_var, output_sd
 from methods.reporting import clean_flags, report
 from physics.compressor import M_REF_KG_S, PLANT
-from physics.health import d_theta_d_zeta, to_theta, to_zeta
+from physics.health import to_theta, to_zeta
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, 3
 ZETA, BIAS, PROBE, NOISE, SIZE = 5, 9, 10, 11, 14
@@ -59,11 +59,7 @@ class PINNUnscentedKalman(Estimator):
         "hidden": 300,
         "model_noise": 10.0,
         "state_walk": 1.0,
-        "capacity_walk": 4e-4,
-        "efficiency_walk": 4e-4,
-        "leakage_walk": 1.2e-4,
-        "heat_transfer_walk": 2e-3,
-        "T_bias_K_walk": 0.05,
+        "health_walk": 1.0,
         "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
@@ -71,13 +67,9 @@ class PINNUnscentedKalman(Estimator):
         "physics": [0.005, 0.02, 0.08],
         "model_noise": (1.0, 100.0),
         "state_walk": (0.1, 30.0),
-        "capacity_walk": (1e-4, 2e-3),
-        "efficiency_walk": (1e-4, 2e-3),
-        "leakage_walk": (3e-5, 5e-4),
-        "heat_transfer_walk": (5e-4, 1e-2),
-        "T_bias_K_walk": (0.01, 0.2),
+        "health_walk": (0.5, 4.0),
     }
-    online = frozenset({"model_noise", "state_walk", *(f"{name}_walk" for name in HEALTH)})
+    online = frozenset({"model_noise", "state_walk", "health_walk"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "copies": 1, "transitions": 3000}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
@@ -154,12 +146,11 @@ class PINNUnscentedKalman(Estimator):
         self._layers = [
             (np.ascontiguousarray(a[f"net.{i}.weight"].T), a[f"net.{i}.bias"]) for i in (0, 2, 4)
         ]
-        walk = np.array([self.config[f"{name}_walk"] for name in HEALTH])
         self._keep = coloured_keep()
         Q = np.zeros((SIZE, SIZE))
         Q[:N_X, :N_X] = self.config["model_noise"] * a["residual.cov"]
         Q[:N_X, :N_X] += np.diag((self.config["state_walk"] * STATE_WALK) ** 2 * SAMPLE_PERIOD_S)
-        Q[ZETA:PROBE, ZETA:PROBE] = np.diag((walk / d_theta_d_zeta(np.zeros(len(HEALTH)))) ** 2 * SAMPLE_PERIOD_S)
+        Q[ZETA:PROBE, ZETA:PROBE] = np.diag(health_walk_var(self.config["health_walk"]))
         Q[PROBE, PROBE] = 1e-3**2
         Q[NOISE:, NOISE:] = np.diag(1.0 - self._keep**2)
         self._Q = Q

@@ -8,17 +8,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
 from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model, roll_out, tick
 from methods.estimator import Estimator, Info, Sample, State, register
 from methods.frontend import THRESHOLD, FrontEnd, Memory
 from methods.kalman import linear_filter
-from methods.noise import coloured_keep, output_sd
+from methods.noise import coloured_keep, health_walk_var, output_sd
 from methods.reporting import clean_flags, report
 from methods.safeguards import Envelope, Safety, Settings, empty_safety
 from methods.stream import Stream, empty_stream, pack
 from methods.windows import query_of
-from physics.health import d_theta_d_zeta, to_theta, to_zeta
+from physics.health import to_theta, to_zeta
 
 ZETA_LOW = to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0]))
 ZETA_HIGH = to_zeta(np.array([1.08, 1.08, 0.12, 1.40, 11.0]))
@@ -54,11 +54,7 @@ class DeepONetKalman(Estimator):
         "model_noise": 2.0,
         "slow_error": 2.0,
         "error_tau_s": 120.0,
-        "capacity_walk": 4e-4,
-        "efficiency_walk": 4e-4,
-        "leakage_walk": 1.2e-4,
-        "heat_transfer_walk": 2e-3,
-        "T_bias_K_walk": 0.05,
+        "health_walk": 1.0,
         "trust_reach": 1.0,
         "extrapolation": 1.0,
         "least_information": 1.0,
@@ -74,19 +70,14 @@ class DeepONetKalman(Estimator):
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [5e-3, 1e-2, 2e-2],
-        "model_noise": (1.0, 30.0),
-        "slow_error": (0.5, 8.0),
-        "least_information": (0.1, 10.0),
-        "q_gain": (0.005, 0.2),
-        "inflation": (1.5, 15.0),
-        "capacity_walk": (1e-4, 2e-3),
-        "efficiency_walk": (1e-4, 2e-3),
-        "leakage_walk": (3e-5, 5e-4),
-        "heat_transfer_walk": (5e-4, 1e-2),
-        "T_bias_K_walk": (0.01, 0.2),
+        "model_noise": (0.5, 10.0),
+        "slow_error": (0.5, 4.0),
+        "health_walk": (0.5, 4.0),
+        "q_gain": (0.005, 0.1),
+        "inflation": (1.5, 10.0),
     }
     online = frozenset({*Settings._fields, "hampel", "update_every", "model_noise", "slow_error", "error_tau_s",
-                        *(f"{name}_walk" for name in HEALTH)})  # fmt: skip
+                        "health_walk"})  # fmt: skip
     ablations: ClassVar[dict[str, dict[str, Any]]] = {
         "no_covariance_adaptation": {"q_gain": 0.0, "r_gain": 0.0},
         "no_feasibility": {"feasibility": 0.0},
@@ -163,11 +154,10 @@ class DeepONetKalman(Estimator):
         self._weights = pack(a)
         self._front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
         self._scaling = (self._front_end.mean, self._front_end.scale, a["query.mean"], a["query.scale"])
-        walk = np.array([self.config[f"{name}_walk"] for name in HEALTH])
         Q = np.zeros((SIZE, SIZE))
         Q[:5, :5] = self.config["model_noise"] * a["audit.residual_cov"]
         Q[5, 5] = 1e-3**2
-        Q[ZETA:NOISE, ZETA:NOISE] = np.diag((walk / d_theta_d_zeta(np.zeros(5))) ** 2 * SAMPLE_PERIOD_S)
+        Q[ZETA:NOISE, ZETA:NOISE] = np.diag(health_walk_var(self.config["health_walk"]))
         keep = coloured_keep()
         Q[NOISE:ERROR, NOISE:ERROR] = np.diag(1.0 - keep**2)
         error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))

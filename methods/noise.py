@@ -1,11 +1,20 @@
-"""What every filter is told of the sensors: their data sheet, at the present readings."""
+"""What every filter is told: the sensors' data sheet at the present readings, and how fast health wanders."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
+from physics.health import d_theta_d_zeta
 from physics.sensors import INPUT_NOISE, OUTPUT_NOISE, SensorNoise, speed_factor
+
+HEALTH_WALK = np.array([4e-4, 4e-4, 1.2e-4, 2e-3, 0.05])
+"""Standard deviation of what health moves by in a second, order HEALTH, before a filter's ``health_walk``."""
+
+
+def health_walk_var(factor: float) -> Array:
+    """Variance (5,) that one tick adds to the coordinates of health, which is a random walk in them."""
+    return (factor * HEALTH_WALK / d_theta_d_zeta(np.zeros(len(HEALTH_WALK)))) ** 2 * SAMPLE_PERIOD_S
 
 
 def _sizes(filled: Array, noises: tuple[SensorNoise, ...]) -> Array:
