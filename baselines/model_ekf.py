@@ -174,8 +174,8 @@ class ModelEKF(Estimator):
         "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "health_walk": (0.5, 4.0),
-        "state_walk": (0.1, 30.0),
+        "health_walk": (0.5, 16.0),
+        "state_walk": (0.1, 300.0),
     }
     online = frozenset({"state_walk", "health_walk"})
 

@@ -66,8 +66,8 @@ class PINNUnscentedKalman(Estimator):
         "learning_rate": [1e-3, 3e-3, 9e-3],
         "physics": [0.005, 0.02, 0.08],
         "model_noise": (1.0, 100.0),
-        "state_walk": (0.1, 30.0),
-        "health_walk": (0.5, 4.0),
+        "state_walk": (0.1, 300.0),
+        "health_walk": (0.5, 16.0),
     }
     online = frozenset({"model_noise", "state_walk", "health_walk"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "copies": 1, "transitions": 3000}
