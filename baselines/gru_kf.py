@@ -57,8 +57,8 @@ class GRUKalman(Estimator):
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [3e-3, 6e-3, 1.2e-2],
-        "noise_inflation": (1.0, 10.0),
-        "error_memory": (0.2, 5.0),
+        "noise_inflation": (1.0, 100.0),
+        "error_memory": (0.2, 50.0),
     }
     online = frozenset({"noise_inflation", "error_memory"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 6, "batch": 4, "copies": 1}

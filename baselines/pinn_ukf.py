@@ -63,9 +63,9 @@ class PINNUnscentedKalman(Estimator):
         "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "learning_rate": [1e-3, 3e-3, 9e-3],
-        "physics": [0.005, 0.02, 0.08],
-        "model_noise": (1.0, 100.0),
+        "learning_rate": [3e-3, 9e-3, 2e-2],
+        "physics": [0.001, 0.005, 0.02],
+        "model_noise": (0.1, 100.0),
         "state_walk": (0.1, 300.0),
         "health_walk": (0.5, 16.0),
     }
