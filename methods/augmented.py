@@ -18,19 +18,21 @@ from numba import njit
 
 from data.batch import SAMPLE_PERIOD_S, Array
 from methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
-from methods.kalman import bounded, gain, joseph, predict_covariance
+from methods.kalman import bound_into, gain_into, joseph_into, symmetrise
+from methods.records import one_record, record
 from methods.safeguards import (
     FROZEN,
     INFLATING,
     INFLATION_UPDATES,
+    LEAST_VARIANCE,
     N_HEALTH,
+    N_MOVED,
     N_OUTPUTS,
     OUTSIDE,
     REFRESH,
     UPDATES,
     WIDEST,
     Envelope,
-    Safety,
     Settings,
     bound_health,
     carry_sensitivity,
@@ -46,12 +48,23 @@ from methods.safeguards import (
     walk_factor,
     watch,
 )
-from methods.stream import N_STATES, N_ZETA, ZETA_SCALE, fill, heads, heads_with_differences, heads_with_jacobian, push
+from methods.stream import (
+    N_STATES,
+    N_ZETA,
+    ZETA_SCALE,
+    fill,
+    heads,
+    heads_with_differences,
+    heads_with_jacobian,
+    scratch_type,
+)
 from physics.compressor import M_REF_KG_S, PLANT
-from physics.health import map_health
+from physics.health import map_one
 
 PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
 BIAS = ZETA + 4
+ACTING = ZETA + N_HEALTH
+"""Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
 LATE = 0.5
 """Of a tick: what was read no longer ago than this counts as read at the tick."""
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
@@ -59,7 +72,7 @@ TAU_PROBE_X = float(PLANT.theta()[PLANT.index("tau_T_x")])
 
 
 class Model(NamedTuple):
-    """What the filter needs besides the operator's weights."""
+    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record."""
 
     state_mean: Array  # (5,)
     state_scale: Array  # (5,)
@@ -72,6 +85,34 @@ class Model(NamedTuple):
     settings: Settings
     envelope: Envelope
 
+    def record(self) -> np.ndarray:
+        """(1,) of MODEL."""
+        return one_record(MODEL, self._asdict())
+
+
+MODEL = record({
+    "state_mean": ("f8", (N_STATES,)), "state_scale": ("f8", (N_STATES,)), "increment": ("f8", (N_STATES,)),
+    "Q": ("f8", (SIZE, SIZE)), "noise_keep": ("f8", (N_OUTPUTS,)), "error_keep": ("f8", ()),
+    "zeta_low": ("f8", (N_HEALTH,)), "zeta_high": ("f8", (N_HEALTH,)),
+    "settings": (record(dict.fromkeys(Settings._fields, ("f8", ()))), ()),
+    "envelope": (record(dict.fromkeys(Envelope._fields, ("f8", (N_HEALTH,)))), ()),
+})  # fmt: skip
+
+
+def room_type(weights: np.ndarray) -> np.dtype[np.void]:
+    """Room for what one tick reckons in between."""
+    square, wide, narrow = (SIZE, SIZE), (N_OUTPUTS, SIZE), (N_OUTPUTS, N_OUTPUTS)
+    return record({
+        "operator": (scratch_type(weights), ()),
+        "F": ("f8", square), "M": ("f8", square),
+        "H": ("f8", wide), "HP": ("f8", wide), "X": ("f8", wide), "K": ("f8", (SIZE, N_OUTPUTS)),
+        "R": ("f8", narrow), "S": ("f8", narrow), "L": ("f8", narrow),
+        **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+        "column": ("f8", (SIZE,)),
+        "rows": ("f8", (N_HEALTH, N_OUTPUTS)), "push": ("f8", (N_HEALTH,)), "variance": ("f8", (N_HEALTH,)),
+        "after": ("f8", (N_MOVED, N_HEALTH)), "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
+    })  # fmt: skip
+
 
 @njit(cache=True, error_model="numpy")
 def probe_lag(mu):  # type: ignore[no-untyped-def]
@@ -83,101 +124,132 @@ def probe_lag(mu):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _condition(model, z):  # type: ignore[no-untyped-def]
-    condition = np.empty(N_STATES + N_ZETA, np.float32)
+def _condition(model, z, condition):  # type: ignore[no-untyped-def]
     for i in range(N_STATES):
         condition[i] = (z[i] - model.state_mean[i]) / model.state_scale[i]
     for i in range(N_ZETA):
         condition[N_STATES + i] = z[ZETA + i] / ZETA_SCALE
-    return condition
 
 
 @njit(cache=True, error_model="numpy")
-def _moved(model, z, scaled):  # type: ignore[no-untyped-def]
-    """Eq. (6): states by the operator, probe by its lag, noise and slow error by their memory."""
-    after = z.copy()
+def _move(model, z, scaled, part):  # type: ignore[no-untyped-def]
+    """Eq. (6) in place: states by the operator, probe by its lag, noise and slow error by their memory."""
     share, _ = probe_lag(z[4])
-    after[PROBE] = z[PROBE] + share * (z[2] - z[PROBE])
+    z[PROBE] += part * share * (z[2] - z[PROBE])
     for i in range(N_STATES):
-        after[i] = z[i] + scaled[i] * model.increment[i] + z[ERROR + i]
-        after[ERROR + i] = model.error_keep * z[ERROR + i]
-    for i in range(3):
-        after[NOISE + i] = model.noise_keep[i] * z[NOISE + i]
-    return after
+        z[i] += part * (scaled[i] * model.increment[i] + z[ERROR + i])
+        z[ERROR + i] += part * (model.error_keep - 1.0) * z[ERROR + i]
+    for i in range(N_OUTPUTS):
+        z[NOISE + i] += part * (model.noise_keep[i] - 1.0) * z[NOISE + i]
 
 
 @njit(cache=True, error_model="numpy")
-def predict(w, model, base, z, P, away, push, part):  # type: ignore[no-untyped-def]
-    """One tick ahead, Eqs. (6) and (7): z (19,), P (19, 19) and the Jacobian F (19, 19).
+def _transition(model, z, jacobian, trusted, part, F):  # type: ignore[no-untyped-def]
+    """The Jacobian (19, 19) of ``_move``, into F."""
+    for i in range(SIZE):
+        for j in range(SIZE):
+            F[i, j] = 1.0 if i == j else 0.0
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            F[i, j] += part * jacobian[i, j] * model.increment[i] / model.state_scale[j]
+        for j in range(N_ZETA):
+            F[i, ZETA + j] = part * trusted * jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
+        F[i, ERROR + i] = part
+        F[ERROR + i, ERROR + i] += part * (model.error_keep - 1.0)
+    share, slope = probe_lag(z[4])
+    F[PROBE, PROBE] -= part * share
+    F[PROBE, 2] = part * share
+    F[PROBE, 4] = part * slope * (z[2] - z[PROBE])
+    for i in range(N_OUTPUTS):
+        F[NOISE + i, NOISE + i] += part * (model.noise_keep[i] - 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _times(F, A, B):  # type: ignore[no-untyped-def]
+    """``B = (F A)'`` for an F of ``_transition``: beside its diagonal it has six rows, which few columns act on."""
+    for i in range(N_MOVED):
+        for j in range(SIZE):
+            B[i, j] = 0.0
+        for k in range(ACTING):
+            for j in range(SIZE):
+                B[i, j] += F[i, k] * A[k, j]
+        if i < N_STATES:
+            for j in range(SIZE):
+                B[i, j] += F[i, ERROR + i] * A[ERROR + i, j]
+    for i in range(N_MOVED, SIZE):
+        for j in range(SIZE):
+            B[i, j] = F[i, i] * A[i, j]
+    for i in range(SIZE):
+        for j in range(i):
+            B[i, j], B[j, i] = B[j, i], B[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def predict(w, model, base, z, P, away, push, part, t):  # type: ignore[no-untyped-def]
+    """One tick ahead, Eqs. (6) and (7): z (19,) and P (19, 19) in place, the Jacobian in ``t.F``.
 
     Args:
         away: distance of the query from the training envelope.
         push: (5,) direction of late corrections, which widens the walk of health by Eq. (14).
         part: of the tick, 1 for all of it; less goes along the straight line there.
+        t: room.
     """
-    settings = model.settings
+    settings, net = model.settings, t.operator
+    _condition(model, z, net.condition)
     if settings.difference > 0.0:
-        scaled, jacobian = heads_with_differences(w, base, _condition(model, z), settings.difference)
+        heads_with_differences(w, net, base, net.condition, settings.difference)
     else:
-        scaled, jacobian = heads_with_jacobian(w, base, _condition(model, z))
-    trusted = trust(settings, away)
-    F = np.eye(SIZE)
-    for i in range(N_STATES):
-        for j in range(N_STATES):
-            F[i, j] += jacobian[i, j] * model.increment[i] / model.state_scale[j]
-        for j in range(N_ZETA):
-            F[i, ZETA + j] = trusted * jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
-        F[i, ERROR + i] = 1.0
-        F[ERROR + i, ERROR + i] = model.error_keep
-    share, slope = probe_lag(z[4])
-    F[PROBE, PROBE] = 1.0 - share
-    F[PROBE, 2] = share
-    F[PROBE, 4] = slope * (z[2] - z[PROBE])
-    for i in range(3):
-        F[NOISE + i, NOISE + i] = model.noise_keep[i]
-    Q = model.Q.copy()
+        heads_with_jacobian(w, net, base, net.condition)
+    _transition(model, z, net.jacobian, trust(settings, away), part, t.F)
+    _times(t.F, P, t.M)
+    _times(t.F, t.M, P)
+    for i in range(SIZE):
+        for j in range(SIZE):
+            P[i, j] += part * model.Q[i, j]
     for i in range(N_HEALTH):
-        Q[ZETA + i, ZETA + i] *= walk_factor(settings, push[i])
+        k = ZETA + i
+        P[k, k] += part * model.Q[k, k] * (walk_factor(settings, push[i]) - 1.0)
     for i in range(N_STATES):
-        Q[ERROR + i, ERROR + i] *= 1.0 + settings.extrapolation * away * away
-    after = _moved(model, z, scaled)
-    if part < 1.0:
-        after = z + part * (after - z)
-        F = np.eye(SIZE) + part * (F - np.eye(SIZE))
-        Q *= part
-    return after, predict_covariance(P, F, Q), F
+        k = ERROR + i
+        P[k, k] += part * model.Q[k, k] * settings.extrapolation * away * away
+    symmetrise(P)
+    _move(model, z, net.out, part)
 
 
 @njit(cache=True, error_model="numpy")
-def predict_mean(w, model, base, z):  # type: ignore[no-untyped-def]
-    """The forecast of ``predict`` alone, for open loop."""
-    return _moved(model, z, heads(w, base, _condition(model, z)))
+def predict_mean(w, model, base, z, t):  # type: ignore[no-untyped-def]
+    """The forecast of ``predict`` alone, in place, for open loop."""
+    net = t.operator
+    _condition(model, z, net.condition)
+    heads(w, net, base, net.condition, net.out)
+    _move(model, z, net.out, 1.0)
 
 
 @njit(cache=True, error_model="numpy")
-def readings(z, bias_K):  # type: ignore[no-untyped-def]
-    """Noise-free readings (3,), order OUTPUTS."""
-    return np.array([z[1], z[PROBE] + bias_K, M_REF_KG_S * z[4]])
+def readings(z, bias_K, out):  # type: ignore[no-untyped-def]
+    """Noise-free readings into ``out`` (3,), order OUTPUTS."""
+    out[0], out[1], out[2] = z[1], z[PROBE] + bias_K, M_REF_KG_S * z[4]
 
 
 @njit(cache=True, error_model="numpy")
-def _observe(model, safety, z, measured, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
-    """Innovation (3,), NaN where missing, H (3, 19), and R (3, 3): the data sheet's, widened by Eq. (13)."""
-    theta, slope = np.empty((1, N_HEALTH)), np.empty((1, N_HEALTH))
-    map_health(z[ZETA:NOISE].copy().reshape(1, N_HEALTH), theta, slope)
-    H = np.zeros((N_OUTPUTS, SIZE))
-    H[0, 1] = 1.0
-    H[1, PROBE] = 1.0
-    H[1, BIAS] = slope[0, 4]
-    H[2, 4] = M_REF_KG_S
-    R = np.zeros((N_OUTPUTS, N_OUTPUTS))
-    innovation = measured - readings(z, theta[0, 4])
+def _observe(model, safety, z, measured, white_sd, coloured_sd, t):  # type: ignore[no-untyped-def]
+    """Innovation, NaN where missing, H, and R, the data sheet's widened by Eq. (13), into the room."""
+    bias_K, slope = map_one(N_HEALTH - 1, z[BIAS])
     for i in range(N_OUTPUTS):
-        H[i, NOISE + i] = coloured_sd[i]
-        R[i, i] = white_sd[i] ** 2
-        R[i, i] *= noise_factor(model.settings, safety.mismatch, R[i, i], safety.counts[UPDATES], i)
-        innovation[i] -= coloured_sd[i] * z[NOISE + i]
-    return innovation, H, R
+        for j in range(SIZE):
+            t.H[i, j] = 0.0
+        for j in range(N_OUTPUTS):
+            t.R[i, j] = 0.0
+    t.H[0, 1] = 1.0
+    t.H[1, PROBE] = 1.0
+    t.H[1, BIAS] = slope
+    t.H[2, 4] = M_REF_KG_S
+    readings(z, bias_K, t.innovation)
+    for i in range(N_OUTPUTS):
+        t.H[i, NOISE + i] = coloured_sd[i]
+        R = max(white_sd[i] ** 2, LEAST_VARIANCE)  # at a reading of nothing the data sheet promises no noise at all
+        t.R[i, i] = R * noise_factor(model.settings, safety.mismatch, R, safety.counts[UPDATES], i)
+        t.innovation[i] = measured[i] - t.innovation[i] - coloured_sd[i] * z[NOISE + i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -189,9 +261,8 @@ def _bounded_states(model, z):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _roll_back(safety, z, P):  # type: ignore[no-untyped-def]
+def _roll_back(safety, z, P, factor):  # type: ignore[no-untyped-def]
     """Health and its sd as in the last valid posterior, in place."""
-    factor = np.empty(N_HEALTH)
     for i in range(N_HEALTH):
         z[ZETA + i] = safety.valid[0, i]
         factor[i] = safety.valid[1, i] / np.sqrt(P[ZETA + i, ZETA + i])
@@ -199,27 +270,41 @@ def _roll_back(safety, z, P):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _health_gain(model, safety, K, S, r):  # type: ignore[no-untyped-def]
-    """Hold back, in place, the rows of K that correct health, and note where the correction pushes."""
+def _health_gain(model, safety, t):  # type: ignore[no-untyped-def]
+    """Hold back, in ``t.K``, the rows that correct health, and note where the correction pushes."""
     if safety.counts[FROZEN] > 0:
-        K[ZETA:NOISE] = 0.0
+        for i in range(N_HEALTH):
+            for c in range(N_OUTPUTS):
+                t.K[ZETA + i, c] = 0.0
         return
-    rows = K[ZETA:NOISE].copy()
-    note_push(safety.push, rows @ r, np.diag(rows @ S @ rows.T))
+    for i in range(N_HEALTH):
+        t.push[i] = t.variance[i] = 0.0
+        for c in range(N_OUTPUTS):
+            t.rows[i, c] = t.K[ZETA + i, c]
+            t.push[i] += t.rows[i, c] * t.r[c]
+        for c in range(N_OUTPUTS):
+            for d in range(N_OUTPUTS):
+                t.variance[i] += t.rows[i, c] * t.S[c, d] * t.rows[i, d]
+    note_push(safety.push, t.push, t.variance)
     if model.settings.least_information > 0.0:
-        K[ZETA:NOISE] = safety.observable @ rows
+        for i in range(N_HEALTH):
+            for c in range(N_OUTPUTS):
+                t.K[ZETA + i, c] = 0.0
+                for j in range(N_HEALTH):
+                    t.K[ZETA + i, c] += safety.observable[i, j] * t.rows[j, c]
 
 
 @njit(cache=True, error_model="numpy")
-def _remember(model, safety, z, P, H, used, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
+def _remember(model, safety, z, P, white_sd, coloured_sd, t):  # type: ignore[no-untyped-def]
     """After an update: what it told about health, and whether its posterior is one to return to."""
     counts, settings = safety.counts, model.settings
     if settings.least_information > 0.0:
-        memory = (1.0 + model.noise_keep) / (1.0 - model.noise_keep)
-        accuracy = white_sd**2 + coloured_sd**2 * memory
-        gather(safety.information, safety.sensitivity, H, ZETA, accuracy, ~np.isnan(used))
+        for c in range(N_OUTPUTS):
+            memory = (1.0 + model.noise_keep[c]) / (1.0 - model.noise_keep[c])
+            t.accuracy[c] = white_sd[c] ** 2 + coloured_sd[c] ** 2 * memory
+        gather(safety.information, safety.sensitivity, t.H, ZETA, t.accuracy, t.used, t.push)
         if counts[UPDATES] % REFRESH == 0:
-            fill(safety.observable.ravel(), informed(safety.information, settings.least_information).ravel())
+            informed(safety.information, settings.least_information, safety.observable, t.complex)
     counts[UPDATES] += 1
     if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
         for i in range(N_HEALTH):
@@ -228,54 +313,52 @@ def _remember(model, safety, z, P, H, used, white_sd, coloured_sd):  # type: ign
 
 
 @njit(cache=True, error_model="numpy")
-def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip):  # type: ignore[no-untyped-def]
-    """Eqs. (8)-(14) with the outputs ``measured`` (3,), NaN where missing; ``safety`` moves on in place.
+def _present(values):  # type: ignore[no-untyped-def]
+    n = 0
+    for i in range(values.size):
+        n += 0 if np.isnan(values[i]) else 1
+    return n
 
-    Returns z, P, innovation (3,), the same without the channels that the gate left out, S (3, 3), NIS.
+
+@njit(cache=True, error_model="numpy")
+def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyped-def]
+    """Eqs. (8)-(14) with the outputs ``measured`` (3,), NaN where missing: z, P and ``safety`` move on in place.
+
+    Leaves ``t.innovation``, the same without the channels that the gate left out in ``t.used``, and ``t.S``.
+    Returns NIS.
     """
     settings, counts = model.settings, safety.counts
-    z, P = z.copy(), P.copy()
     if counts[INFLATING] > 0:
         counts[INFLATING] -= 1
-        scale_health(P, ZETA, np.full(N_HEALTH, settings.inflation ** (1.0 / INFLATION_UPDATES)))
-    innovation, H, R = _observe(model, safety, z, measured, white_sd, coloured_sd)
-    K, S, nis = gain(P, innovation, H, R)
-    if settings.rollback and watch(counts, nis, np.sum(~np.isnan(innovation))):
-        _roll_back(safety, z, P)
-        innovation, H, R = _observe(model, safety, z, measured, white_sd, coloured_sd)
-        K, S, nis = gain(P, innovation, H, R)
-    used = innovation.copy()
-    left_out(settings, counts, used, S)
-    if np.isnan(used).sum() > np.isnan(innovation).sum():
-        K, S, nis = gain(P, used, H, R)
-    r = bounded(used, S, clip)
+        for i in range(N_HEALTH):
+            t.push[i] = settings.inflation ** (1.0 / INFLATION_UPDATES)
+        scale_health(P, ZETA, t.push)
+    _observe(model, safety, z, measured, white_sd, coloured_sd, t)
+    nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+    if settings.rollback and watch(counts, nis, _present(t.innovation)):
+        _roll_back(safety, z, P, t.push)
+        _observe(model, safety, z, measured, white_sd, coloured_sd, t)
+        nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+    fill(t.used, t.innovation)
+    left_out(settings, counts, t.used, t.S)
+    if _present(t.used) < _present(t.innovation):
+        nis = gain_into(P, t.used, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+    bound_into(t.used, t.S, clip, t.r)
     if counts[FROZEN] == 0 and counts[INFLATING] == 0:
-        note_mismatch(safety.mismatch, np.where(np.isnan(used), used, r), S - R)
-    _health_gain(model, safety, K, S, r)
-    z, P = z + K @ r, joseph(P, K, H, R)
-    bound_health(P, ZETA, WIDEST)
+        for i in range(N_OUTPUTS):
+            t.surprise[i] = t.used[i] if np.isnan(t.used[i]) else t.r[i]
+            for j in range(N_OUTPUTS):
+                t.L[i, j] = t.S[i, j] - t.R[i, j]
+        note_mismatch(safety.mismatch, t.surprise, t.L)
+    _health_gain(model, safety, t)
+    for i in range(SIZE):
+        for c in range(N_OUTPUTS):
+            z[i] += t.K[i, c] * t.r[c]
+    joseph_into(P, t.K, t.H, t.R, t.HP, t.M)
+    bound_health(P, ZETA, WIDEST, t.column)
     _bounded_states(model, z)
-    _remember(model, safety, z, P, H, used, white_sd, coloured_sd)
-    return z, P, innovation, used, S, nis
-
-
-@njit(cache=True, error_model="numpy", no_cpython_wrapper=True)  # type: ignore[call-overload]
-def _push(w, stream, b, sample, mask, query):  # type: ignore[no-untyped-def]
-    """Let machine b's window take in one sample."""
-    push(
-        w,
-        stream.ticks[b : b + 1],
-        stream.values[b],
-        stream.columns[b],
-        stream.first[b],
-        stream.tokens[b],
-        stream.scores[b],
-        stream.slow[b],
-        stream.base[b],
-        sample,
-        mask,
-        query,
-    )
+    _remember(model, safety, z, P, white_sd, coloured_sd, t)
+    return nis
 
 
 @njit(cache=True, error_model="numpy")
@@ -294,93 +377,56 @@ def _next_readings(left, lag, now):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _report(innovation, S, accepted, surprise, used, spread, last):  # type: ignore[no-untyped-def]
-    """Put one of a tick's corrections into its diagnostics, in place; the last one speaks for what is missing, too."""
-    before = ~np.isnan(innovation)
+def _report(out, t, last):  # type: ignore[no-untyped-def]
+    """Put one of a tick's corrections into its diagnostics; the last one speaks for what is missing, too."""
     for i in range(N_OUTPUTS):
         for j in range(N_OUTPUTS):
-            both = not np.isnan(surprise[i]) and not np.isnan(surprise[j])
-            if both or (last and not before[i] and not before[j]):
-                S[i, j] = spread[i, j]
+            both = not np.isnan(t.innovation[i]) and not np.isnan(t.innovation[j])
+            if both or (last and np.isnan(out.innovation[i]) and np.isnan(out.innovation[j])):
+                out.S[i, j] = t.S[i, j]
     for c in range(N_OUTPUTS):
-        if not np.isnan(surprise[c]):
-            innovation[c] = surprise[c]
-            accepted[c] = not np.isnan(used[c])
+        if not np.isnan(t.innovation[c]):
+            out.innovation[c] = t.innovation[c]
+            out.accepted[c] = not np.isnan(t.used[c])
 
 
 @njit(cache=True, error_model="numpy")
-def tick(w, model, stream, safety, z, P, sample, mask, query, measured, lag, white_sd, coloured_sd, clip, info):  # type: ignore[no-untyped-def]
-    """One tick of B machines, in place on ``stream``, ``safety``, ``z``, ``P`` and ``info``.
+def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t):  # type: ignore[no-untyped-def]
+    """Forecast one machine by a tick and correct it by its outputs, in place on ``m``, ``measured`` and ``out``.
 
     Args:
-        sample, mask, query: (B, 7), (B, 7), (B, 5) float32, what the operator's window takes in.
-        measured: (B, 3) outputs, NaN where missing or rejected.
-        lag: (B, 3) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
+        m: the machine's z, P, stream and safety.
+        query: (5,) standardised, of what the operator has last taken in.
+        measured: (3,) outputs, NaN where missing or rejected.
+        lag: (3,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
             gets a correction of its own at its time; what is older than the last tick is left out.
-        white_sd, coloured_sd: (B, 3) present sd of the output noise.
-        info: innovation (B, 3), S (B, 3, 3), NIS (B,), accepted (B, 3), flags (B,).
+        white_sd, coloured_sd: (3,) present sd of the output noise.
+        out: innovation (3,), S (3, 3), nis, accepted (3,), flags.
     """
-    innovation, S, nis, accepted, flags = info
-    now = np.empty(N_OUTPUTS)
-    for b in range(z.shape[0]):
-        mean, cov = z[b], P[b]
-        own = Safety(
-            safety.sensitivity[b], safety.information[b], safety.observable[b], safety.mismatch[b],
-            safety.push[b], safety.valid[b], safety.counts[b],
-        )  # fmt: skip
-        away = distance(model.envelope, query[b])
-        innovation[b], S[b], nis[b], accepted[b] = np.nan, 0.0, np.nan, False
-        left, at = measured[b].copy(), 0.0
-        while at < 1.0:
-            to = _next_readings(left, lag[b], now)
-            if stream.ticks[b] > 0 and to > at:
-                mean, cov, F = predict(w.heads, model, stream.base[b], mean, cov, away, own.push, to - at)
-                if model.settings.least_information > 0.0:
-                    carry_sensitivity(own.sensitivity, F, ZETA)
-            mean, cov, surprise, used, spread, surprised = correct(
-                model, own, mean, cov, now, white_sd[b], coloured_sd[b], clip
-            )
-            _report(innovation[b], S[b], accepted[b], surprise, used, spread, to == 1.0)
-            if not np.isnan(surprised):
-                nis[b] = surprised if np.isnan(nis[b]) else nis[b] + surprised
-            at = to
-        fill(z[b], mean)
-        fill(P[b].ravel(), cov.ravel())
-        flags[b] = FLAG_FROZEN if own.counts[FROZEN] > 0 else 0
-        if model.settings.least_information > 0.0 and np.trace(own.observable) < N_HEALTH - 0.5:
-            flags[b] |= FLAG_UNINFORMED
-        for c in range(N_OUTPUTS):
-            if not accepted[b, c] and not np.isnan(innovation[b, c]):
-                flags[b] |= FLAG_GATED
-        _push(w.encoder, stream, b, sample[b], mask[b], query[b])
-
-
-@njit(cache=True, error_model="numpy")
-def roll_out(w, model, scaling, stream, z, inputs, bias_K, out):  # type: ignore[no-untyped-def]
-    """Open loop over inputs (B, L, 4): the window takes in the model's own readings, none measured.
-
-    Args:
-        scaling: mean (7,), scale (7,), query mean (5,), query scale (5,).
-        bias_K: (B,).
-        out: (B, L, 3) readings, written in place.
-    """
-    mean, scale, query_mean, query_scale = scaling
-    sample = np.empty(7, np.float32)
-    query = np.empty(5, np.float32)
-    mask = np.ones(7, np.float32)
-    for b in range(z.shape[0]):
-        state = z[b].copy()
-        for k in range(inputs.shape[1]):
-            state = predict_mean(w.heads, model, stream.base[b], state)
-            state[4] = max(state[4], 0.05)
-            u = inputs[b, k]
-            y = readings(state, bias_K[b])
-            fill(out[b, k], y)
-            for c in range(4):
-                sample[c] = (u[c] - mean[c]) / scale[c]
-            for c in range(3):
-                sample[4 + c] = (y[c] - mean[4 + c]) / scale[4 + c]
-            raw = (u[2], y[0] / u[0], u[1], u[0], u[3])
-            for c in range(5):
-                query[c] = (raw[c] - query_mean[c]) / query_scale[c]
-            _push(w.encoder, stream, b, sample, mask, query)
+    safety, informs = m.safety, model.settings.least_information > 0.0
+    away = distance(model.envelope, query)
+    out.nis, at = np.nan, 0.0
+    for i in range(N_OUTPUTS):
+        out.innovation[i], out.accepted[i] = np.nan, False
+        for j in range(N_OUTPUTS):
+            out.S[i, j] = 0.0
+    while at < 1.0:
+        to = _next_readings(measured, lag, t.now)
+        if m.stream.ticks[0] > 0 and to > at:
+            predict(w, model, m.stream.base, m.z, m.P, away, safety.push, to - at, t)
+            if informs:
+                carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
+        nis = correct(model, safety, m.z, m.P, t.now, white_sd, coloured_sd, clip, t)
+        _report(out, t, to == 1.0)
+        if not np.isnan(nis):
+            out.nis = nis if np.isnan(out.nis) else out.nis + nis
+        at = to
+    out.flags = FLAG_FROZEN if safety.counts[FROZEN] > 0 else 0
+    known = 0.0
+    for i in range(N_HEALTH):
+        known += safety.observable[i, i]
+    if informs and known < N_HEALTH - 0.5:
+        out.flags |= FLAG_UNINFORMED
+    for c in range(N_OUTPUTS):
+        if not out.accepted[c] and not np.isnan(out.innovation[c]):
+            out.flags |= FLAG_GATED

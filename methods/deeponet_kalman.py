@@ -9,20 +9,19 @@ from typing import Any, ClassVar
 import numpy as np
 
 from data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model, roll_out, tick
+from methods.augmented import ERROR, NOISE, SIZE, ZETA, Model
+from methods.cycle import KEEP, SAID, Scaling, memory_type, roll_out, scratch, twin_record, update
 from methods.estimator import Estimator, Info, Sample, State, register
-from methods.frontend import THRESHOLD, FrontEnd, Memory
+from methods.frontend import THRESHOLD, FrontEnd
 from methods.kalman import linear_filter
-from methods.noise import coloured_keep, health_walk_var, output_sd
-from methods.reporting import clean_flags, report
-from methods.safeguards import Envelope, Safety, Settings, empty_safety
-from methods.stream import Stream, empty_stream, pack
-from methods.windows import query_of
-from physics.health import to_theta, to_zeta
+from methods.noise import coloured_keep, health_walk_var
+from methods.reporting import report
+from methods.safeguards import N_OUTPUTS, Envelope, Settings, empty_safety
+from methods.stream import pack
+from physics.health import to_zeta
 
 ZETA_LOW = to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0]))
 ZETA_HIGH = to_zeta(np.array([1.08, 1.08, 0.12, 1.40, 11.0]))
-INNOVATION_CLIP_SD = 6.0
 ENVELOPE = (0.001, 0.999)
 """Quantiles of each training query that bound the envelope."""
 
@@ -152,8 +151,7 @@ class DeepONetKalman(Estimator):
         """Pack the weights and assemble Q."""
         a = self.arrays
         self._weights = pack(a)
-        self._front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
-        self._scaling = (self._front_end.mean, self._front_end.scale, a["query.mean"], a["query.scale"])
+        front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
         Q = np.zeros((SIZE, SIZE))
         Q[:5, :5] = self.config["model_noise"] * a["audit.residual_cov"]
         Q[5, 5] = 1e-3**2
@@ -161,9 +159,9 @@ class DeepONetKalman(Estimator):
         keep = coloured_keep()
         Q[NOISE:ERROR, NOISE:ERROR] = np.diag(1.0 - keep**2)
         error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))
-        self._error_var = (self.config["slow_error"] * a["audit.slow_sd"]) ** 2
-        Q[ERROR:, ERROR:] = np.diag((1.0 - error_keep**2) * self._error_var)
-        self._model = Model(
+        error_var = (self.config["slow_error"] * a["audit.slow_sd"]) ** 2
+        Q[ERROR:, ERROR:] = np.diag((1.0 - error_keep**2) * error_var)
+        model = Model(
             a["scales.state_mean"],
             a["scales.state_scale"],
             a["scales.increment"],
@@ -175,68 +173,38 @@ class DeepONetKalman(Estimator):
             Settings(*(self.config[name] for name in Settings._fields)),
             Envelope(a["query.low"], a["query.high"]),
         )
+        scaling = Scaling(a["query.mean"], a["query.scale"])
+        self._twin = twin_record(model, front_end.fitted, scaling, self.config["update_every"])
+        self._scratch = scratch(self._weights)
+        self._fresh = np.zeros(1, memory_type(self._weights))
+        for name, part in front_end.init(1)._asdict().items():
+            self._fresh[name] = part
+        self._fresh["safety"] = empty_safety(1)
+        self._fresh["z"][:, :ZETA] = a["prior.mean"]
+        P = self._fresh["P"][0]
+        P[:ZETA, :ZETA] = a["prior.cov"]
+        P[ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
+        P[ERROR:, ERROR:] = np.diag(error_var)
 
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, a healthy machine."""
-        z = np.zeros((batch, SIZE))
-        z[:, : ZETA] = self.arrays["prior.mean"]
-        P = np.zeros((batch, SIZE, SIZE))
-        P[:, :ZETA, :ZETA] = self.arrays["prior.cov"]
-        P[:, ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
-        P[:, ERROR:, ERROR:] = np.diag(self._error_var)
-        stream = empty_stream(self._weights, batch)
-        return report(z, P, _REPORTED, (z, P, *self._front_end.init(batch), *stream, *empty_safety(batch)))
+        memory = np.repeat(self._fresh, batch)
+        return report(np.ascontiguousarray(memory["z"]), np.ascontiguousarray(memory["P"]), KEEP, (memory,))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Forecast by the operator, correct by the outputs, let the window take the sample in."""
-        z, P, front, stream, safety = self._unpack(state)
-        front, clean = self._front_end.step(front, sample.measured)
-        stream = Stream(*(part.copy() for part in stream))
-        safety = Safety(*(part.copy() for part in safety))
-        z, P = z.copy(), P.copy()
-        filled = clean.filled
-        due = stream.ticks % self.config["update_every"] == 0
-        white, coloured = output_sd(filled)
-        batch = len(z)
-        lag = np.zeros(sample.measured.shape) if sample.lag_s is None else np.asarray(sample.lag_s, dtype=np.float64)
-        info = Info(
-            np.empty((batch, 3)), np.empty((batch, 3, 3)), np.empty(batch), np.empty((batch, 3), bool),
-            np.empty(batch, np.int64), clean.age_s + lag,
-        )  # fmt: skip
-        tick(
-            self._weights,
-            self._model,
-            stream,
-            safety,
-            z,
-            P,
-            self._front_end.standardise(filled).astype(np.float32),
-            clean.accepted.astype(np.float32),
-            ((query_of(filled) - self._scaling[2]) / self._scaling[3]).astype(np.float32),
-            np.where(due[:, None] & clean.accepted[:, 4:], filled[:, 4:], np.nan),
-            lag[:, 4:] / SAMPLE_PERIOD_S,
-            white,
-            coloured,
-            INNOVATION_CLIP_SD,
-            info[:-1],
-        )
-        reported = report(z, P, _REPORTED, (z, P, *front, *stream, *safety))
-        return reported, info._replace(flags=info.flags | clean_flags(clean))
+        memory = state.memory[0].copy()
+        said = np.empty(len(memory), SAID)
+        measured = np.ascontiguousarray(sample.measured, dtype=np.float64)
+        lag_s = np.zeros(measured.shape) if sample.lag_s is None else np.asarray(sample.lag_s, dtype=np.float64)
+        update(self._weights, self._twin, memory, measured, lag_s, said, self._scratch)
+        state = State(said["mean"], said["cov"], said["low"], said["high"], (memory,))
+        accepted = said["accepted"].view(np.bool_)
+        return state, Info(said["innovation"], said["S"], said["nis"], accepted, said["flags"], said["age_s"])
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Roll the operator out, feeding its own readings back into the window."""
-        z, _, _, stream, _ = self._unpack(state)
-        out = np.empty((*inputs.shape[:2], 3))
-        bias = to_theta(z[:, ZETA:NOISE])[:, 4].copy()
-        stream = Stream(*(part.copy() for part in stream))
+        out = np.empty((*inputs.shape[:2], N_OUTPUTS))
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
-        roll_out(self._weights, self._model, self._scaling, stream, z, inputs, bias, out)
+        roll_out(self._weights, self._twin, state.memory[0].copy(), inputs, out, self._scratch)
         return out
-
-    def _unpack(self, state: State) -> tuple[Array, Array, Memory, Stream, Safety]:
-        z, P, *rest = state.memory
-        n, m = len(Memory._fields), len(Stream._fields)
-        return z, P, Memory(*rest[:n]), Stream(*rest[n : n + m]), Safety(*rest[n + m :])
-
-
-_REPORTED = np.r_[0 : len(STATES), ZETA:NOISE]

@@ -31,6 +31,15 @@ class Memory(NamedTuple):
     outlier: Array  # (B, 7) sign of the previous sample's rejection, 0 if none
 
 
+class Fitted(NamedTuple):
+    """What the gate knows of the channels, and how strict it is."""
+
+    mean: Array  # (7,)
+    scale: Array  # (7,)
+    floor: Array  # (7,)
+    threshold: float
+
+
 class Clean(NamedTuple):
     """One tick after the gate."""
 
@@ -54,58 +63,70 @@ def _median(a, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _gate(recent, filled, age_s, outlier, measured, mean, scale, floor, threshold, accepted, spike):  # type: ignore[no-untyped-def]
-    """Advance one tick in place."""
-    batch, window, channels = recent.shape
-    kept = np.empty(window)
-    for b in range(batch):
-        for c in range(channels):
-            for i in range(window - 1):
-                recent[b, i, c] = recent[b, i + 1, c]
-            value = measured[b, c]
-            recent[b, window - 1, c] = value
-            accepted[b, c] = False
-            spike[b, c] = False
-            age_s[b, c] += SAMPLE_PERIOD_S
-            if np.isnan(value):
-                continue
-            if abs(value - mean[c]) > PLAUSIBLE * scale[c]:
-                recent[b, window - 1, c] = np.nan
-                spike[b, c] = True
-                continue
-            n = 0
-            for i in range(window):
-                if not np.isnan(recent[b, i, c]):
-                    kept[n] = recent[b, i, c]
-                    n += 1
-            median = _median(kept, n)
-            for i in range(n):
-                kept[i] = abs(kept[i] - median)
-            spread = 1.4826 * _median(kept, n)
-            deviation = value - median
-            sign = 0.0
-            if n >= 5 and abs(deviation) > threshold * max(spread, floor[c]):
-                sign = 1.0 if deviation > 0.0 else -1.0
-            if sign != 0.0 and outlier[b, c] != sign:
-                spike[b, c] = True
-            else:
-                accepted[b, c] = True
-                filled[b, c] = value
-                age_s[b, c] = 0.0
-            outlier[b, c] = sign
+def gate_one(m, fitted, measured, accepted, spike, kept):  # type: ignore[no-untyped-def]
+    """Advance one machine by one tick, in place.
+
+    Args:
+        m: its Memory, without the leading axis.
+        fitted: a Fitted.
+        accepted, spike: (7,) are written.
+        kept: (WINDOW,) is scratch.
+    """
+    window, channels = m.recent.shape
+    for c in range(channels):
+        for i in range(window - 1):
+            m.recent[i, c] = m.recent[i + 1, c]
+        value = measured[c]
+        m.recent[window - 1, c] = value
+        accepted[c] = False
+        spike[c] = False
+        m.age_s[c] += SAMPLE_PERIOD_S
+        if np.isnan(value):
+            continue
+        if abs(value - fitted.mean[c]) > PLAUSIBLE * fitted.scale[c]:
+            m.recent[window - 1, c] = np.nan
+            spike[c] = True
+            continue
+        n = 0
+        for i in range(window):
+            if not np.isnan(m.recent[i, c]):
+                kept[n] = m.recent[i, c]
+                n += 1
+        median = _median(kept, n)
+        for i in range(n):
+            kept[i] = abs(kept[i] - median)
+        spread = 1.4826 * _median(kept, n)
+        deviation = value - median
+        sign = 0.0
+        if n >= 5 and abs(deviation) > fitted.threshold * max(spread, fitted.floor[c]):
+            sign = 1.0 if deviation > 0.0 else -1.0
+        if sign != 0.0 and m.outlier[c] != sign:
+            spike[c] = True
+        else:
+            accepted[c] = True
+            m.filled[c] = value
+            m.age_s[c] = 0.0
+        m.outlier[c] = sign
 
 
 @njit(cache=True)
-def _gate_sequence(  # type: ignore[no-untyped-def]
-    recent, filled, age_s, outlier, measured, mean, scale, floor, threshold, out, accepted, ages
-):
-    ok = np.empty(filled.shape, np.bool_)
-    spike = np.empty(filled.shape, np.bool_)
+def _gate(memory, fitted, measured, accepted, spike):  # type: ignore[no-untyped-def]
+    """Advance all machines by one tick, in place."""
+    kept = np.empty(WINDOW)
+    for b in range(measured.shape[0]):
+        one = Memory(memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b])
+        gate_one(one, fitted, measured[b], accepted[b], spike[b], kept)
+
+
+@njit(cache=True)
+def _gate_sequence(memory, fitted, measured, out, accepted, ages):  # type: ignore[no-untyped-def]
+    ok = np.empty(memory.filled.shape, np.bool_)
+    spike = np.empty(memory.filled.shape, np.bool_)
     for k in range(measured.shape[1]):
-        _gate(recent, filled, age_s, outlier, measured[:, k], mean, scale, floor, threshold, ok, spike)
-        out[:, k] = filled
+        _gate(memory, fitted, measured[:, k], ok, spike)
+        out[:, k] = memory.filled
         accepted[:, k] = ok
-        ages[:, k] = age_s
+        ages[:, k] = memory.age_s
 
 
 class FrontEnd:
@@ -119,6 +140,11 @@ class FrontEnd:
 
     def __init__(self, mean: Array, scale: Array, floor: Array, threshold: float = THRESHOLD) -> None:
         self.mean, self.scale, self.floor, self.threshold = mean, scale, floor, threshold
+
+    @property
+    def fitted(self) -> Fitted:
+        """For compiled code."""
+        return Fitted(self.mean, self.scale, self.floor, self.threshold)
 
     @classmethod
     def fit(cls, train: Batch) -> Self:
@@ -155,7 +181,7 @@ class FrontEnd:
         accepted = np.empty(measured.shape, dtype=np.bool_)
         spike = np.empty(measured.shape, dtype=np.bool_)
         measured = np.asarray(measured, dtype=np.float64)
-        _gate(*after, measured, self.mean, self.scale, self.floor, self.threshold, accepted, spike)
+        _gate(after, self.fitted, measured, accepted, spike)
         return after, Clean(after.filled, accepted, spike, after.age_s)
 
     def run(self, measured: Array) -> tuple[Array, np.ndarray, Array]:
@@ -163,8 +189,7 @@ class FrontEnd:
         filled = np.empty(measured.shape)
         accepted = np.empty(measured.shape, dtype=np.bool_)
         ages = np.empty(measured.shape)
-        fitted = (self.mean, self.scale, self.floor, self.threshold)
-        _gate_sequence(*self.init(len(measured)), np.ascontiguousarray(measured), *fitted, filled, accepted, ages)
+        _gate_sequence(self.init(len(measured)), self.fitted, np.ascontiguousarray(measured), filled, accepted, ages)
         return filled, accepted, ages
 
     def standardise(self, filled: Array) -> Array:

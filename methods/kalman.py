@@ -22,30 +22,93 @@ def predict_covariance(P, F, Q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
-    """X with ``S X = B`` for symmetric positive definite S (m, m), B (m, n); small m, written out."""
-    m, n = B.shape
-    L = np.zeros((m, m))
+def factorise(S, m):  # type: ignore[no-untyped-def]
+    """The lower Cholesky factor of S's leading (m, m), in its place; small m, written out."""
     for i in range(m):
+        diagonal = S[i, i]
         for j in range(i + 1):
             s = S[i, j]
             for k in range(j):
-                s -= L[i, k] * L[j, k]
+                s -= S[i, k] * S[j, k]
             # The floor keeps a factor when round-off has eaten the last of a pivot.
-            L[i, j] = np.sqrt(max(s, 1e-14 * S[i, i])) if i == j else s / L[j, j]
-    X = np.empty((m, n))
-    for c in range(n):
-        for i in range(m):
-            s = B[i, c]
-            for k in range(i):
-                s -= L[i, k] * X[k, c]
-            X[i, c] = s / L[i, i]
-        for i in range(m - 1, -1, -1):
-            s = X[i, c]
-            for k in range(i + 1, m):
-                s -= L[k, i] * X[k, c]
-            X[i, c] = s / L[i, i]
+            S[i, j] = np.sqrt(max(s, 1e-14 * diagonal)) if i == j else s / S[j, j]
+
+
+@njit(cache=True, error_model="numpy")
+def substitute(L, m, X):  # type: ignore[no-untyped-def]
+    """``X <- S^-1 X`` in the leading m rows of X, with L from ``factorise``."""
+    for i in range(m):
+        for k in range(i):
+            for c in range(X.shape[1]):
+                X[i, c] -= L[i, k] * X[k, c]
+        for c in range(X.shape[1]):
+            X[i, c] /= L[i, i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            for c in range(X.shape[1]):
+                X[i, c] -= L[k, i] * X[k, c]
+        for c in range(X.shape[1]):
+            X[i, c] /= L[i, i]
+
+
+@njit(cache=True, error_model="numpy")
+def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
+    """X with ``S X = B`` for symmetric positive definite S (m, m), B (m, n)."""
+    L, X = S.copy(), B.copy()
+    factorise(L, len(S))
+    substitute(L, len(S), X)
     return X
+
+
+@njit(cache=True, error_model="numpy")
+def gain_into(P, innovation, H, R, K, S, HP, L, X):  # type: ignore[no-untyped-def]
+    """``gain`` written into K and S; HP (m, n), which keeps ``H P``, L (m, m) and X (m, n) are scratch. Returns NIS."""
+    n, m_all = P.shape[0], innovation.size
+    for a in range(m_all):
+        for j in range(n):
+            HP[a, j] = 0.0
+        for k in range(n):
+            if H[a, k] != 0.0:
+                for j in range(n):
+                    HP[a, j] += H[a, k] * P[k, j]
+    for a in range(m_all):
+        for b in range(m_all):
+            S[a, b] = R[a, b]
+            for k in range(n):
+                S[a, b] += HP[a, k] * H[b, k]
+    m = 0
+    for a in range(m_all):
+        for j in range(n):
+            K[j, a] = 0.0
+        if np.isnan(innovation[a]):
+            continue
+        # What is there moves to the front, in order; rows before it are done with.
+        i = 0
+        for b in range(a + 1):
+            if not np.isnan(innovation[b]):
+                L[m, i] = S[a, b]
+                i += 1
+        for j in range(n):
+            X[m, j] = HP[a, j]
+        m += 1
+    if m == 0:
+        return np.nan
+    factorise(L, m)
+    substitute(L, m, X)
+    m = 0
+    for a in range(m_all):
+        if not np.isnan(innovation[a]):
+            for j in range(n):
+                K[j, a] = X[m, j]
+            X[m, 0] = innovation[a]
+            m += 1
+    nis = 0.0
+    for i in range(m):
+        for k in range(i):
+            X[i, 0] -= L[i, k] * X[k, 0]
+        X[i, 0] /= L[i, i]
+        nis += X[i, 0] * X[i, 0]
+    return nis
 
 
 @njit(cache=True, error_model="numpy")
@@ -60,51 +123,71 @@ def gain(P, innovation, H, R):  # type: ignore[no-untyped-def]
         K (n, m), zero in the columns of missing channels; S (m, m) of all channels; NIS over those
         that are there, NaN if none.
     """
-    n, m_all = P.shape[0], innovation.size
-    S_all = H @ P @ H.T + R
-    m = 0
-    rows = np.empty(m_all, np.int64)
-    for i in range(m_all):
-        if not np.isnan(innovation[i]):
-            rows[m] = i
-            m += 1
-    K = np.zeros((n, m_all))
-    if m == 0:
-        return K, S_all, np.nan
-    r = np.empty((m, 1))
-    Hm = np.empty((m, n))
-    S = np.empty((m, m))
-    for a in range(m):
-        r[a, 0] = innovation[rows[a]]
-        for j in range(n):
-            Hm[a, j] = H[rows[a], j]
-        for b in range(m):
-            S[a, b] = S_all[rows[a], rows[b]]
-    nis = (r.T @ cholesky_solve(S, r))[0, 0]
-    transposed = cholesky_solve(S, Hm @ P)
-    for a in range(m):
-        for j in range(n):
-            K[j, rows[a]] = transposed[a, j]
-    return K, S_all, nis
+    m, n = H.shape
+    K, S = np.empty((n, m)), np.empty((m, m))
+    nis = gain_into(P, innovation, H, R, K, S, np.empty((m, n)), np.empty((m, m)), np.empty((m, n)))
+    return K, S, nis
+
+
+@njit(cache=True, error_model="numpy")
+def bound_into(innovation, S, clip, out):  # type: ignore[no-untyped-def]
+    """``bounded`` written into ``out``."""
+    for i in range(innovation.size):
+        limit = clip * np.sqrt(S[i, i])
+        out[i] = 0.0 if np.isnan(innovation[i]) else min(max(innovation[i], -limit), limit)
 
 
 @njit(cache=True, error_model="numpy")
 def bounded(innovation, S, clip):  # type: ignore[no-untyped-def]
     """Innovations (m,) within ``clip`` standard deviations; 0 where missing."""
-    out = np.zeros(innovation.size)
-    for i in range(innovation.size):
-        if not np.isnan(innovation[i]):
-            limit = clip * np.sqrt(S[i, i])
-            out[i] = min(max(innovation[i], -limit), limit)
+    out = np.empty(innovation.size)
+    bound_into(innovation, S, clip, out)
     return out
+
+
+@njit(cache=True, error_model="numpy")
+def joseph_into(P, K, H, R, HP, M):  # type: ignore[no-untyped-def]
+    """``joseph`` in P's place: ``(I - K H) P (I - K H)' + K R K'``, the products of rank m.
+
+    Args:
+        HP: (m, n) ``H P`` of the prior.
+        M: (n, n) scratch.
+    """
+    n, m = K.shape
+    for i in range(n):
+        for j in range(n):
+            M[i, j] = P[i, j]
+        for a in range(m):
+            for j in range(n):
+                M[i, j] -= K[i, a] * HP[a, j]
+    for i in range(n):
+        for j in range(n):
+            P[i, j] = M[i, j]
+        for a in range(m):
+            weight = 0.0
+            for k in range(n):
+                weight -= M[i, k] * H[a, k]
+            for b in range(m):
+                weight += K[i, b] * R[b, a]
+            for j in range(n):
+                P[i, j] += weight * K[j, a]
+    symmetrise(P)
+
+
+@njit(cache=True, error_model="numpy")
+def symmetrise(P):  # type: ignore[no-untyped-def]
+    """In place."""
+    for i in range(len(P)):
+        for j in range(i):
+            P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
 
 
 @njit(cache=True, error_model="numpy")
 def joseph(P, K, H, R):  # type: ignore[no-untyped-def]
     """Eq. (11): posterior covariance under any gain K, symmetrised."""
-    A = np.eye(P.shape[0]) - K @ H
-    P = A @ P @ A.T + K @ R @ K.T
-    return 0.5 * (P + P.T)
+    P = P.copy()
+    joseph_into(P, K, H, R, H @ P, np.empty_like(P))
+    return P
 
 
 @njit(cache=True, error_model="numpy")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
 from physics.health import d_theta_d_zeta
-from physics.sensors import INPUT_NOISE, OUTPUT_NOISE, SensorNoise, speed_factor
+from physics.sensors import INPUT_NOISE, OUTPUT_NOISE, speed_factor
 
 HEALTH_WALK = np.array([4e-4, 4e-4, 1.2e-4, 2e-3, 0.05])
 """Standard deviation of what health moves by in a second, order HEALTH, before a filter's ``health_walk``."""
@@ -17,25 +18,42 @@ def health_walk_var(factor: float) -> Array:
     return (factor * HEALTH_WALK / d_theta_d_zeta(np.zeros(len(HEALTH_WALK)))) ** 2 * SAMPLE_PERIOD_S
 
 
-def _sizes(filled: Array, noises: tuple[SensorNoise, ...]) -> Array:
-    """What the relative figures of the data sheet refer to, (B, len(noises))."""
-    h = speed_factor(filled[:, CHANNELS.index("N_rpm")])
-    columns = []
-    for noise in noises:
-        reading = np.abs(filled[:, CHANNELS.index(noise.channel)]) if noise.relative else np.ones(len(filled))
-        columns.append(reading * h if noise.with_speed else reading)
-    return np.stack(columns, axis=-1)
+_speed_factor = njit(cache=True)(speed_factor)
+_SPEED = CHANNELS.index("N_rpm")
+_READ = np.array([CHANNELS.index(s.channel) for s in OUTPUT_NOISE])
+_RELATIVE = np.array([s.relative for s in OUTPUT_NOISE])
+_WITH_SPEED = np.array([s.with_speed for s in OUTPUT_NOISE])
+_WHITE = np.array([s.white for s in OUTPUT_NOISE])
+_COLOURED = np.array([s.coloured for s in OUTPUT_NOISE])
+
+
+@njit(cache=True)
+def output_sd_of(filled, white, coloured):  # type: ignore[no-untyped-def]
+    """``output_sd`` of one machine: readings (7,), written into ``white`` and ``coloured`` (3,)."""
+    for c in range(_WHITE.size):
+        size = abs(filled[_READ[c]]) if _RELATIVE[c] else 1.0
+        if _WITH_SPEED[c]:
+            size *= _speed_factor(filled[_SPEED])
+        white[c], coloured[c] = size * _WHITE[c], size * _COLOURED[c]
+
+
+@njit(cache=True)
+def _output_sd(filled, white, coloured):  # type: ignore[no-untyped-def]
+    for b in range(filled.shape[0]):
+        output_sd_of(filled[b], white[b], coloured[b])
 
 
 def output_sd(filled: Array) -> tuple[Array, Array]:
-    """White and coloured sd (B, 3) of the outputs, from readings (B, 7)."""
-    size = _sizes(filled, OUTPUT_NOISE)
-    return size * [s.white for s in OUTPUT_NOISE], size * [s.coloured for s in OUTPUT_NOISE]
+    """White and coloured sd (B, 3) of the outputs, from readings (B, 7): what is relative refers to these."""
+    white, coloured = (np.empty((len(filled), len(OUTPUT_NOISE))) for _ in range(2))
+    _output_sd(filled, white, coloured)
+    return white, coloured
 
 
 def input_sd(filled: Array) -> Array:
     """sd (B, 4) of the inputs, from readings (B, 7)."""
-    return _sizes(filled, INPUT_NOISE) * [s.white for s in INPUT_NOISE]
+    sizes = [np.abs(filled[:, CHANNELS.index(s.channel)]) if s.relative else np.ones(len(filled)) for s in INPUT_NOISE]
+    return np.stack(sizes, axis=-1) * [s.white for s in INPUT_NOISE]
 
 
 def coloured_tau_s() -> Array:

@@ -3,11 +3,41 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from data.batch import STATES, Array
 from methods.estimator import FLAG_MISSING, FLAG_SPIKE, Z95, State
 from methods.frontend import Clean
-from physics.health import theta_and_slope
+from physics.health import map_one
+
+N_STATES = len(STATES)
+
+
+@njit(cache=True, error_model="numpy")
+def report_one(z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def]
+    """``report`` of one machine, written into ``mean``, ``cov``, ``low`` and ``high``; for compiled code."""
+    for i in range(keep.size):
+        k = keep[i]
+        half = Z95 * np.sqrt(P[k, k])
+        if i < N_STATES:
+            mean[i], low[i], high[i] = z[k], z[k] - half, z[k] + half
+            scale = 1.0
+        else:
+            j = i - N_STATES
+            mean[i], scale = map_one(j, z[k])
+            low[i], high[i] = map_one(j, z[k] - half)[0], map_one(j, z[k] + half)[0]
+        for other in range(i):
+            cov[i, other] *= scale
+            cov[other, i] = cov[i, other]
+        for other in range(i, keep.size):
+            cov[other, i] = P[k, keep[other]] * scale
+        cov[i, i] *= scale
+
+
+@njit(cache=True, error_model="numpy")
+def _report(z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def]
+    for b in range(z.shape[0]):
+        report_one(z[b], P[b], keep, mean[b], cov[b], low[b], high[b])
 
 
 def report(z: Array, P: Array, keep: np.ndarray, memory: tuple[np.ndarray, ...]) -> State:
@@ -17,15 +47,9 @@ def report(z: Array, P: Array, keep: np.ndarray, memory: tuple[np.ndarray, ...])
         z, P: (B, n), (B, n, n) in the filter's coordinates.
         keep: (10,) where the five states and the five zeta stand in z.
     """
-    n = len(STATES)
-    sd = np.sqrt(np.diagonal(P, axis1=1, axis2=2)[:, keep])
-    x, zeta = z[:, keep[:n]], z[:, keep[n:]]
-    half = Z95 * sd[:, n:]
-    theta, slope = theta_and_slope(np.stack([zeta, zeta - half, zeta + half]))
-    scale = np.concatenate([np.ones_like(x), slope[0]], axis=1)
-    cov = P[:, keep[:, None], keep] * scale[:, :, None] * scale[:, None, :]
-    spread = Z95 * sd[:, :n]
-    mean, low, high = (np.concatenate(ends, axis=1) for ends in zip((x, x - spread, x + spread), theta, strict=True))
+    shape = (len(z), len(keep))
+    mean, low, high, cov = np.empty(shape), np.empty(shape), np.empty(shape), np.empty((*shape, len(keep)))
+    _report(z, P, keep, mean, cov, low, high)
     return State(mean, cov, low, high, memory)
 
 

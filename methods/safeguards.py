@@ -10,8 +10,8 @@
   outside its chi-square gate, health returns to the last valid posterior and is frozen while the
   operator goes on predicting; afterwards its covariance is inflated, smoothly, over eight updates.
 
-Each is a small function on arrays, which ``methods.augmented`` calls in its tick. All memory lies in
-``Safety``, with a leading axis over machines.
+Each is a small function on arrays, which ``methods.augmented`` calls in its tick; what it needs room for, it is
+given. Their memory is ``SAFETY``.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import numpy as np
 from numba import njit
 
 from data.batch import SAMPLE_PERIOD_S, Array
+from methods.records import record
 from physics.health import HEALTHY, SPAN, to_zeta
 
 N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3
@@ -40,6 +41,7 @@ OBSERVED_S = 60.0
 MOST_SENSITIVE = 1e4
 """Bound on what a state moves by for one unit of health, in its own unit; real ones stay below a hundred."""
 LEAST_VARIANCE = 1e-12
+"""Of a reading."""
 WIDEST = (0.5 * to_zeta(HEALTHY + np.array([-1.0, -1.0, 1.0, -1.0, 1.0]) * SPAN)) ** 2
 """Variance of a health coordinate of which nothing is known: two sd reach the end of a machine's life."""
 REFRESH = 20
@@ -75,34 +77,27 @@ class Envelope(NamedTuple):
     high: Array  # (5,)
 
 
-class Safety(NamedTuple):
-    """What the safeguards carry from update to update, B machines."""
-
-    sensitivity: Array  # (B, 6, 5) of states and probe to health held constant
-    information: Array  # (B, 5, 5) of the last minute about health
-    observable: Array  # (B, 5, 5) projector onto what that informs about
-    mismatch: Array  # (B, 3, 3) C of Eq. (13)
-    push: Array  # (B, 5) mean of the normalised corrections
-    valid: Array  # (B, 2, 5) health and its sd at the last valid posterior
-    counts: np.ndarray  # (B, 4 + 3) int64: see the constants below
-
-
+SAFETY = record({
+    "sensitivity": ("f8", (N_MOVED, N_HEALTH)),  # of states and probe to health held constant
+    "information": ("f8", (N_HEALTH, N_HEALTH)),  # of the last minute about health
+    "observable": ("f8", (N_HEALTH, N_HEALTH)),  # projector onto what that informs about
+    "mismatch": ("f8", (N_OUTPUTS, N_OUTPUTS)),  # C of Eq. (13)
+    "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
+    "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
+    "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
+})  # fmt: skip
+"""What the safeguards carry from update to update of one machine."""
 UPDATES, OUTSIDE, FROZEN, INFLATING, CHANNEL = 0, 1, 2, 3, 4
 """Columns of counts: updates so far, consecutive ones outside the gate, frozen ones, inflations left, per channel
 consecutive ones left out."""
 
 
-def empty_safety(batch: int) -> Safety:
-    """Before the first update."""
-    return Safety(
-        np.zeros((batch, N_MOVED, N_HEALTH)),
-        np.zeros((batch, N_HEALTH, N_HEALTH)),
-        np.tile(np.eye(N_HEALTH), (batch, 1, 1)),
-        np.zeros((batch, N_OUTPUTS, N_OUTPUTS)),
-        np.zeros((batch, N_HEALTH)),
-        np.tile(np.array([[0.0], [1.0]]), (batch, 1, N_HEALTH)),
-        np.zeros((batch, 4 + N_OUTPUTS), np.int64),
-    )
+def empty_safety(batch: int) -> np.ndarray:
+    """SAFETY of B machines (B,), before the first update."""
+    safety = np.zeros(batch, SAFETY)
+    safety["observable"] = np.eye(N_HEALTH)
+    safety["valid"][:, 1] = 1.0
+    return safety
 
 
 @njit(cache=True, error_model="numpy")
@@ -122,14 +117,14 @@ def trust(settings, away):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def carry_sensitivity(sensitivity, F, at):  # type: ignore[no-untyped-def]
+def carry_sensitivity(sensitivity, F, at, after):  # type: ignore[no-untyped-def]
     """X <- F_x X + G in place: what health, had it always been a little different, would have changed by now.
 
     Args:
         sensitivity: (6, 5).
         F: (n, n) transition Jacobian; the states and the probe come first, health from ``at`` on.
+        after: (6, 5) scratch.
     """
-    after = np.empty_like(sensitivity)
     for i in range(N_MOVED):
         for j in range(N_HEALTH):
             s = F[i, at + j]
@@ -143,47 +138,57 @@ def carry_sensitivity(sensitivity, F, at):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def gather(information, sensitivity, H, at, accuracy, present):  # type: ignore[no-untyped-def]
+def gather(information, sensitivity, H, at, accuracy, used, row):  # type: ignore[no-untyped-def]
     """Let the information (5, 5) of the last minute take in one update, in place.
 
     Args:
         H: (3, n) measurement Jacobian.
         accuracy: (3,) variance of a reading that counts as independent.
-        present: (3,) channels that were measured.
+        used: (3,) innovations of the channels that were used, NaN where none.
+        row: (5,) scratch.
     """
     keep = 1.0 - SAMPLE_PERIOD_S / OBSERVED_S
-    J = np.zeros((N_OUTPUTS, N_HEALTH))
-    for c in range(N_OUTPUTS):
-        if present[c]:
-            for j in range(N_HEALTH):
-                s = H[c, at + j]
-                for k in range(N_MOVED):
-                    s += H[c, k] * sensitivity[k, j]
-                J[c, j] = s
     for i in range(N_HEALTH):
         for j in range(N_HEALTH):
-            s = keep * information[i, j]
-            for c in range(N_OUTPUTS):
-                # At a reading of nothing the data sheet promises no noise at all.
-                s += J[c, i] * J[c, j] / max(accuracy[c], LEAST_VARIANCE)
-            information[i, j] = s
+            information[i, j] *= keep
+    for c in range(N_OUTPUTS):
+        if np.isnan(used[c]):
+            continue
+        for j in range(N_HEALTH):
+            row[j] = H[c, at + j]
+            for k in range(N_MOVED):
+                row[j] += H[c, k] * sensitivity[k, j]
+        for i in range(N_HEALTH):
+            for j in range(N_HEALTH):
+                information[i, j] += row[i] * row[j] / max(accuracy[c], LEAST_VARIANCE)
 
 
 @njit(cache=True, error_model="numpy")
-def informed(information, least):  # type: ignore[no-untyped-def]
-    """Projector (5, 5) onto the directions of health that are known well enough.
+def informed(information, least, observable, room):  # type: ignore[no-untyped-def]
+    """Projector onto the directions of health that are known well enough, into ``observable`` (5, 5).
 
     Not a sharp one: which directions those are changes with the load, and a correction that came
-    and went with it would shake health. At ``least`` it is a half.
+    and went with it would shake health. At ``least`` it is a half: an eigenvalue a counts for
+    a^2 / (a^2 + least^2), the real part of a / (a + i least), so that it takes a linear solve and no eigenvectors.
+    Pivots are not needed: every leading block has a definite imaginary part.
+
+    Args:
+        room: (5, 10) complex scratch.
     """
-    values, vectors = np.linalg.eigh(information)
-    out = np.zeros((N_HEALTH, N_HEALTH))
-    for k in range(N_HEALTH):
-        share = values[k] ** 2 / (values[k] ** 2 + least**2)
-        for i in range(N_HEALTH):
-            for j in range(N_HEALTH):
-                out[i, j] += share * vectors[i, k] * vectors[j, k]
-    return out
+    n = N_HEALTH
+    for i in range(n):
+        for j in range(n):
+            room[i, j] = room[i, n + j] = information[i, j]
+        room[i, i] += 1j * least
+    for k in range(n):
+        for i in range(n):
+            if i != k:
+                factor = room[i, k] / room[k, k]
+                for j in range(k, 2 * n):
+                    room[i, j] -= factor * room[k, j]
+    for i in range(n):
+        for j in range(n):
+            observable[i, j] = (room[i, n + j] / room[i, i]).real
 
 
 @njit(cache=True, error_model="numpy")
@@ -276,18 +281,19 @@ def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def bound_health(P, at, most):  # type: ignore[no-untyped-def]
+def bound_health(P, at, most, column):  # type: ignore[no-untyped-def]
     """Keep the variance of each health parameter within ``most`` (5,) by a reading of it that brings no news.
 
     The update of Eq. (11) with zero innovation and the noise at which the variance comes out at ``most``;
-    clipping it instead would break its correlations.
+    clipping it instead would break its correlations. ``column`` (n,) is scratch.
     """
     n = P.shape[0]
     for i in range(N_HEALTH):
         j = at + i
         variance = P[j, j]
         if variance > most[i]:
-            column = P[:, j].copy()
+            for a in range(n):
+                column[a] = P[a, j]
             share = (variance - most[i]) / variance**2
             for a in range(n):
                 for b in range(n):

@@ -29,20 +29,22 @@ _OFFSET = np.where(_EXPONENTIAL, 0.0, np.log(_SHARE / (1 - _SHARE)))
 
 
 @njit(cache=True)
+def map_one(j, zeta):  # type: ignore[no-untyped-def]
+    """``theta_and_slope`` of the j-th parameter, in compiled code."""
+    s = _SLOPE[j] * zeta
+    if _EXPONENTIAL[j]:
+        theta = min(max(HEALTHY[j] * np.exp(min(max(s, -50.0), 50.0)), LOW[j]), HIGH[j])
+        return theta, _SLOPE[j] * theta
+    share = 1.0 / (1.0 + np.exp(-min(max(s + _OFFSET[j], -500.0), 500.0)))
+    return LOW[j] + (HIGH[j] - LOW[j]) * share, _SLOPE[j] * (HIGH[j] - LOW[j]) * share * (1.0 - share)
+
+
+@njit(cache=True)
 def map_health(zeta, theta, slope):  # type: ignore[no-untyped-def]
     """``theta_and_slope`` in compiled code: rows of (M, 5), written into ``theta`` and ``slope``."""
     for i in range(zeta.shape[0]):
         for j in range(zeta.shape[1]):
-            s = _SLOPE[j] * zeta[i, j]
-            if _EXPONENTIAL[j]:
-                value = HEALTHY[j] * np.exp(min(max(s, -50.0), 50.0))
-                theta[i, j] = min(max(value, LOW[j]), HIGH[j])
-                slope[i, j] = _SLOPE[j] * theta[i, j]
-            else:
-                t = min(max(s + _OFFSET[j], -500.0), 500.0)
-                share = 1.0 / (1.0 + np.exp(-t))
-                theta[i, j] = LOW[j] + (HIGH[j] - LOW[j]) * share
-                slope[i, j] = _SLOPE[j] * (HIGH[j] - LOW[j]) * share * (1.0 - share)
+            theta[i, j], slope[i, j] = map_one(j, zeta[i, j])
 
 
 def theta_and_slope(zeta: Array) -> tuple[Array, Array]:

@@ -43,4 +43,4 @@ PRESSURE_DRIFT_TAU_S = 300.0
 
 def speed_factor(N_rpm: Array) -> Array:
     """h(N): noise at 1800 rpm is 1.3/0.7 of that at 900."""
-    return 0.7 + 0.6 * (np.asarray(N_rpm) - 900.0) / 900.0
+    return 0.7 + 0.6 * (N_rpm - 900.0) / 900.0

@@ -17,9 +17,11 @@ from methods.augmented import (
     correct,
     predict,
     predict_mean,
-    roll_out,
+    room_type,
     tick,
 )
+from methods.cycle import SAID, Scaling, memory_type, roll_out, scratch, twin_record
+from methods.frontend import Fitted
 from methods.operator import Operator
 from methods.safeguards import (
     FROZEN,
@@ -28,11 +30,10 @@ from methods.safeguards import (
     OUTSIDE_MOST,
     UPDATES,
     Envelope,
-    Safety,
     Settings,
     empty_safety,
 )
-from methods.stream import Stream, empty_stream, pack
+from methods.stream import pack
 from methods.training import weights_of
 from physics.compressor import M_REF_KG_S
 from physics.health import theta_and_slope
@@ -44,9 +45,28 @@ OFF = Settings(
 """No safeguard at all: the plain augmented filter."""
 
 
-def one_safety():
-    """The memory of one machine."""
-    return Safety(*(part[0] for part in empty_safety(1)))
+def predicted(problem, z, P, away=0.0, push=(0.0,) * 5, part=1.0, model=None):
+    """z and P a tick ahead, and the Jacobian."""
+    weights, own, base, *_ = problem
+    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
+    predict(weights[0], model or own, base, z, P, away, np.array(push), part, room[0])
+    return z, P, room["F"][0]
+
+
+def forecast(problem, z):
+    """z a tick ahead by the forecast alone."""
+    weights, model, base, *_ = problem
+    z = z.copy()
+    predict_mean(weights[0], model, base, z, np.zeros(1, room_type(weights))[0])
+    return z
+
+
+def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None):
+    """z, P, innovation, the same of what was used, S and NIS after a correction; ``safety`` (1,) moves on."""
+    weights, own, *_ = problem
+    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
+    nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, room[0])
+    return z, P, *(room[name][0] for name in ("innovation", "used", "S")), nis
 
 
 @pytest.fixture(scope="module")
@@ -69,23 +89,23 @@ def problem():
     )
     z = np.concatenate([model.state_mean, [435.0], rng.normal(size=SIZE - 6) * 0.1])
     B = rng.normal(size=(SIZE, SIZE))
-    base = rng.normal(size=weights.encoder.from_latent_bias.size).astype(np.float32)
+    base = rng.normal(size=weights["from_latent_bias"].size).astype(np.float32)
     return weights, model, base, z, B @ B.T * 1e-4
 
 
 def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
     """P after equals F P F' + Q with F from central differences of the forecast alone."""
-    weights, model, base, z, P = problem
+    _, model, _, z, P = problem
     size = np.concatenate([model.state_scale, [32.0], np.ones(8), model.increment]) * 0.02
     F = np.empty((SIZE, SIZE))
     for j in range(SIZE):
         ahead, behind = z.copy(), z.copy()
         ahead[j] += size[j]
         behind[j] -= size[j]
-        ends = [predict_mean(weights.heads, model, base, at) for at in (ahead, behind)]
+        ends = [forecast(problem, at) for at in (ahead, behind)]
         F[:, j] = (ends[0] - ends[1]) / (2 * size[j])
-    after, P_after, slope = predict(weights.heads, model, base, z, P, 0.0, np.zeros(5), 1.0)
-    assert after == pytest.approx(predict_mean(weights.heads, model, base, z), abs=1e-6)
+    after, P_after, slope = predicted(problem, z, P)
+    assert after == pytest.approx(forecast(problem, z), abs=1e-6)
     assert slope == pytest.approx(F, abs=1e-2)
     expected = F @ P @ F.T + model.Q
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
@@ -93,26 +113,26 @@ def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
 
 
 def test_the_probe_is_a_first_order_lag_that_quickens_with_flow(problem):
-    weights, model, base, z, _ = problem
+    _, _, _, z, _ = problem
     z = z.copy()
     for flow in (0.5, 1.0, 1.5):
         z[4] = flow
-        share = (predict_mean(weights.heads, model, base, z)[PROBE] - z[PROBE]) / (z[2] - z[PROBE])
+        share = (forecast(problem, z)[PROBE] - z[PROBE]) / (z[2] - z[PROBE])
         assert share == pytest.approx(1 - np.exp(-SAMPLE_PERIOD_S / (5.0 * flow**-0.5)))
 
 
 def test_health_stays_and_slow_errors_act(problem):
-    weights, model, base, z, _ = problem
-    after = predict_mean(weights.heads, model, base, z)
+    _, model, _, z, _ = problem
+    after = forecast(problem, z)
     assert np.array_equal(after[ZETA:NOISE], z[ZETA:NOISE])
     assert after[ERROR:] == pytest.approx(model.error_keep * z[ERROR:])
     without = z.copy()
     without[ERROR:] = 0.0
-    assert after[:5] - predict_mean(weights.heads, model, base, without)[:5] == pytest.approx(z[ERROR:])
+    assert after[:5] - forecast(problem, without)[:5] == pytest.approx(z[ERROR:])
 
 
 def test_correction_is_the_textbook(problem):
-    _, model, _, z, P = problem
+    _, _, _, z, P = problem
     white, coloured = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
     measured = np.array([z[1] + 0.01, z[PROBE] + 1.0, M_REF_KG_S * z[4]])
     theta, slopes = theta_and_slope(z[ZETA:NOISE])
@@ -125,7 +145,7 @@ def test_correction_is_the_textbook(problem):
     S = H @ P @ H.T + np.diag(white**2)
     K = P @ H.T @ np.linalg.inv(S)
     r = measured - np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) - coloured * z[NOISE : NOISE + 3]
-    z1, P1, innovation, used, S1, nis = correct(model, one_safety(), z, P, measured, white, coloured, np.inf)
+    z1, P1, innovation, used, S1, nis = corrected(problem, empty_safety(1), z, P, measured, white, coloured, np.inf)
     assert used == pytest.approx(innovation)
     assert innovation == pytest.approx(r)
     assert S1 == pytest.approx(S)
@@ -146,47 +166,47 @@ def off_by(z: np.ndarray, sd: float) -> np.ndarray:
 def test_an_inconsistent_spell_leaves_health_where_it_was_and_lets_it_move_faster_afterwards(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
-    safety = one_safety()
+    safety = empty_safety(1)
     z, P = z.copy(), 1e-4 * np.eye(SIZE)
     for _ in range(3):
-        z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.3), WHITE, COLOURED, np.inf)
+        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.3), WHITE, COLOURED, np.inf, guarded)
     valid, sd = z[ZETA:NOISE].copy(), np.sqrt(np.diag(P)[ZETA:NOISE])
     for k in range(OUTSIDE_MOST + 3):
-        moved, P, *_ = correct(guarded, safety, z, P, off_by(z, 40.0), WHITE, COLOURED, np.inf)
+        moved, P, *_ = corrected(problem, safety, z, P, off_by(z, 40.0), WHITE, COLOURED, np.inf, guarded)
         assert (moved[:5] != z[:5]).any()
         z = moved
         if k >= OUTSIDE_MOST - 1:
-            assert safety.counts[FROZEN] > 0
+            assert safety["counts"][0][FROZEN] > 0
             assert z[ZETA:NOISE] == pytest.approx(valid, abs=1e-12)
     for _ in range(INSIDE_LEAST):
-        z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
-    assert safety.counts[FROZEN] == 0
-    z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
+    assert safety["counts"][0][FROZEN] == 0
+    z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
     assert np.sqrt(P[ZETA, ZETA]) > 1.1 * sd[0]
     for _ in range(INFLATION_UPDATES):
-        z, P, *_ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
     assert np.sqrt(P[ZETA, ZETA]) == pytest.approx(4.0 * sd[0], rel=0.1)
 
 
 def test_directions_of_which_nothing_is_known_are_not_corrected(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(least_information=1e12))
-    safety = one_safety()
-    safety.observable[:] = 0.0
-    corrected, after, *_ = correct(guarded, safety, z, P, off_by(z, 3.0), WHITE, COLOURED, np.inf)
-    assert np.array_equal(corrected[ZETA:NOISE], z[ZETA:NOISE])
-    assert (corrected[:5] != z[:5]).any()
+    safety = empty_safety(1)
+    safety["observable"] = 0.0
+    moved, after, *_ = corrected(problem, safety, z, P, off_by(z, 3.0), WHITE, COLOURED, np.inf, guarded)
+    assert np.array_equal(moved[ZETA:NOISE], z[ZETA:NOISE])
+    assert (moved[:5] != z[:5]).any()
     assert np.diag(after)[ZETA:NOISE] == pytest.approx(np.minimum(np.diag(P)[ZETA:NOISE], 1.0))
 
 
 def test_noise_beyond_the_data_sheet_widens_r(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(r_gain=1.0))
-    safety = one_safety()
-    safety.counts[UPDATES] = 5000
-    safety.mismatch[:] = 9.0 * np.diag(WHITE**2)
-    *_, S, _ = correct(model, one_safety(), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
-    *_, wide, _ = correct(guarded, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    safety = empty_safety(1)
+    safety["counts"][0][UPDATES] = 5000
+    safety["mismatch"] = 9.0 * np.diag(WHITE**2)
+    *_, S, _ = corrected(problem, empty_safety(1), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    *_, wide, _ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
     assert np.diag(wide - S) / WHITE**2 == pytest.approx(np.full(3, 8.0), rel=0.05)
 
 
@@ -197,8 +217,8 @@ def test_a_channel_far_off_is_left_out_of_the_correction_and_of_the_nis(problem)
     broken = measured.copy()
     broken[2] += 1.0
     missing = np.where(np.arange(3) == 2, np.nan, measured)
-    got = correct(guarded, one_safety(), z, P, broken, WHITE, COLOURED, np.inf)
-    expected = correct(guarded, one_safety(), z, P, missing, WHITE, COLOURED, np.inf)
+    got = corrected(problem, empty_safety(1), z, P, broken, WHITE, COLOURED, np.inf, guarded)
+    expected = corrected(problem, empty_safety(1), z, P, missing, WHITE, COLOURED, np.inf, guarded)
     assert np.isnan(got[3][2])
     assert np.isfinite(got[2][2])
     for ours, theirs in zip((*got[:2], *got[4:]), (*expected[:2], *expected[4:]), strict=True):
@@ -206,77 +226,79 @@ def test_a_channel_far_off_is_left_out_of_the_correction_and_of_the_nis(problem)
 
 
 def test_untrusted_sensitivities_carry_no_news_to_health_and_the_forecast_is_less_sure(problem):
-    weights, model, base, z, P = problem
+    _, model, _, z, P = problem
     cautious = model._replace(settings=OFF._replace(trust_reach=1.0, extrapolation=1.0))
-    _, near, F_near = predict(weights.heads, cautious, base, z, P, 0.0, np.zeros(5), 1.0)
-    _, far, F_far = predict(weights.heads, cautious, base, z, P, 3.0, np.zeros(5), 1.0)
+    _, near, F_near = predicted(problem, z, P, model=cautious)
+    _, far, F_far = predicted(problem, z, P, 3.0, model=cautious)
     assert F_far[:5, ZETA : ZETA + 4] == pytest.approx(0.1 * F_near[:5, ZETA : ZETA + 4])
     assert (np.diag(far)[ERROR:] > np.diag(near)[ERROR:]).all()
 
 
 def test_what_is_pushed_one_way_walks_faster(problem):
-    weights, model, base, z, P = problem
+    _, model, _, z, P = problem
     quick = model._replace(settings=OFF._replace(q_gain=1.0))
     push = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-    calm = predict(weights.heads, quick, base, z, P, 0.0, np.zeros(5), 1.0)[1]
-    pushed = predict(weights.heads, quick, base, z, P, 0.0, push, 1.0)[1]
+    calm = predicted(problem, z, P, model=quick)[1]
+    pushed = predicted(problem, z, P, 0.0, push, model=quick)[1]
     more = np.diag(pushed - calm)
     assert more[ZETA] == pytest.approx((OFF.q_most - 1.0) * model.Q[ZETA, ZETA], rel=1e-6)
     assert np.abs(np.delete(more, ZETA)).max() < 1e-12
 
 
 def test_sensitivities_by_differences_are_nearly_the_derivatives(problem):
-    weights, model, base, z, P = problem
+    _, model, _, z, P = problem
     by_differences = model._replace(settings=OFF._replace(difference=0.01))
-    F, G = (predict(weights.heads, m, base, z, P, 0.0, np.zeros(5), 1.0)[2] for m in (model, by_differences))
+    F, G = (predicted(problem, z, P, model=m)[2] for m in (model, by_differences))
     assert G != pytest.approx(F, abs=1e-7)
     assert pytest.approx(F, abs=0.02) == G
 
 
 def test_health_is_held_within_its_coordinates(problem):
-    _, model, _, z, P = problem
+    _, _, _, z, P = problem
     z = z.copy()
     z[ZETA] = 50.0
     measured = np.array([z[1], z[PROBE], M_REF_KG_S * z[4]])
-    corrected, *_ = correct(model, one_safety(), z, P, measured, np.ones(3), np.ones(3), 6.0)
-    assert corrected[ZETA] <= 10.0
+    moved, *_ = corrected(problem, empty_safety(1), z, P, measured, np.ones(3), np.ones(3), 6.0)
+    assert moved[ZETA] <= 10.0
+
+
+def machine(problem, machines=1):
+    """A twin whose front end lets everything pass, and the memory of so many machines that are as in ``problem``."""
+    weights, model, base, z, P = problem
+    mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
+    query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
+    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.inf)
+    memory = np.zeros(machines, memory_type(weights))
+    memory["z"], memory["P"], memory["safety"] = z, P, empty_safety(machines)
+    memory["stream"]["ticks"], memory["stream"]["base"] = 1, base
+    return twin_record(model, front, Scaling(query, 0.1 * query), 1), memory
 
 
 def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
-    weights, model, _, z, _ = problem
+    weights = problem[0]
     rng = np.random.default_rng(3)
-    stream = empty_stream(weights, 2)
-    for part in stream[1:]:
-        part[:] = rng.normal(size=part.shape)
+    twin, memory = machine(problem, 2)
+    for name in ("values", "columns", "first", "tokens", "scores"):
+        memory["stream"][name] = rng.normal(size=memory["stream"][name].shape)
+    memory["z"][1] *= 1.001
     inputs = np.array([0.95, 298.0, 1350.0, 0.64]) * (1 + 0.01 * rng.normal(size=(2, 40, 4)))
-    mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
-    query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
-    scaling = (mean, 0.1 * mean, query, 0.1 * query)
-    states = np.stack([z, z * 1.001])
-    out = np.empty((2, 40, 3))
-    copy = Stream(*(part.copy() for part in stream))
-    roll_out(weights, model, scaling, copy, states, inputs, np.array([0.0, 2.0]), out)
-    single = np.empty((1, 40, 3))
-    one = Stream(*(part[1:].copy() for part in stream))
-    roll_out(weights, model, scaling, one, states[1:], inputs[1:], np.array([2.0]), single)
+    out, single = np.empty((2, 40, 3)), np.empty((1, 40, 3))
+    one = memory[1:].copy()
+    roll_out(weights, twin, memory, inputs, out, scratch(weights))
+    roll_out(weights, twin, one, inputs[1:], single, scratch(weights))
     assert np.array_equal(out[1], single[0])
     assert np.isfinite(out).all()
 
 
-WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
-
-
 def ticked(problem, measured, lag):
     """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago."""
-    weights, model, base, z, P = problem
-    stream = empty_stream(weights, 1)
-    stream.ticks[:], stream.base[0] = 1, base
-    z, P, one = z[None].copy(), P[None].copy(), (lambda *values: np.array([values]))
-    info = (np.empty((1, 3)), np.empty((1, 3, 3)), np.empty(1), np.empty((1, 3), bool), np.empty(1, np.int64))
-    still = (np.zeros((1, 7), np.float32), np.ones((1, 7), np.float32), np.zeros((1, 5), np.float32))
-    tick(weights, model, stream, empty_safety(1), z, P, *still, one(*measured), one(*lag), WHITE[None], COLOURED[None],
-         6.0, info)  # fmt: skip
-    return z[0], P[0], info
+    weights, model, *_ = problem
+    _, memory = machine(problem)
+    said, room = np.zeros(1, SAID), scratch(weights)
+    query, measured = np.zeros(5, np.float32), np.array(measured)
+    tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0],
+         room["filter"][0])  # fmt: skip
+    return memory["z"][0], memory["P"][0], said
 
 
 def read(problem):
@@ -287,13 +309,13 @@ def read(problem):
 
 def by_hand(problem, *steps):
     """z and P after predictions over parts of a tick and corrections with some channels, in that order."""
-    weights, model, base, z, P = problem
-    safety = one_safety()
+    _, _, _, z, P = problem
+    safety = empty_safety(1)
     for step in steps:
         if isinstance(step, float):
-            z, P, _ = predict(weights.heads, model, base, z, P, 0.0, np.zeros(5), step)
+            z, P, _ = predicted(problem, z, P, part=step)
         else:
-            z, P, *_ = correct(model, safety, z, P, np.array(step), WHITE, COLOURED, 6.0)
+            z, P, *_ = corrected(problem, safety, z, P, np.array(step), WHITE, COLOURED, 6.0)
     return z, P
 
 
@@ -306,16 +328,16 @@ def test_what_was_read_within_half_a_tick_counts_as_read_at_it(problem):
 
 def test_what_was_read_late_corrects_at_its_own_time(problem):
     p, T, m = read(problem)
-    z, P, (innovation, S, nis, accepted, _) = ticked(problem, (p, T, m), (0.0, 0.75, 0.9))
+    z, P, said = ticked(problem, (p, T, m), (0.0, 0.75, 0.9))
     nan = np.nan
     expected = by_hand(problem, 1.0 - 0.9, [nan, nan, m], 0.9 - 0.75, [nan, T, nan], 0.75, [p, nan, nan])
     assert z == pytest.approx(expected[0])
     assert P == pytest.approx(expected[1])
-    assert accepted.all()
+    innovation, S = said["innovation"][0], said["S"][0]
+    assert said["accepted"].all()
     assert np.isfinite(innovation).all()
-    off = S[0] - np.diag(np.diag(S[0]))
-    assert not off.any()
-    assert nis[0] == pytest.approx(np.sum(innovation[0] ** 2 / np.diag(S[0])))
+    assert not (S - np.diag(np.diag(S))).any()
+    assert said["nis"][0] == pytest.approx(np.sum(innovation**2 / np.diag(S)))
 
 
 def test_a_reading_as_old_as_the_last_tick_corrects_before_the_forecast(problem):
@@ -329,6 +351,6 @@ def test_a_reading_as_old_as_the_last_tick_corrects_before_the_forecast(problem)
 
 def test_a_reading_older_than_the_last_tick_is_left_out(problem):
     p, T, m = read(problem)
-    z, _, info = ticked(problem, (p, T, m), (0.0, 1.2, 0.0))
+    z, _, said = ticked(problem, (p, T, m), (0.0, 1.2, 0.0))
     assert z == pytest.approx(by_hand(problem, 1.0, [p, np.nan, m])[0])
-    assert info[3].tolist() == [[True, False, True]]
+    assert said["accepted"].tolist() == [[1, 0, 1]]

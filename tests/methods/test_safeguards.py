@@ -52,6 +52,12 @@ def covariance(seed: int, n: int = 8) -> np.ndarray:
     return A @ A.T
 
 
+def projector_of(information: np.ndarray, least: float) -> np.ndarray:
+    projector = np.empty((5, 5))
+    informed(information, least, projector, np.empty((5, 10), np.complex128))
+    return projector
+
+
 def test_sensitivities_are_trusted_inside_the_envelope_and_less_and_less_outside():
     strength = OFF._replace(trust_reach=1.5)
     inside = np.array([1.9, -1.9, 0.0, 2.0, -2.0])
@@ -72,7 +78,7 @@ def test_sensitivity_is_that_of_a_machine_with_other_health():
     F[:6, 7:12] = rng.normal(size=(6, 5))
     X = np.zeros((6, 5))
     for _ in range(200):
-        carry_sensitivity(X, F, 7)
+        carry_sensitivity(X, F, 7, np.empty((6, 5)))
     assert X == pytest.approx(np.linalg.solve(np.eye(6) - F[:6, :6], F[:6, 7:12]), rel=1e-6)
 
 
@@ -81,25 +87,33 @@ def test_only_what_the_readings_tell_apart_is_corrected():
     H = np.zeros((3, 11))
     H[0, 6], H[0, 7], H[1, 8] = 2.0, 2.0, 1.0
     information = np.zeros((5, 5))
-    present = np.array([True, True, False])
     for _ in range(100):
-        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), present)
-    projector = informed(information, 1.0)
+        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.array([0.0, 0.0, np.nan]), np.empty(5))
+    projector = projector_of(information, 1.0)
     assert np.trace(projector) == pytest.approx(2.0, abs=1e-3)
     assert projector @ [1.0, -1.0, 0.0, 0.0, 0.0] == pytest.approx(np.zeros(5), abs=1e-12)
     assert projector @ [1.0, 1.0, 3.0, 0.0, 0.0] == pytest.approx([1.0, 1.0, 3.0, 0.0, 0.0], abs=1e-3)
-    assert np.trace(informed(np.diag([2.0, 0.0, 0.0, 0.0, 0.0]), 2.0)) == pytest.approx(0.5)
+    assert np.trace(projector_of(np.diag([2.0, 0.0, 0.0, 0.0, 0.0]), 2.0)) == pytest.approx(0.5)
     H[0, 7] = -2.0
     for _ in range(100):
-        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), present)
-    assert np.trace(informed(information, 1.0)) == pytest.approx(3.0, abs=1e-3)
+        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.array([0.0, 0.0, np.nan]), np.empty(5))
+    assert np.trace(projector_of(information, 1.0)) == pytest.approx(3.0, abs=1e-3)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 1000), st.floats(1e-2, 1e2), st.floats(-4.0, 4.0))
+def test_the_projector_weighs_each_eigenvector_by_its_eigenvalue(seed, least, decades):
+    A = np.random.default_rng(seed).normal(size=(5, 3)) * 10.0 ** np.array([0.0, decades, 1.0])
+    values, vectors = np.linalg.eigh(A @ A.T)
+    expected = (vectors * (values**2 / (values**2 + least**2))) @ vectors.T
+    assert projector_of(A @ A.T, least) == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_missing_channel_tells_nothing():
     H = np.zeros((3, 11))
     H[:, 6] = 1.0
     information = np.zeros((5, 5))
-    gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.zeros(3, bool))
+    gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.full(3, np.nan), np.empty(5))
     assert not information.any()
 
 
@@ -156,7 +170,7 @@ def test_what_counts_as_chance_is_chi_square():
 
 
 def test_a_channel_far_off_is_left_out_and_a_lasting_shift_is_let_in():
-    strength, counts, S = OFF._replace(channel_gate=5.0), empty_safety(1).counts[0], np.eye(3)
+    strength, counts, S = OFF._replace(channel_gate=5.0), empty_safety(1)["counts"][0], np.eye(3)
     kept = []
     for _ in range(OUTSIDE_MOST + 3):
         innovation = np.array([0.5, 40.0, np.nan])
@@ -173,7 +187,7 @@ def run_of(nis: float, updates: int, counts: np.ndarray) -> list[bool]:
 
 
 def test_five_updates_outside_the_gate_freeze_health_and_consistency_frees_it():
-    counts = empty_safety(1).counts[0]
+    counts = empty_safety(1)["counts"][0]
     assert run_of(100.0, OUTSIDE_MOST - 1, counts) == [False] * (OUTSIDE_MOST - 1)
     assert run_of(1.0, 1, counts) == [False]
     assert run_of(100.0, OUTSIDE_MOST, counts)[-1]
@@ -185,14 +199,14 @@ def test_five_updates_outside_the_gate_freeze_health_and_consistency_frees_it():
 
 
 def test_what_stays_inconsistent_is_let_through_after_a_second():
-    counts = empty_safety(1).counts[0]
+    counts = empty_safety(1)["counts"][0]
     run_of(100.0, OUTSIDE_MOST + FROZEN_MOST, counts)
     assert counts[FROZEN] == 0
     assert counts[INFLATING] == INFLATION_UPDATES
 
 
 def test_no_reading_says_nothing_about_consistency():
-    counts = empty_safety(1).counts[0]
+    counts = empty_safety(1)["counts"][0]
     run_of(100.0, 2, counts)
     before = counts.copy()
     assert not watch(counts, np.nan, 0)
@@ -222,7 +236,7 @@ def test_a_variance_is_bounded_by_a_reading_without_news(seed):
     R = np.array([[variance / (variance - 1.0)]])
     K, _, _ = gain(P, np.zeros(1), H, R)
     expected = joseph(P, K, H, R)
-    bound_health(P, 2, np.ones(N_HEALTH))
+    bound_health(P, 2, np.ones(N_HEALTH), np.empty(8))
     assert P == pytest.approx(expected, abs=1e-9)
     assert P[4, 4] == pytest.approx(1.0)
 

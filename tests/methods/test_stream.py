@@ -8,7 +8,7 @@ import torch
 
 from data.batch import SAMPLE_PERIOD_S
 from methods.operator import N_STATES, N_ZETA, WINDOW, Operator
-from methods.stream import Stream, empty_stream, heads, heads_with_jacobian, pack, push
+from methods.stream import heads, heads_with_jacobian, pack, push, scratch_type, stream_type
 from methods.training import parameter_count, weights_of
 
 TIME = torch.tensor([SAMPLE_PERIOD_S])
@@ -30,20 +30,21 @@ def samples():
     return values, masks, query
 
 
-def streamed(operator: Operator, samples, ticks: int) -> tuple[Stream, object]:
+def streamed(operator: Operator, samples, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Weights, stream and scratch of a machine after so many ticks."""
     weights = pack(weights_of(operator))
-    stream = empty_stream(weights, 1)
+    stream, room = np.zeros(1, stream_type(weights)), np.zeros(1, scratch_type(weights))
     for k in range(ticks):
-        push(weights.encoder, *(part[0] if part.ndim > 1 else part for part in stream), *(s[k] for s in samples))
-    return stream, weights
+        push(weights[0], stream[0], room[0], *(s[k].copy() for s in samples))
+    return weights, stream, room
 
 
-def windowed_base(operator: Operator, samples, stream: Stream, ticks: int) -> tuple[torch.Tensor, np.ndarray]:
+def windowed_base(operator: Operator, samples, stream: np.ndarray, ticks: int) -> tuple[torch.Tensor, np.ndarray]:
     """The heads' first layer from the whole window, padded with the first sample where it is short."""
     values, masks, query = samples
     k = ticks - 1
     index = np.maximum(np.arange(k - WINDOW, k + 1), 0)
-    slow = values[k, 5] - stream.slow
+    slow = values[k, 5] - stream["slow"]
     latent = operator.latent(
         torch.from_numpy(values[index][None]),
         torch.from_numpy(masks[index[1:]][None]),
@@ -56,27 +57,34 @@ def windowed_base(operator: Operator, samples, stream: Stream, ticks: int) -> tu
 
 @pytest.mark.parametrize("ticks", [1, 5, 64, 65, 200, 2000])
 def test_stream_equals_window(operator, samples, ticks):
-    stream, _ = streamed(operator, samples, ticks)
+    _, stream, _ = streamed(operator, samples, ticks)
     _, base = windowed_base(operator, samples, stream, ticks)
-    assert stream.base == pytest.approx(base, abs=1e-5)
+    assert stream["base"] == pytest.approx(base, abs=1e-5)
 
 
 def test_jacobian_equals_autograd_and_central_differences(operator, samples):
-    stream, weights = streamed(operator, samples, 100)
+    weights, stream, room = streamed(operator, samples, 100)
     latent, _ = windowed_base(operator, samples, stream, 100)
+    base = stream["base"][0]
+
+    def increments(condition: np.ndarray) -> np.ndarray:
+        out = np.empty(N_STATES, np.float32)
+        heads(weights[0], room[0], base, condition, out)
+        return out
+
     for seed in range(5):
         c = np.random.default_rng(seed).normal(size=N_STATES + N_ZETA).astype(np.float32)
-        out, jacobian = heads_with_jacobian(weights.heads, stream.base[0], c)
+        heads_with_jacobian(weights[0], room[0], base, c)
+        jacobian, out = room["jacobian"][0].copy(), room["out"][0].copy()
         plain = torch.func.jacrev(lambda at: operator(latent, at[None], TIME)[0])(torch.from_numpy(c))
         assert jacobian == pytest.approx(plain.detach().numpy(), abs=1e-5)
-        assert out == pytest.approx(heads(weights.heads, stream.base[0], c), abs=1e-6)
+        assert out == pytest.approx(increments(c), abs=1e-6)
         step = 0.05
         for j in range(len(c)):
             ahead, behind = c.copy(), c.copy()
             ahead[j] += step
             behind[j] -= step
-            ends = [heads(weights.heads, stream.base[0], at) for at in (ahead, behind)]
-            slope = (ends[0] - ends[1]) / (2 * step)
+            slope = (increments(ahead) - increments(behind)) / (2 * step)
             assert jacobian[:, j] == pytest.approx(slope, abs=5e-4)
 
 

@@ -1,0 +1,154 @@
+"""One update of DeepONet-Kalman in one compiled call: spike gate, operator, sensitivities, filter, report.
+
+The same function runs one machine in place (``methods.online``) and many in lockstep (``Estimator.step``). All that
+it touches lies in five records; nothing is allocated.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from data.batch import CHANNELS, ESTIMATED, INPUTS, SAMPLE_PERIOD_S, STATES, Array
+from methods.augmented import BIAS, MODEL, NOISE, SIZE, ZETA, Model, predict_mean, readings, room_type, tick
+from methods.estimator import FLAG_MISSING, FLAG_SPIKE
+from methods.frontend import WINDOW, Fitted, gate_one
+from methods.noise import output_sd_of
+from methods.records import one_record, record
+from methods.reporting import report_one
+from methods.safeguards import N_OUTPUTS, SAFETY
+from methods.stream import N_QUERY, push, stream_type
+from physics.health import map_one
+
+N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
+INNOVATION_CLIP_SD = 6.0
+KEEP = np.r_[0 : len(STATES), ZETA:NOISE]
+"""Where what is reported stands in z."""
+
+
+class Scaling(NamedTuple):
+    """Standardisation of the operator's query; that of its samples is the front end's."""
+
+    mean: Array  # (5,)
+    scale: Array  # (5,)
+
+
+TWIN = record({
+    "filter": (MODEL, ()),
+    "front": (record({**dict.fromkeys(Fitted._fields[:3], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
+    "query": (record(dict.fromkeys(Scaling._fields, ("f8", (N_QUERY,)))), ()),
+    "update_every": ("i8", ()),
+})  # fmt: skip
+"""What a twin is, beside the operator's weights."""
+
+SAID = record({
+    "mean": ("f8", (N_ESTIMATED,)), "cov": ("f8", (N_ESTIMATED, N_ESTIMATED)),
+    "low": ("f8", (N_ESTIMATED,)), "high": ("f8", (N_ESTIMATED,)),
+    "innovation": ("f8", (N_OUTPUTS,)), "S": ("f8", (N_OUTPUTS, N_OUTPUTS)), "nis": ("f8", ()),
+    "accepted": ("u1", (N_OUTPUTS,)), "flags": ("i8", ()), "age_s": ("f8", (N_CHANNELS,)),
+})  # fmt: skip
+"""What it says after an update: the fields of State and Info."""
+
+
+def twin_record(filter_: Model, front: Fitted, query: Scaling, update_every: int) -> np.ndarray:
+    """(1,) of TWIN."""
+    twin = one_record(TWIN, {"front": front, "query": query, "update_every": update_every})
+    twin["filter"] = filter_.record()
+    return twin
+
+
+def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
+    """What one machine carries from update to update."""
+    return record({
+        "recent": ("f8", (WINDOW, N_CHANNELS)), **dict.fromkeys(("filled", "age_s", "outlier"), ("f8", (N_CHANNELS,))),
+        "stream": (stream_type(weights), ()),
+        "safety": (SAFETY, ()),
+        "z": ("f8", (SIZE,)), "P": ("f8", (SIZE, SIZE)),
+    })  # fmt: skip
+
+
+def scratch(weights: np.ndarray) -> np.ndarray:
+    """(1,) of room for one update."""
+    return np.zeros(1, record({
+        "filter": (room_type(weights), ()),
+        "accepted": ("u1", (N_CHANNELS,)), "spike": ("u1", (N_CHANNELS,)), "kept": ("f8", (WINDOW,)),
+        "white": ("f8", (N_OUTPUTS,)), "coloured": ("f8", (N_OUTPUTS,)),
+        "measured": ("f8", (N_OUTPUTS,)), "lag": ("f8", (N_OUTPUTS,)),
+        "sample": ("f4", (N_CHANNELS,)), "mask": ("f4", (N_CHANNELS,)), "query": ("f4", (N_QUERY,)),
+    }))  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _standardise(twin, values, t):  # type: ignore[no-untyped-def]
+    """What the operator's window takes in of readings (7,), and its query, into ``t.sample`` and ``t.query``."""
+    for c in range(N_CHANNELS):
+        t.sample[c] = (values[c] - twin.front.mean[c]) / twin.front.scale[c]
+    p_suc, T_suc, N, valve, p_dis = values[0], values[1], values[2], values[3], values[4]
+    raw = (N, p_dis / p_suc, T_suc, p_suc, valve)
+    for c in range(N_QUERY):
+        t.query[c] = (raw[c] - twin.query.mean[c]) / twin.query.scale[c]
+
+
+@njit(cache=True, error_model="numpy")
+def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-untyped-def]
+    """One machine's update, in place on its memory ``m`` and on what is ``said``."""
+    gate_one(m, twin.front, measured, t.accepted, t.spike, t.kept)
+    output_sd_of(m.filled, t.white, t.coloured)
+    due = m.stream.ticks[0] % twin.update_every == 0
+    for c in range(N_OUTPUTS):
+        there = due and t.accepted[N_INPUTS + c]
+        t.measured[c] = m.filled[N_INPUTS + c] if there else np.nan
+        t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
+    _standardise(twin, m.filled, t)
+    tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)
+    for c in range(N_CHANNELS):
+        t.mask[c] = t.accepted[c]
+        said.age_s[c] = m.age_s[c] + lag_s[c]
+        if t.spike[c]:
+            said.flags |= FLAG_SPIKE
+        elif not t.accepted[c]:
+            said.flags |= FLAG_MISSING
+    push(weights, m.stream, t.filter.operator, t.sample, t.mask, t.query)
+    report_one(m.z, m.P, KEEP, said.mean, said.cov, said.low, said.high)
+
+
+@njit(cache=True, error_model="numpy")
+def update(weights, twin, memory, measured, lag_s, said, t):  # type: ignore[no-untyped-def]
+    """One update of B machines, in place on ``memory`` and ``said``.
+
+    Args:
+        weights, twin: (1,), of ``methods.stream.pack`` and ``twin_record``.
+        memory: (B,) of ``memory_type``.
+        measured, lag_s: (B, 7), as in Sample.
+        said: (B,) of SAID.
+        t: (1,) of ``scratch``.
+    """
+    for b in range(memory.size):
+        _update(weights[0], twin[0], memory[b], measured[b], lag_s[b], said[b], t[0])
+
+
+@njit(cache=True, error_model="numpy")
+def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-def]
+    """Open loop over inputs (B, L, 4), in place: the window takes in the model's own readings, none measured.
+
+    Args:
+        out: (B, L, 3) readings.
+    """
+    w, own, room = weights[0], twin[0], t[0]
+    for c in range(N_CHANNELS):
+        room.mask[c] = 1
+    for b in range(memory.size):
+        m = memory[b]
+        bias_K, _ = map_one(BIAS - ZETA, m.z[BIAS])
+        for k in range(inputs.shape[1]):
+            predict_mean(w, own.filter, m.stream.base, m.z, room.filter)
+            m.z[4] = max(m.z[4], 0.05)
+            readings(m.z, bias_K, out[b, k])
+            for c in range(N_INPUTS):
+                m.filled[c] = inputs[b, k, c]
+            for c in range(N_OUTPUTS):
+                m.filled[N_INPUTS + c] = out[b, k, c]
+            _standardise(own, m.filled, room)
+            push(w, m.stream, room.filter.operator, room.sample, room.mask, room.query)

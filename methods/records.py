@@ -1,0 +1,25 @@
+"""Records: what a compiled function needs, in one argument each and in one place, so that nothing is allocated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+
+def record(fields: Mapping[str, tuple[Any, tuple[int, ...]]]) -> np.dtype[np.void]:
+    """An aligned record type of arrays, by name their type and shape; a shape of () is a single value."""
+    return np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()], align=True)
+
+
+def one_record(kind: np.dtype[np.void], values: Mapping[str, Any]) -> np.ndarray:
+    """A record (1,) of that type; tuples with names fill records within."""
+    out = np.zeros(1, kind)
+    for name, value in values.items():
+        if hasattr(value, "_asdict"):
+            for inner, part in value._asdict().items():
+                out[name][inner][0] = part
+        else:
+            out[name][0] = value
+    return out
