@@ -33,7 +33,8 @@ ERRORS = (*STATE_ERRORS, *FORECAST_ERRORS)
 """What a twin is for: to say what the machine does, and what it will do."""
 COVERAGE, RIGHT_PCT = "coverage95_pct", 95.0
 PENALTY = 0.05
-"""Of one per cent that the intervals hold less than they promise: the share by which it makes the errors worse."""
+"""Of one per cent that the intervals hold less, or more, than they promise: the share by which it makes the errors
+worse."""
 FAILED = 1e6
 """Score of settings with which an estimator fails."""
 EVALUATION = Evaluation(stride=10)
@@ -41,12 +42,12 @@ SEED = 0
 
 
 def merit(means: dict[str, float]) -> float:
-    """The paper's rule: mean error of pressure, temperature and flow, and a penalty for lacking coverage.
+    """The paper's rule: mean error of pressure, temperature and flow, and a penalty for wrong coverage.
 
-    The penalty is a share of the errors: in per cent of its own it would outweigh what a good filter errs by.
+    The penalty is a share of the errors: in per cent of its own it would outweigh what a good filter errs by. It
+    counts both ways: intervals that hold everything say nothing.
     """
-    lacking = max(RIGHT_PCT - means[COVERAGE], 0.0)
-    return float(np.nanmean([means[m] for m in ERRORS])) * (1.0 + PENALTY * lacking)
+    return float(np.nanmean([means[m] for m in ERRORS])) * (1.0 + PENALTY * abs(means[COVERAGE] - RIGHT_PCT))
 
 
 def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "") -> str:

@@ -23,12 +23,12 @@ def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
     return spec
 
 
-def test_merit_is_the_mean_error_and_what_the_intervals_lack():
+def test_merit_is_the_mean_error_and_what_the_intervals_lack_or_hold_too_much():
     means = {**dict.fromkeys(ERRORS, 0.0), ERRORS[0]: 3.0, COVERAGE: 95.0}
     mean = 3.0 / len(ERRORS)
     assert merit(means) == pytest.approx(mean)
     assert merit({**means, COVERAGE: 85.0}) == pytest.approx(mean * (1.0 + 10.0 * PENALTY))
-    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(mean)
+    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(mean * (1.0 + 4.0 * PENALTY))
 
 
 def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_profiles_section(tmp_path, capsys):
