@@ -54,20 +54,20 @@ class PINNUnscentedKalman(Estimator):
         "rows": 1024,
         "copies": 3,
         "transitions": 300_000,
-        "learning_rate": 3e-3,
-        "physics": 0.02,
+        "learning_rate": 2e-2,
+        "physics": 1e-3,
         "hidden": 300,
-        "model_noise": 10.0,
-        "state_walk": 1.0,
-        "health_walk": 1.0,
+        "model_noise": 0.1072,
+        "state_walk": 3.645,
+        "health_walk": 1.48,
         "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "learning_rate": [3e-3, 9e-3, 2e-2],
-        "physics": [0.001, 0.005, 0.02],
-        "model_noise": (0.1, 100.0),
-        "state_walk": (0.1, 300.0),
-        "health_walk": (0.5, 16.0),
+        "learning_rate": [9e-3, 2e-2, 4e-2],
+        "physics": [2e-4, 1e-3, 5e-3],
+        "model_noise": (0.01, 10.0),
+        "state_walk": (0.5, 50.0),
+        "health_walk": (0.5, 4.0),
     }
     online = frozenset({"model_noise", "state_walk", "health_walk"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "copies": 1, "transitions": 3000}
