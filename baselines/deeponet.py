@@ -72,16 +72,16 @@ class DeepONet(Estimator):
         "iterations": 10000,
         "windows": 160,
         "queries": 4,
-        "learning_rate": 3e-3,
+        "learning_rate": 9e-3,
         "copies": 2,
         "width_1": 48,
         "width_2": 96,
         "latents": 128,
         "trunk": 176,
-        "inflation": 1.0,
+        "inflation": 1.07,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "learning_rate": [1e-3, 3e-3, 9e-3],
+        "learning_rate": [3e-3, 9e-3, 2.7e-2],
         "inflation": (0.5, 3.0),
     }
     online = frozenset({"inflation"})

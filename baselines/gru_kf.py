@@ -48,15 +48,15 @@ class GRUKalman(Estimator):
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 6000,
         "batch": 16,
-        "learning_rate": 6e-3,
+        "learning_rate": 3e-3,
         "copies": 3,
         "hidden": 128,
         "readout": 180,
-        "noise_inflation": 1.0,
-        "error_memory": 1.0,
+        "noise_inflation": 16.17,
+        "error_memory": 21.52,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "learning_rate": [3e-3, 6e-3, 1.2e-2],
+        "learning_rate": [1.5e-3, 3e-3, 6e-3],
         "noise_inflation": (1.0, 100.0),
         "error_memory": (0.2, 50.0),
     }

@@ -45,19 +45,19 @@ class LSTMRecursiveLeastSquares(Estimator):
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 6000,
         "batch": 16,
-        "learning_rate": 6e-3,
+        "learning_rate": 1.2e-2,
         "copies": 2,
         "hidden": 112,
         "readout": 194,
-        "forgetting_s": 90.0,
-        "offset_forgetting_s": 5.0,
-        "noise_inflation": 1.0,
+        "forgetting_s": 27.19,
+        "offset_forgetting_s": 11.88,
+        "noise_inflation": 0.1417,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
-        "learning_rate": [3e-3, 6e-3, 1.2e-2],
-        "forgetting_s": (20.0, 600.0),
+        "learning_rate": [6e-3, 1.2e-2, 2.4e-2],
+        "forgetting_s": (5.0, 200.0),
         "offset_forgetting_s": (1.0, 60.0),
-        "noise_inflation": (0.1, 10.0),
+        "noise_inflation": (0.02, 2.0),
     }
     online = frozenset({"forgetting_s", "offset_forgetting_s", "noise_inflation"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 6, "batch": 4, "copies": 1}
