@@ -23,7 +23,9 @@ class NominalEKF(ModelEKF):
     name = "nominal_ekf"
     says = "extended Kalman filter with the recalibrated reduced-order model"
     implementations = ("compiled", "filterpy")
-    settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "substeps": 1, "calibration_minutes": 8.0}
+    settings: ClassVar[dict[str, Any]] = {
+        **ModelEKF.settings, "substeps": 1, "calibration_minutes": 8.0, "health_walk": 2.278, "state_walk": 126.1,
+    }  # fmt: skip
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Recalibrate the model's constants, then as the base class."""

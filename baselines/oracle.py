@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, ClassVar
+
 from baselines.model_ekf import ModelEKF
 from methods.estimator import register
 from physics.compressor import PLANT
@@ -14,6 +16,8 @@ class Oracle(ModelEKF):
 
     name = "oracle"
     says = "extended Kalman filter with the exact plant and noise (the floor)"
+
+    settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "health_walk": 1.457, "state_walk": 4.573}
 
     def machine(self) -> Simulator:
         """The plant itself."""
