@@ -11,7 +11,11 @@ import pytest
 from tiny_run import parts, twinbench, write_estimator, write_profile
 
 from bench.profile import load_profile
+from bench.registry import find
+from bench.roster import LABELS
 from bench.tune import COVERAGE, ERRORS, FAILED, PENALTY, merit
+
+RESULTS = Path(__file__).parents[2] / "results/tuning"
 
 
 def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
@@ -71,6 +75,15 @@ def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
     assert table["merit"].max() == FAILED
     assert table["failed"].dropna().str.contains("too small").all()
     assert table["merit"].min() < FAILED
+
+
+@pytest.mark.parametrize("name", sorted(set(LABELS) - {"twin"}))
+def test_the_settings_are_those_that_the_last_round_of_trials_chose(name):
+    rounds = [RESULTS / part / f"{name}.toml" for part in ("second", "first")]
+    chosen = next(path for path in rounds if path.is_file())
+    best = tomllib.loads(chosen.read_text())["settings"][name]
+    assert {setting: find(name).settings[setting] for setting in best} == best
+    assert len(pd.read_csv(chosen.with_suffix(".csv"))) == 20
 
 
 @pytest.mark.parametrize(("arguments", "says"), [
