@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -27,8 +28,10 @@ class NominalEKFMended(ModelEKF):
     name = "nominal_ekf_mended"
     says = "the nominal EKF after the mismatch engine has mended its model"
     settings: ClassVar[dict[str, Any]] = {
-        **NominalEKF.settings, "recordings": 6, "hold_out": 2, "recording_minutes": 25.0,
+        **NominalEKF.settings, "recordings": 6, "hold_out": 2, "recording_minutes": 10.0,
+        "health_walk": 1.0, "state_walk": 3.0,
     }  # fmt: skip
+    search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "recording_minutes": [10.0, 25.0]}
     contract_settings: ClassVar[dict[str, Any]] = {"recordings": 1, "hold_out": 1, "recording_minutes": 1.0}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
