@@ -52,8 +52,8 @@ class GRUKalman(Estimator):
         "copies": 3,
         "hidden": 128,
         "readout": 180,
-        "noise_inflation": 16.17,
-        "error_memory": 21.52,
+        "noise_inflation": 24.12,
+        "error_memory": 47.57,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [1.5e-3, 3e-3, 6e-3],
