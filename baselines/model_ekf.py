@@ -32,6 +32,7 @@ N_HEALTH, N_NOISE = len(HEALTH), 3
 INNOVATION_CLIP_SD = 6.0
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3, 0.01, 1e-4, 0.05])
 """Process noise of the plant's states per square root of a second, before ``state_walk``."""
+LEAST_FLOW = 0.05
 ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 
 
@@ -44,6 +45,8 @@ class Filter(NamedTuple):
     Q: Array  # (n, n) process noise of one tick, input noise apart
     keep: Array  # (3,) AR(1) factors of the noise states
     substeps: int
+    low: Array  # (nx + 5,) bounds of states and health coordinates
+    high: Array  # (nx + 5,)
 
 
 @njit(cache=True, error_model="numpy")
@@ -118,17 +121,15 @@ def measure(output, model, z, u, measured, health, slope, white_sd, coloured_sd)
 
 
 @njit(cache=True, error_model="numpy")
-def _bound(model, z, limit):  # type: ignore[no-untyped-def]
-    """Flow positive, health within its coordinates, in place."""
-    nx = model.step.size
-    z[4] = max(z[4], 0.05)
-    for j in range(limit.size):
-        z[nx + j] = min(max(z[nx + j], -limit[j]), limit[j])
+def _bound(model, z):  # type: ignore[no-untyped-def]
+    """States and health where the model is one, in place, whatever was read."""
+    for j in range(model.low.size):
+        z[j] = min(max(z[j], model.low[j]), model.high[j])
 
 
 @njit(cache=True, error_model="numpy")
 def _tick(  # type: ignore[no-untyped-def]
-    rhs, output, model, z, P, started, u_before, u, u_sd, measured, health, slope, white, coloured, limit, info
+    rhs, output, model, z, P, started, u_before, u, u_sd, measured, health, slope, white, coloured, info
 ):
     innovation, S, nis = info
     for b in range(z.shape[0]):
@@ -139,13 +140,13 @@ def _tick(  # type: ignore[no-untyped-def]
             output, model, z[b], u[b], measured[b], health[b], slope[b], white[b], coloured[b]
         )
         z[b], P[b], S[b], nis[b] = update(z[b], P[b], innovation[b], H, R, INNOVATION_CLIP_SD)
-        _bound(model, z[b], limit)
+        _bound(model, z[b])
         started[b] = True
 
 
 def _tick_filterpy(
     rhs: Any, output: Any, model: Filter, z: Array, P: Array, started: np.ndarray, u_before: Array, u: Array,
-    u_sd: Array, measured: Array, health: Array, slope: Array, white: Array, coloured: Array, limit: Array,
+    u_sd: Array, measured: Array, health: Array, slope: Array, white: Array, coloured: Array,
     info: tuple[Array, Array, Array],
 ) -> None:  # fmt: skip
     """As ``_tick``, by filterpy: the peer that it must equal and is timed against."""
@@ -158,7 +159,7 @@ def _tick_filterpy(
             output, model, z[b], u[b], measured[b], health[b], slope[b], white[b], coloured[b]
         )
         z[b], P[b], S[b], nis[b] = ekf_update(z[b], P[b], innovation[b], H, R, INNOVATION_CLIP_SD)
-        _bound(model, z[b], limit)
+        _bound(model, z[b])
         started[b] = True
 
 
@@ -208,7 +209,12 @@ class ModelEKF(Estimator):
         Q[nx : nx + N_HEALTH] = health_walk_var(self.config["health_walk"])
         Q[nx + N_HEALTH :] = 1.0 - keep**2
         health = np.array([machine.index(name) for name in HEALTH])
-        self._model = Filter(machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, self.config["substeps"])
+        low, high = (np.array([getattr(v, end) for v in machine.states]) for end in ("low", "high"))
+        low[STATES.index("flow_memory")] = LEAST_FLOW
+        bounds = np.concatenate([low, -ZETA_LIMIT]), np.concatenate([high, ZETA_LIMIT])
+        self._model = Filter(
+            machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, self.config["substeps"], *bounds
+        )
 
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, a healthy machine."""
@@ -238,7 +244,7 @@ class ModelEKF(Estimator):
         rhs, output = as_argument(equations.rhs), as_argument(equations.output)
         tick(
             rhs, output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
-            measured, health, slope, white, coloured, ZETA_LIMIT, info,
+            measured, health, slope, white, coloured, info,
         )  # fmt: skip
         reported = self._report(z, P, (started, u, *after))
         return reported, Info(*info, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
