@@ -23,11 +23,10 @@ from methods.noise import output_sd
 from methods.operator import KERNEL, TOKENS, WINDOW
 from methods.reporting import clean_flags, report
 from physics.compressor import M_REF_KG_S
-from physics.health import theta_and_slope, to_zeta
+from physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
 PRESSURE, FLOW, PROBE, ZETA, SIZE = 1, 4, 5, 6, 11
 KEEP = np.r_[0 : len(STATES), ZETA:SIZE]
-ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 N_IN = len(INPUTS)
 LONGEST_S = 60.0
 TIMES_S = (0.2, 2.0, 20.0)

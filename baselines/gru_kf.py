@@ -26,7 +26,7 @@ from methods.kalman import linear_filter, update_all
 from methods.noise import coloured_tau_s, output_sd
 from methods.reporting import clean_flags, report
 from physics.compressor import M_REF_KG_S
-from physics.health import theta_and_slope, to_zeta
+from physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
 GAS, PROBE, ZETA, SIZE = 2, 5, 6, 11
 CHANNELS_READ = 7
@@ -35,7 +35,6 @@ SEEN = np.isin(np.arange(SIZE), [0, 1, 2, 4, PROBE])
 TOGETHER = SEEN[:, None] == SEEN
 """(11, 11) bool: errors whose covariance is kept."""
 LOG_SD = (-6.0, 3.0)
-ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 
 
 @register

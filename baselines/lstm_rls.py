@@ -24,14 +24,13 @@ from methods.frontend import FrontEnd, Memory
 from methods.noise import coloured_tau_s, output_sd
 from methods.reporting import clean_flags, report
 from physics.compressor import M_REF_KG_S
-from physics.health import theta_and_slope, to_zeta
+from physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
 N_TARGETS = len(STATES) + 1  # the probe's temperature too
 N_ZETA = len(HEALTH) - 1  # the sensor's bias does not move the machine
 N_FITTED = len(HEALTH) + 2  # zeta, and the offsets of pressure and flow
 PRESSURE, PROBE, FLOW = 1, 5, 4
 ZETA_SCALE = 4.0
-ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 CLIP_SD = 6.0
 LAG_S = 1.0
 

@@ -24,7 +24,7 @@ from methods.kalman import linear_filter, predict_covariance, update
 from methods.noise import coloured_keep, health_walk_var, input_sd, output_sd
 from methods.reporting import clean_flags, report
 from physics.compile import as_argument, compiled
-from physics.health import theta_and_slope, to_theta, to_zeta
+from physics.health import ZETA_LIMIT, theta_and_slope, to_theta
 from physics.integrate import rk4, simulate
 from physics.simulator import Simulator
 
@@ -33,7 +33,6 @@ INNOVATION_CLIP_SD = 6.0
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3, 0.01, 1e-4, 0.05])
 """Process noise of the plant's states per square root of a second, before ``state_walk``."""
 LEAST_FLOW = 0.05
-ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 
 
 class Filter(NamedTuple):

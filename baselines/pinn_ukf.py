@@ -23,7 +23,7 @@ from methods.frontend import FrontEnd, Memory
 from methods.noise import coloured_keep, health_walk_var, output_sd
 from methods.reporting import clean_flags, report
 from physics.compressor import M_REF_KG_S, PLANT
-from physics.health import to_theta, to_zeta
+from physics.health import ZETA_LIMIT, to_theta, to_zeta
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, 3
 ZETA, BIAS, PROBE, NOISE, SIZE = 5, 9, 10, 11, 14
@@ -31,7 +31,6 @@ ZETA, BIAS, PROBE, NOISE, SIZE = 5, 9, 10, 11, 14
 N_MOVED = 1 + 2 * BIAS
 VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
 ZETA_SCALE = 4.0
-ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 KEEP = np.r_[0:N_X, ZETA:PROBE]
 CLIP_SD = 6.0
 ALPHA = 0.5

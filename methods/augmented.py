@@ -19,7 +19,7 @@ from numba import njit
 from data.batch import SAMPLE_PERIOD_S, Array
 from methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
 from methods.kalman import bound_into, gain_into, joseph_into, symmetrise
-from methods.records import one_record, record
+from methods.records import record
 from methods.safeguards import (
     FROZEN,
     INFLATING,
@@ -84,10 +84,6 @@ class Model(NamedTuple):
     zeta_high: Array  # (5,)
     settings: Settings
     envelope: Envelope
-
-    def record(self) -> np.ndarray:
-        """(1,) of MODEL."""
-        return one_record(MODEL, self._asdict())
 
 
 MODEL = record({

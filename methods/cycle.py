@@ -54,9 +54,7 @@ SAID = record({
 
 def twin_record(filter_: Model, front: Fitted, query: Scaling, update_every: int) -> np.ndarray:
     """(1,) of TWIN."""
-    twin = one_record(TWIN, {"front": front, "query": query, "update_every": update_every})
-    twin["filter"] = filter_.record()
-    return twin
+    return one_record(TWIN, {"filter": filter_, "front": front, "query": query, "update_every": update_every})
 
 
 def memory_type(weights: np.ndarray) -> np.dtype[np.void]:

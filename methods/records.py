@@ -16,10 +16,13 @@ def record(fields: Mapping[str, tuple[Any, tuple[int, ...]]]) -> np.dtype[np.voi
 def one_record(kind: np.dtype[np.void], values: Mapping[str, Any]) -> np.ndarray:
     """A record (1,) of that type; tuples with names fill records within."""
     out = np.zeros(1, kind)
+    _fill(out, values)
+    return out
+
+
+def _fill(out: np.ndarray, values: Mapping[str, Any]) -> None:
     for name, value in values.items():
         if hasattr(value, "_asdict"):
-            for inner, part in value._asdict().items():
-                out[name][inner][0] = part
+            _fill(out[name], value._asdict())
         else:
             out[name][0] = value
-    return out

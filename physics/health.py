@@ -75,3 +75,7 @@ def to_zeta(theta: Array) -> Array:
     ratio = np.clip(theta, LOW, HIGH) / np.where(_EXPONENTIAL, HEALTHY, 1.0)
     exponential = np.log(np.where(_EXPONENTIAL, ratio, 1.0))
     return np.where(_EXPONENTIAL, exponential, logistic) / _SLOPE
+
+
+ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
+"""Bounds of the coordinates on either side, far outside a machine's life."""
