@@ -92,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     tuning.add_argument("estimators", nargs="+", metavar="NAME", help="estimators' names, or path/to/file.py[:Class]")
     tuning.add_argument("--profile", default="tuning", help="whose data and training (default: tuning)")
     tuning.add_argument("--trials", type=int, default=20, metavar="N", help="in all, earlier ones included")
+    tuning.add_argument("--online", action="store_true", help="only settings that need no new training")
     tuning.add_argument("--out", type=Path, default=Path("results/tuning"), metavar="DIR")
 
     simulate = command(
@@ -314,7 +315,7 @@ def _tune(a: argparse.Namespace) -> int:
     command = "twinbench " + shlex.join(sys.argv[1:])
     profile = load_profile(a.profile)
     for spec in a.estimators:
-        print(tune(spec, profile, a.out, a.trials, Console(stderr=True), command), end="")
+        print(tune(spec, profile, a.out, a.trials, Console(stderr=True), command, a.online), end="")
     return 0
 
 

@@ -50,11 +50,16 @@ def merit(means: dict[str, float]) -> float:
     return float(np.nanmean([means[m] for m in ERRORS])) * (1.0 + PENALTY * abs(means[COVERAGE] - RIGHT_PCT))
 
 
-def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "") -> str:
+def tune(
+    spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "", online: bool = False
+) -> str:
     """Try settings out of an estimator's search space until there are ``trials`` of them, earlier ones counted.
 
-    The first trial is the profile's own settings. Writes ``NAME.csv``, one row a trial, ``NAME.toml``, the best as
-    a profile's section, and ``NAME.json``, what made them.
+    The first trial is the profile's own settings. With ``online`` only those settings vary that act after training,
+    so that one training serves all trials and may be as long as the benchmark's.
+
+    Writes ``NAME.csv``, one row a trial, ``NAME.toml``, the best as a profile's section, and ``NAME.json``, what
+    made them.
 
     Returns:
         What ``NAME.toml`` holds.
@@ -63,7 +68,8 @@ def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, 
         BadInput: nothing to tune, or ``out`` cannot be written to.
     """
     kind = find(spec)
-    if not kind.search_space:
+    spaces = {name: space for name, space in kind.search_space.items() if not online or name in kind.online}
+    if not spaces:
         raise BadInput(f"{kind.name} has no search space, so nothing to tune; declare one in the class")
     if trials < 1:
         raise BadInput(f"--trials is {trials}, must be at least 1")
@@ -78,13 +84,13 @@ def tune(spec: str, profile: Profile, out: Path, trials: int, console: Console, 
     )
     own = {**kind.settings, **profile.settings.get(kind.name, {})}
     if not study.trials:
-        study.enqueue_trial({name: own[name] for name in kind.search_space})
+        study.enqueue_trial({name: own[name] for name in spaces})
     began = time.time()
     with bars(console) as progress:
         bar = progress.add_task("trials", total=trials, completed=len(_finished(study)))
         while len(_finished(study)) < trials:
             trial = study.ask()
-            chosen = {name: _suggest(trial, name, own[name], space) for name, space in kind.search_space.items()}
+            chosen = {name: _suggest(trial, name, own[name], space) for name, space in spaces.items()}
             means = _measure(spec, kind, replace(profile, seeds=(SEED,)), chosen, store)
             for name, value in means.items():
                 trial.set_user_attr(name, value)

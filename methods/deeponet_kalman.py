@@ -70,10 +70,11 @@ class DeepONetKalman(Estimator):
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [5e-3, 1e-2, 2e-2],
         "model_noise": (0.5, 10.0),
-        "slow_error": (0.5, 4.0),
+        "slow_error": (0.3, 4.0),
         "health_walk": (0.5, 4.0),
         "q_gain": (0.005, 0.1),
         "inflation": (1.5, 10.0),
+        "least_information": (0.03, 3.0),
     }
     online = frozenset({*Settings._fields, "hampel", "update_every", "model_noise", "slow_error", "error_tau_s",
                         "health_walk"})  # fmt: skip

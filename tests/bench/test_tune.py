@@ -67,6 +67,19 @@ def test_of_choices_each_is_trained_once(tmp_path):
     assert tomllib.loads((out / "steady.toml").read_text())["settings"]["steady"]["scale"] == 1.0
 
 
+def test_online_settings_alone_need_one_training(tmp_path):
+    spec = Path(tunable(tmp_path))
+    text = spec.read_text().replace("settings = {", 'online = frozenset({"level"})\n    settings = {"level": 1.0, ')
+    spec.write_text(text.replace("search_space = {", 'search_space = {"level": (0.5, 2.0), '))
+    out = tmp_path / "tuning"
+    arguments = ("tune", spec, "--profile", write_profile(tmp_path), "--out", out, "--trials", 4, "--online")
+    assert twinbench(*arguments) == 0
+    table = pd.read_csv(out / "steady.csv")
+    assert "scale" not in table
+    assert table["level"].nunique() == 4
+    assert sum("/fit/" in name for name in parts(out)) == 1
+
+
 def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
     spec = tunable(tmp_path, fit="assert self.config['scale'] > 1.5, 'too small'")
     out = tmp_path / "tuning"
