@@ -224,15 +224,14 @@ class ModelEKF(Estimator):
         P = np.zeros((batch, n, n))
         P[:, :nx, :nx] = self.arrays["prior.cov"]
         P[:, nx:, nx:] = np.eye(n - nx)
-        memory = (np.zeros(batch, np.bool_), np.zeros((batch, 4)), *self._front_end.init(batch))
-        return self._report(z, P, memory)
+        return self._report(z, P, (np.zeros(batch, np.bool_), *self._front_end.init(batch)))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Predict by the model, correct by the outputs."""
-        z, P, started, u_before, *front = state.memory
+        z, P, started, *front = state.memory
         after, clean = self._front_end.step(Memory(*front), sample.measured)
         z, P, started = z.copy(), P.copy(), started.copy()
-        u = clean.filled[:, :4].copy()
+        u, u_before = (np.ascontiguousarray(part[:, :4]) for part in (clean.filled, clean.before))
         measured = np.where(clean.accepted[:, 4:], clean.filled[:, 4:], np.nan)
         nx = len(self._model.step)
         health, slope = theta_and_slope(z[:, nx : nx + N_HEALTH])
@@ -245,17 +244,17 @@ class ModelEKF(Estimator):
             rhs, output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
             measured, health, slope, white, coloured, info,
         )  # fmt: skip
-        reported = self._report(z, P, (started, u, *after))
+        reported = self._report(z, P, (started, *after))
         return reported, Info(*info, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Run the model on with the parameters frozen."""
-        z, _, _, u_before, *_ = state.memory
+        z, _, _, *front = state.memory
         nx = len(self._model.step)
         health = to_theta(z[:, nx : nx + N_HEALTH])
         theta = np.tile(self._model.theta, (len(z), 1))
         theta[:, self._model.health] = health
-        u = np.concatenate([u_before[:, None], inputs], axis=1)
+        u = np.concatenate([Memory(*front).filled[:, None, :4], inputs], axis=1)
         _, y = simulate(self._machine, u, z[:, :nx], theta, SAMPLE_PERIOD_S, self.config["substeps"])
         return y[:, 1:]
 

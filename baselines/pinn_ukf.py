@@ -169,6 +169,7 @@ class PINNUnscentedKalman(Estimator):
         """Predict by the network over sigma points, correct by the outputs."""
         z, P, started, u, *rest = state.memory
         front, clean = self._front_end.step(Memory(*rest), sample.measured)
+        u = np.concatenate([clean.before[:, : len(INPUTS)], u[:, len(INPUTS) :]], axis=1)
         white, coloured = output_sd(clean.filled)
         outputs = slice(len(INPUTS), None)
         measured = np.where(clean.accepted[:, outputs], clean.filled[:, outputs], np.nan)

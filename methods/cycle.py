@@ -19,7 +19,7 @@ from methods.noise import output_sd_of
 from methods.records import one_record, record
 from methods.reporting import report_one
 from methods.safeguards import N_OUTPUTS, SAFETY
-from methods.stream import N_QUERY, push, stream_type
+from methods.stream import N_QUERY, fill, push, stream_type
 from physics.health import map_one
 
 N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
@@ -60,7 +60,10 @@ def twin_record(filter_: Model, front: Fitted, query: Scaling, update_every: int
 def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     """What one machine carries from update to update."""
     return record({
-        "recent": ("f8", (WINDOW, N_CHANNELS)), **dict.fromkeys(("filled", "age_s", "outlier"), ("f8", (N_CHANNELS,))),
+        "recent": ("f8", (WINDOW, N_CHANNELS)),
+        **dict.fromkeys(("filled", "age_s", "outlier", "before"), ("f8", (N_CHANNELS,))),
+        "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
+        "ticks": ("i8", ()),  # updates so far
         "stream": (stream_type(weights), ()),
         "safety": (SAFETY, ()),
         "z": ("f8", (SIZE,)), "P": ("f8", (SIZE, SIZE)),
@@ -71,7 +74,7 @@ def scratch(weights: np.ndarray) -> np.ndarray:
     """(1,) of room for one update."""
     return np.zeros(1, record({
         "filter": (room_type(weights), ()),
-        "accepted": ("u1", (N_CHANNELS,)), "spike": ("u1", (N_CHANNELS,)), "kept": ("f8", (WINDOW,)),
+        **dict.fromkeys(("accepted", "spike", "confirmed"), ("u1", (N_CHANNELS,))), "kept": ("f8", (WINDOW,)),
         "white": ("f8", (N_OUTPUTS,)), "coloured": ("f8", (N_OUTPUTS,)),
         "measured": ("f8", (N_OUTPUTS,)), "lag": ("f8", (N_OUTPUTS,)),
         "sample": ("f4", (N_CHANNELS,)), "mask": ("f4", (N_CHANNELS,)), "query": ("f4", (N_QUERY,)),
@@ -90,25 +93,36 @@ def _standardise(twin, values, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _take_in(weights, twin, m, values, t):  # type: ignore[no-untyped-def]
+    """Append readings (7,) with ``t.mask`` to the operator's window."""
+    _standardise(twin, values, t)
+    push(weights, m.stream, t.filter.operator, t.sample, t.mask, t.query)
+
+
+@njit(cache=True, error_model="numpy")
 def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-untyped-def]
     """One machine's update, in place on its memory ``m`` and on what is ``said``."""
-    gate_one(m, twin.front, measured, t.accepted, t.spike, t.kept)
+    gate_one(m, twin.front, measured, t.accepted, t.spike, t.confirmed, t.kept)
+    if m.ticks > 0:
+        for c in range(N_CHANNELS):
+            t.mask[c] = max(m.mask[c], t.confirmed[c])
+        _take_in(weights, twin, m, m.before, t)
     output_sd_of(m.filled, t.white, t.coloured)
-    due = m.stream.ticks[0] % twin.update_every == 0
+    due = m.ticks % twin.update_every == 0
     for c in range(N_OUTPUTS):
         there = due and t.accepted[N_INPUTS + c]
         t.measured[c] = m.filled[N_INPUTS + c] if there else np.nan
         t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
     _standardise(twin, m.filled, t)
     tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)
+    m.ticks += 1
     for c in range(N_CHANNELS):
-        t.mask[c] = t.accepted[c]
+        m.mask[c] = t.accepted[c]
         said.age_s[c] = m.age_s[c] + lag_s[c]
         if t.spike[c]:
             said.flags |= FLAG_SPIKE
         elif not t.accepted[c]:
             said.flags |= FLAG_MISSING
-    push(weights, m.stream, t.filter.operator, t.sample, t.mask, t.query)
     report_one(m.z, m.P, KEEP, said.mean, said.cov, said.low, said.high)
 
 
@@ -135,10 +149,13 @@ def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-
         out: (B, L, 3) readings.
     """
     w, own, room = weights[0], twin[0], t[0]
-    for c in range(N_CHANNELS):
-        room.mask[c] = 1
     for b in range(memory.size):
         m = memory[b]
+        if m.ticks > 0:
+            fill(room.mask, m.mask)
+            _take_in(w, own, m, m.filled, room)
+        for c in range(N_CHANNELS):
+            room.mask[c] = 1
         bias_K, _ = map_one(BIAS - ZETA, m.z[BIAS])
         for k in range(inputs.shape[1]):
             predict_mean(w, own.filter, m.stream.base, m.z, room.filter)
@@ -148,5 +165,4 @@ def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-
                 m.filled[c] = inputs[b, k, c]
             for c in range(N_OUTPUTS):
                 m.filled[N_INPUTS + c] = out[b, k, c]
-            _standardise(own, m.filled, room)
-            push(w, m.stream, room.filter.operator, room.sample, room.mask, room.query)
+            _take_in(w, own, m, m.filled, room)

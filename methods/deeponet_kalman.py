@@ -51,12 +51,12 @@ class DeepONetKalman(Estimator):
         "window": 64,
         "update_every": 1,
         "model_noise": 8.473,
-        "slow_error": 1.48,
-        "error_tau_s": 120.0,
+        "slow_error": 1.0,
+        "error_tau_s": 600.0,
         "health_walk": 1.184,
         "trust_reach": 1.0,
         "extrapolation": 1.0,
-        "least_information": 1.0,
+        "least_information": 0.1,
         "q_gain": 0.01104,
         "q_most": 30.0,
         "r_gain": 1.0,
@@ -71,6 +71,7 @@ class DeepONetKalman(Estimator):
         "learning_rate": [5e-3, 1e-2, 2e-2],
         "model_noise": (0.5, 10.0),
         "slow_error": (0.3, 4.0),
+        "error_tau_s": (100.0, 1500.0),
         "health_walk": (0.5, 4.0),
         "q_gain": (0.005, 0.1),
         "inflation": (1.5, 10.0),
@@ -115,7 +116,14 @@ class DeepONetKalman(Estimator):
         window = config["window"]
         source = WindowSource.fit(train, front_end, window)
         transitions = draw_transitions(
-            train, config["transitions"], rng, window, HORIZONS_S, config["each"], config["counterfactual"]
+            train,
+            config["transitions"],
+            rng,
+            window,
+            HORIZONS_S,
+            config["each"],
+            config["counterfactual"],
+            stratified=True,
         )
         scales = Scales.fit(transitions)
         operator = Operator(window=window)
@@ -139,6 +147,7 @@ class DeepONetKalman(Estimator):
             "scales.increment": scales.increment,
             "audit.residual_cov": checked.residual_cov,
             "audit.slow_sd": checked.slow_sd,
+            "audit.first_sd": checked.first_sd,
             "audit.G_cosine": checked.G_cosine,
             "audit.G_size": checked.G_size,
             "audit.F_cosine": checked.F_cosine,
@@ -160,7 +169,7 @@ class DeepONetKalman(Estimator):
         keep = coloured_keep()
         Q[NOISE:ERROR, NOISE:ERROR] = np.diag(1.0 - keep**2)
         error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))
-        error_var = (self.config["slow_error"] * a["audit.slow_sd"]) ** 2
+        error_var, first_error_var = ((self.config["slow_error"] * a[f"audit.{n}_sd"]) ** 2 for n in ("slow", "first"))
         Q[ERROR:, ERROR:] = np.diag((1.0 - error_keep**2) * error_var)
         model = Model(
             a["scales.state_mean"],
@@ -185,7 +194,7 @@ class DeepONetKalman(Estimator):
         P = self._fresh["P"][0]
         P[:ZETA, :ZETA] = a["prior.cov"]
         P[ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
-        P[ERROR:, ERROR:] = np.diag(error_var)
+        P[ERROR:, ERROR:] = np.diag(first_error_var)
 
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, a healthy machine."""

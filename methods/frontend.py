@@ -3,6 +3,9 @@
 A Hampel precheck rejects isolated samples beyond six robust standard deviations; a shift that lasts
 two samples is let through, because it may be a real change. Gaps are filled with the last accepted
 value and told apart by a mask and an age. Causal: a tick sees its own and earlier samples only.
+
+What the gate holds back for a sample and then lets through, it has known a sample too late. So each
+tick says, too, what is now known of the tick before: who forecasts from there, forecasts from the truth.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ class Memory(NamedTuple):
     filled: Array  # (B, 7) last accepted values
     age_s: Array  # (B, 7) seconds since then; inf before the first
     outlier: Array  # (B, 7) sign of the previous sample's rejection, 0 if none
+    before: Array  # (B, 7) values of the tick before, what was held back and is now confirmed put right
 
 
 class Fitted(NamedTuple):
@@ -47,6 +51,7 @@ class Clean(NamedTuple):
     accepted: np.ndarray  # (B, 7) bool
     spike: np.ndarray  # (B, 7) bool, rejected by the gate
     age_s: Array  # (B, 7)
+    before: Array  # (B, 7) values of the tick before, as they are known now
 
 
 @njit(cache=True)
@@ -63,13 +68,14 @@ def _median(a, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def gate_one(m, fitted, measured, accepted, spike, kept):  # type: ignore[no-untyped-def]
+def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ignore[no-untyped-def]
     """Advance one machine by one tick, in place.
 
     Args:
         m: its Memory, without the leading axis.
         fitted: a Fitted.
         accepted, spike: (7,) are written.
+        confirmed: (7,) is written: was the reading of the tick before held back, and rightly there?
         kept: (WINDOW,) is scratch.
     """
     window, channels = m.recent.shape
@@ -80,6 +86,8 @@ def gate_one(m, fitted, measured, accepted, spike, kept):  # type: ignore[no-unt
         m.recent[window - 1, c] = value
         accepted[c] = False
         spike[c] = False
+        confirmed[c] = False
+        m.before[c] = m.filled[c]
         m.age_s[c] += SAMPLE_PERIOD_S
         if np.isnan(value):
             continue
@@ -103,6 +111,10 @@ def gate_one(m, fitted, measured, accepted, spike, kept):  # type: ignore[no-unt
         if sign != 0.0 and m.outlier[c] != sign:
             spike[c] = True
         else:
+            earlier = m.recent[window - 2, c]
+            if sign != 0.0 and m.age_s[c] > 1.5 * SAMPLE_PERIOD_S and not np.isnan(earlier):
+                confirmed[c] = True
+                m.before[c] = earlier
             accepted[c] = True
             m.filled[c] = value
             m.age_s[c] = 0.0
@@ -110,23 +122,26 @@ def gate_one(m, fitted, measured, accepted, spike, kept):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def _gate(memory, fitted, measured, accepted, spike):  # type: ignore[no-untyped-def]
+def _gate(memory, fitted, measured, accepted, spike, confirmed):  # type: ignore[no-untyped-def]
     """Advance all machines by one tick, in place."""
     kept = np.empty(WINDOW)
     for b in range(measured.shape[0]):
-        one = Memory(memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b])
-        gate_one(one, fitted, measured[b], accepted[b], spike[b], kept)
+        one = Memory(memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b], memory.before[b])
+        gate_one(one, fitted, measured[b], accepted[b], spike[b], confirmed[b], kept)
 
 
 @njit(cache=True)
-def _gate_sequence(memory, fitted, measured, out, accepted, ages):  # type: ignore[no-untyped-def]
+def _gate_sequence(memory, fitted, measured, hindsight, out, accepted, ages):  # type: ignore[no-untyped-def]
     ok = np.empty(memory.filled.shape, np.bool_)
-    spike = np.empty(memory.filled.shape, np.bool_)
+    spike, confirmed = np.empty_like(ok), np.empty_like(ok)
     for k in range(measured.shape[1]):
-        _gate(memory, fitted, measured[:, k], ok, spike)
+        _gate(memory, fitted, measured[:, k], ok, spike, confirmed)
         out[:, k] = memory.filled
         accepted[:, k] = ok
         ages[:, k] = memory.age_s
+        if hindsight and k > 0:
+            out[:, k - 1] = memory.before
+            accepted[:, k - 1] |= confirmed
 
 
 class FrontEnd:
@@ -173,23 +188,28 @@ class FrontEnd:
             np.tile(self.mean, (batch, 1)),
             np.full((batch, n), np.inf),
             np.zeros((batch, n)),
+            np.tile(self.mean, (batch, 1)),
         )
 
     def step(self, memory: Memory, measured: Array) -> tuple[Memory, Clean]:
         """Gate and fill one tick (B, 7); ``memory`` is not changed."""
         after = Memory(*(part.copy() for part in memory))
-        accepted = np.empty(measured.shape, dtype=np.bool_)
-        spike = np.empty(measured.shape, dtype=np.bool_)
+        accepted, spike, confirmed = (np.empty(measured.shape, dtype=np.bool_) for _ in range(3))
         measured = np.asarray(measured, dtype=np.float64)
-        _gate(after, self.fitted, measured, accepted, spike)
-        return after, Clean(after.filled, accepted, spike, after.age_s)
+        _gate(after, self.fitted, measured, accepted, spike, confirmed)
+        return after, Clean(after.filled, accepted, spike, after.age_s, after.before)
 
-    def run(self, measured: Array) -> tuple[Array, np.ndarray, Array]:
-        """Whole sequences (B, N, 7): filled values, accepted mask, ages in seconds, same shape."""
+    def run(self, measured: Array, hindsight: bool = False) -> tuple[Array, np.ndarray, Array]:
+        """Whole sequences (B, N, 7): filled values, accepted mask, ages in seconds, same shape.
+
+        Args:
+            hindsight: values and mask of each tick as they are known one tick later.
+        """
         filled = np.empty(measured.shape)
         accepted = np.empty(measured.shape, dtype=np.bool_)
         ages = np.empty(measured.shape)
-        _gate_sequence(self.init(len(measured)), self.fitted, np.ascontiguousarray(measured), filled, accepted, ages)
+        measured = np.ascontiguousarray(measured)
+        _gate_sequence(self.init(len(measured)), self.fitted, measured, hindsight, filled, accepted, ages)
         return filled, accepted, ages
 
     def standardise(self, filled: Array) -> Array:

@@ -243,7 +243,8 @@ class Audit:
     Attributes:
         residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation
             recordings themselves.
-        slow_sd: (5,) sd of its one-minute means, the part that does not average out.
+        slow_sd: (5,) sd of its one-minute means, the part that does not average out, in the recordings' second halves.
+        first_sd: (5,) the same at their beginning, where the running means have not yet seen what the metal has.
         G_cosine, G_size: (4,) agreement of each health column of G with the plant's, over the
             sensitivities of all states in units of the increments; 1 and 1 is perfect.
         F_cosine: (5,) the same for the state columns of F - I.
@@ -251,6 +252,7 @@ class Audit:
 
     residual_cov: Array
     slow_sd: Array
+    first_sd: Array
     G_cosine: Array
     G_size: Array
     F_cosine: Array
@@ -296,4 +298,8 @@ def audit(
 
     G_cosine, G_size = agreement(J_theta[..., :N_ZETA], G[..., :N_ZETA])
     F_cosine, _ = agreement(J_x, F - np.eye(len(STATES)))
-    return Audit(np.cov(quick.T), np.sqrt((slow**2).mean(axis=(0, 1))), G_cosine, G_size, F_cosine)
+    slow = slow.reshape(len(validation), -1, len(STATES))
+    minutes = slow.shape[1]
+    parts = slow[:, minutes // 2 :], slow[:, : 1 + minutes // 20]
+    settled, first = (np.sqrt((part**2).mean(axis=(0, 1))) for part in parts)
+    return Audit(np.cov(quick.T), settled, np.maximum(settled, first), G_cosine, G_size, F_cosine)

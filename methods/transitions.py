@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from physics.compressor import PLANT
@@ -22,6 +23,9 @@ STATE_SPREAD = np.array([0.006, 0.06, 6.0, 8.0, 0.04])
 HEALTH_LOW = np.array([0.86, 0.88, 0.008, 0.60, -7.0])
 HEALTH_HIGH = np.array([1.03, 1.03, 0.060, 1.06, 7.0])
 """Range that the counterfactual health parameters cover, a little beyond the machine's life."""
+STIR_EDGES, STIR_SHARES = (0.1, 0.5), (0.5, 0.25, 0.25)
+"""Classes of transient severity, by the largest change of an input within the window in units of its spread, and the
+share of windows that each gets: of the recordings, steps and ramps are a sixth, the steep ones a fiftieth."""
 
 
 class Transitions(NamedTuple):
@@ -48,6 +52,7 @@ def draw_transitions(
     dt_s: tuple[float, ...] = (SAMPLE_PERIOD_S,),
     each: int = 1,
     perturbed: bool = True,
+    stratified: bool = False,
 ) -> Transitions:
     """Draw transitions from simulated sequences; the plant's hidden states and true inputs are kept.
 
@@ -57,14 +62,18 @@ def draw_transitions(
         count: how many; ``each`` of them share a window.
         dt_s: horizons, drawn with equal chance.
         perturbed: False gives the recording's own transitions (the negative control).
+        stratified: windows by transient severity, as the paper has it; else uniformly.
     """
     truth = train.truth
     if truth is None:
         raise ValueError("transitions need sequences with truth, these have none")
     batch, samples = train.measured.shape[:2]
     windows = -(-count // each)
-    sequence = np.repeat(rng.integers(batch, size=windows), each)[:count]
-    sample = np.repeat(rng.integers(history, samples - 1, size=windows), each)[:count]
+    if stratified:
+        drawn = _by_severity(truth.inputs, history, windows, rng)
+    else:
+        drawn = rng.integers(batch, size=windows), rng.integers(history, samples - 1, size=windows)
+    sequence, sample = (np.repeat(which, each)[:count] for which in drawn)
     x = truth.states[sequence, sample].copy()
     theta = truth.health[sequence, sample].copy()
     if perturbed:
@@ -79,6 +88,18 @@ def draw_transitions(
     n = len(STATES)
     x_next = _plant(x, truth.inputs[sequence, sample], theta, horizons)
     return Transitions(sequence, sample, x[:, :n], theta, horizons, x_next)
+
+
+def _by_severity(inputs: Array, history: int, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Sequence and sample of ``count`` windows over inputs (B, N, nu), STIR_SHARES of each class."""
+    ends = {"size": history + 1, "axis": 1, "origin": history // 2}
+    change = maximum_filter1d(inputs, **ends) - minimum_filter1d(inputs, **ends)
+    severity = (change / inputs.std(axis=(0, 1)).clip(1e-9)).max(axis=-1)[:, history:-1]
+    group = np.digitize(severity, STIR_EDGES).ravel()
+    weight = np.array(STIR_SHARES) / np.bincount(group, minlength=len(STIR_SHARES)).clip(1)
+    drawn = rng.choice(group.size, size=count, p=weight[group] / weight[group].sum())
+    sequence, sample = np.unravel_index(drawn, severity.shape)
+    return sequence, sample + history
 
 
 def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:

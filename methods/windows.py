@@ -42,7 +42,7 @@ class WindowSource:
     ) -> None:
         self.window = window
         self.front_end = front_end
-        filled, accepted, _ = front_end.run(batch.measured)
+        filled, accepted, _ = front_end.run(batch.measured, hindsight=True)
         self.values = front_end.standardise(filled).astype(np.float32)
         self.masks = accepted
         self.query_mean, self.query_scale = query_mean, query_scale

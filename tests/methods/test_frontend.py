@@ -49,6 +49,18 @@ def test_a_lasting_shift_gets_through_after_one_sample(front_end, measured):
     assert accepted[0, 301:, 5].mean() > 0.99
 
 
+def test_what_was_held_back_and_is_confirmed_is_put_right_a_tick_later(front_end, measured):
+    measured[0, 300:, 0] += 40 * SD[0]
+    measured[1, 300, 0] += 40 * SD[0]
+    filled, accepted, _ = front_end.run(measured, hindsight=True)
+    assert filled[0, 300, 0] == measured[0, 300, 0]
+    assert accepted[0, 300, 0]
+    assert filled[1, 300, 0] == measured[1, 299, 0]
+    assert not accepted[1, 300, 0]
+    others = np.arange(600) != 300
+    assert np.array_equal(filled[:, others], front_end.run(measured)[0][:, others])
+
+
 def test_what_no_machine_reads_stays_out_however_long_it_lasts(front_end, measured):
     measured[0, 300:, 5] = -9999.0
     filled, accepted, ages = front_end.run(measured)
@@ -81,7 +93,10 @@ def test_before_the_first_reading_the_training_mean_stands_in(front_end, measure
 def test_steps_equal_the_whole_run_and_leave_the_memory_alone(front_end, measured):
     measured[0, 50, 2] = np.nan
     measured[1, 60, 3] += 1.0
+    measured[1, 70:, 5] += 40 * SD[5]
     filled, accepted, ages = front_end.run(measured)
+    hindsight = front_end.run(measured, hindsight=True)[0]
+    assert not np.array_equal(hindsight, filled)
     memory = front_end.init(2)
     for k in range(200):
         before = [part.copy() for part in memory]
@@ -90,6 +105,7 @@ def test_steps_equal_the_whole_run_and_leave_the_memory_alone(front_end, measure
         assert np.array_equal(clean.filled, filled[:, k])
         assert np.array_equal(clean.accepted, accepted[:, k])
         assert np.array_equal(clean.age_s, ages[:, k])
+        assert k == 0 or np.array_equal(clean.before, hindsight[:, k - 1])
         memory = after
 
 

@@ -72,6 +72,33 @@ def test_counterfactuals_give_true_sensitivities(counterfactual):
     assert checked.passed
 
 
+def test_windows_of_transients_are_drawn_more_often_than_there_are(train):
+    assert train.truth is not None
+    N = train.truth.inputs[..., 2]
+    found = []
+    for stratified in (False, True):
+        drawn = draw_transitions(train, 4000, np.random.default_rng(0), stratified=stratified)
+        assert drawn.sample.min() >= 64
+        assert drawn.sample.max() < N.shape[1] - 1
+        found.append(np.mean(N[drawn.sequence, drawn.sample] != N[drawn.sequence, drawn.sample - 64]))
+    assert found[0] == pytest.approx(64 / 200, abs=0.03)
+    assert found[1] == pytest.approx(0.5, abs=0.03)  # no step here is a small one
+
+
+def test_what_the_operator_errs_by_at_first_is_told_from_what_it_errs_by_for_good(
+    train, validation, counterfactual, monkeypatch
+):
+    residual = np.zeros((len(validation), 20, 200, 5))
+    residual[:, :2] = 0.1
+    residual[:, 12:, :, 4] = 0.01
+    monkeypatch.setattr("methods.operator_training._along_the_recordings", lambda *_: residual.reshape(-1, 200, 5))
+    source = WindowSource.fit(train, FrontEnd.fit(train))
+    scales = Scales.fit(draw_transitions(train, 1000, np.random.default_rng(0)))
+    checked = audit(counterfactual[0], source, validation, scales, np.random.default_rng(0), count=400)
+    np.testing.assert_allclose(checked.first_sd, 0.1)
+    np.testing.assert_allclose(checked.slow_sd, [0.0, 0.0, 0.0, 0.0, 0.01 * np.sqrt(0.8)])
+
+
 def test_the_recordings_alone_teach_the_operator_to_ignore_health(train, validation):
     """The identifiability trap, as a negative control."""
     _, checked = trained(train, validation, perturbed=False)

@@ -1,0 +1,35 @@
+"""One update: what the operator's window holds when the filter forecasts."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from test_operator_training import small_batch
+
+from data.batch import SAMPLE_PERIOD_S
+from methods.deeponet_kalman import DeepONetKalman
+from methods.estimator import Sample
+from methods.frontend import FrontEnd
+from methods.operator import Operator
+from methods.training import load_weights
+from methods.windows import WindowSource
+
+
+def test_the_window_online_is_the_one_trained_on_and_a_step_held_back_is_put_right_in_it():
+    train, test = small_batch(1), small_batch(3, sequences=2, samples=700)
+    twin = DeepONetKalman(**DeepONetKalman.contract_settings)
+    twin.fit(train, train, seed=0)
+    operator = Operator()
+    load_weights(operator, twin.arrays)
+    front_end = FrontEnd.from_arrays(twin.arrays)
+    source = WindowSource(test, front_end, twin.arrays["query.mean"], twin.arrays["query.scale"])
+    assert not np.array_equal(source.masks, front_end.run(test.measured)[1])
+    state = twin.init(2)
+    for k in range(450):
+        state, _ = twin.step(state, Sample(k * SAMPLE_PERIOD_S, test.measured[:, k]))
+        last = np.full(2, k - 1)
+        if k in (199, 200, 201, 202, 300, 401, 402, 449):  # the load steps every 200 samples
+            with torch.no_grad():
+                latent = operator.latent(*source.at(np.arange(2), last), torch.full((2,), SAMPLE_PERIOD_S))
+                expected = operator.heads.from_latent(latent).numpy()
+            np.testing.assert_allclose(state.memory[0]["stream"]["base"], expected, rtol=1e-4, atol=2e-4)
