@@ -47,6 +47,7 @@ class DeepONetKalman(Estimator):
         "counterfactual": True,
         "conditioned": True,
         "augmented": True,
+        "stratified": True,
         "refinement": 100,
         "window": 64,
         "update_every": 1,
@@ -93,6 +94,7 @@ class DeepONetKalman(Estimator):
         "no_gate": {"channel_gate": np.inf, "hampel": False},
         "no_rollback": {"rollback": False},
         "no_augmentation": {"augmented": False},
+        "no_strata": {"stratified": False},
         "no_refinement": {"refinement": 0},
         **{f"window_{n}": {"window": n} for n in (16, 32, 128, 256)},
         "update_10_hz": {"update_every": 2},
@@ -123,7 +125,7 @@ class DeepONetKalman(Estimator):
             HORIZONS_S,
             config["each"],
             config["counterfactual"],
-            stratified=True,
+            config["stratified"],
         )
         scales = Scales.fit(transitions)
         operator = Operator(window=window)
