@@ -77,7 +77,7 @@ class DeepONet(Estimator):
         "width_2": 96,
         "latents": 128,
         "trunk": 176,
-        "inflation": 1.07,
+        "inflation": 1.041,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [3e-3, 9e-3, 2.7e-2],

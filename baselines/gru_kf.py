@@ -51,8 +51,8 @@ class GRUKalman(Estimator):
         "copies": 3,
         "hidden": 128,
         "readout": 180,
-        "noise_inflation": 24.12,
-        "error_memory": 47.57,
+        "noise_inflation": 4.139,
+        "error_memory": 15.5,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [1.5e-3, 3e-3, 6e-3],

@@ -56,9 +56,9 @@ class PINNUnscentedKalman(Estimator):
         "learning_rate": 2e-2,
         "physics": 1e-3,
         "hidden": 300,
-        "model_noise": 2.162,
-        "state_walk": 9.592,
-        "health_walk": 1.594,
+        "model_noise": 0.01092,
+        "state_walk": 3.186,
+        "health_walk": 1.244,
         "implementation": "compiled",
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
