@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bench.ablations import ablation_table
 from bench.claims import claims, claims_table
 from bench.evidence import Evidence, add_scenes, gather
 from bench.figures import draw
 from bench.page import render, write_bytes, write_figures
+from bench.paired import ablation_table, rivals_table
 from bench.results import Results, load_results
 from bench.robustness_tables import robustness_tables
-from bench.roster import FLOOR, is_ablation, label
+from bench.roster import FLOOR, PROPOSED, is_ablation, label
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
 from bench.tables import build_tables
@@ -36,6 +36,8 @@ def write_report(out: Path) -> Table:
     summary = summarise(results.scores[whole], failures)
     evidence = _evidence(results)
     tables = build_tables(summary, evidence.coverage, results.latency)
+    if PROPOSED in results.scores["estimator"].unique():
+        tables.insert(1, rivals_table(results.scores, results.failures))
     if not whole.all():
         tables.append(ablation_table(results.scores, results.failures))
     if results.manifest.get("scenes"):

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from tiny_run import parts, twinbench, write_profile
 
-from bench.ablations import ablation_table
 from bench.bootstrap import differences, sequence_scores
 from bench.cells import make_cell
+from bench.paired import ablation_table, rivals_table
 from bench.profile import load_profile
 from bench.registry import find
 from bench.scores import DEFINITIONS
@@ -66,6 +66,14 @@ def test_the_table_holds_paired_differences_from_the_whole():
     assert shown.frame["p_nrmse_pct_low"][0] == expected["low"] > 0.8
     assert shown.rows[0][0].text == "a, no b"
     assert shown.rows[0][1].best
+
+
+def test_rivals_are_set_against_the_proposed_method_and_ablations_are_none():
+    worse = {"pinn_ukf": [2.0, 3.0, 4.5], "deeponet_kalman": [1.0, 2.0, 3.0], "deeponet_kalman:no_trust": [9.0] * 3}
+    shown = rivals_table(scores(**worse), {})
+    assert list(shown.frame["estimator"]) == ["pinn_ukf"]
+    assert shown.frame["T_nrmse_pct"][0] == pytest.approx(3.5 / 3)
+    assert shown.rows[0][0].text == "PINN + UKF"
 
 
 def test_a_failed_ablation_says_so():

@@ -21,7 +21,7 @@ from bench.table_formats import to_text
 from bench.tables import comparison
 from data.errors import BadInput
 
-TABLES = ("comparison", "parameters", "coverage", "regimes", "latency")
+TABLES = ("comparison", "parameters", "coverage", "paired", "regimes", "latency")
 FIGURES = (
     "fig3_states", "fig3c_parity", "fig4_parameters", "fig5a_errors", "fig5b_ranks_forecast", "fig5b_ranks_parameters",
     "fig5c_parameter_errors", "coverage", "coverage_regimes", "latency", "fig7c_accuracy_time",
