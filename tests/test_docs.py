@@ -15,6 +15,7 @@ from bench.prove.gates import read_cases
 from bench.prove.marks import marks
 from bench.registry import discover, find
 from bench.roster import label
+from data.batch import HEALTH
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -41,12 +42,45 @@ def commands() -> list[str]:
 
 def test_the_comparison_in_the_readme_is_the_reference_run():
     rows = re.findall(r"^\| (.+?) \| (.+\(.+) \|$", (ROOT / "README.md").read_text(), re.MULTILINE)
-    table = pd.read_csv(ROOT / "results/reference/quick/tables/comparison.csv")
-    metrics = ("parameter_error_pct", "T_nrmse_pct", "p_open60_pct", "m_open60_pct", "coverage95_pct")
+    table = pd.read_csv(ROOT / "results/paper/tables/comparison.csv")
+    filtered = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
+    metrics = ("parameter_error_pct", *filtered, "p_open60_pct", "coverage95_pct")
     assert [name for name, _ in rows] == [label(name) for name in table.estimator]
     for (_, cells), (_, row) in zip(rows, table.iterrows(), strict=True):
         shown = [[row[m], row[f"{m}_low"], row[f"{m}_high"]] for m in metrics]
         assert cells.split(" | ") == ["{:.3g} ({:.3g} to {:.3g})".format(*values) for values in shown]
+
+
+def test_what_the_pages_say_of_the_comparison_is_in_its_tables():
+    paired = pd.read_csv(ROOT / "results/paper/tables/paired.csv").set_index("estimator").drop("oracle")
+    assert (paired[["p_nrmse_pct_low", "T_nrmse_pct_low", "m_nrmse_pct_low"]] > 0.0).all(axis=None)
+    assert list(paired.index[paired["parameter_error_pct_low"] <= 0.0]) == ["pinn_ukf"]
+    tables = {name: pd.read_csv(ROOT / f"results/paper/tables/{name}.csv") for name in ("comparison", "coverage")}
+    comparison, coverage = (table.set_index("estimator") for table in tables.values())
+    proposed = comparison.loc["deeponet_kalman"]
+    assert proposed["coverage95_pct_low"] < 95.0 < proposed["coverage95_pct_high"]
+    assert (comparison.loc[["oracle", "pinn_ukf"], "coverage95_pct"] < 93.5).all()
+    assert proposed["T_nrmse_pct"] < 0.6 * comparison.loc["oracle", "T_nrmse_pct"]
+    by_parameter = coverage.loc["deeponet_kalman", [f"coverage_{name}_pct" for name in HEALTH]]
+    assert list(by_parameter.index[~by_parameter.between(90.0, 98.5)]) == ["coverage_T_bias_K_pct"]
+    regimes = pd.read_csv(ROOT / "results/paper/tables/regimes.csv").set_index("estimator").loc["deeponet_kalman"]
+    assert regimes.groupby("regime")["coverage_pct"].mean().between(90.0, 98.5).all()
+    claims = pd.read_csv(ROOT / "results/paper/tables/claims.csv").set_index("says")
+    for says in claims.index[claims.index.str.startswith(("Fig. 3a", "Fig. 3b"))]:
+        assert claims.loc[says, "ours"] < claims.loc[says, "paper"]
+    assert claims.loc["mean parameter error", "paper"] < claims.loc["mean parameter error", "ours"]
+    assert claims.loc["mean parameter error", "ours"] < claims.loc["mean parameter error", "floor"]
+    delay = claims.loc["Fig. 4a, effective delay of capacity"]
+    assert min(delay["ours"], delay["floor"]) > delay["paper"]
+    assert claims.loc["Fig. 4c, recovery of heat transfer", ["ours", "floor"]].isna().all()
+
+
+def test_the_reproduction_page_shows_what_the_results_hold():
+    page = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
+    shown = re.findall(r"<!-- results/(paper/tables/\w+\.md) -->\n(.*?)<!-- end -->", page, re.DOTALL)
+    assert {"paper/tables/claims.md", "paper/tables/paired.md"} <= {name for name, _ in shown}
+    for name, text in shown:
+        assert text == (ROOT / "results" / name).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", ["proof/gates.md", "proof/engines.md", "opponents/engines.md", "flagship/gates.md"])
