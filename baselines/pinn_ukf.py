@@ -162,14 +162,14 @@ class PINNUnscentedKalman(Estimator):
         z[:, where] = mean
         P = np.tile(np.eye(SIZE), (batch, 1, 1))
         P[:, where[:, None], where] = cov
-        memory = (np.zeros(batch, np.bool_), np.zeros((batch, len(INPUTS) + 1)), *self._front_end.init(batch))
+        memory = (np.zeros(batch, np.bool_), np.zeros((batch, 1)), *self._front_end.init(batch))
         return report(z, P, KEEP, (z, P, *memory))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Predict by the network over sigma points, correct by the outputs."""
-        z, P, started, u, *rest = state.memory
+        z, P, started, valve, *rest = state.memory
         front, clean = self._front_end.step(Memory(*rest), sample.measured)
-        u = np.concatenate([clean.before[:, : len(INPUTS)], u[:, len(INPUTS) :]], axis=1)
+        u = np.concatenate([clean.before[:, : len(INPUTS)], valve], axis=1)
         white, coloured = output_sd(clean.filled)
         outputs = slice(len(INPUTS), None)
         measured = np.where(clean.accepted[:, outputs], clean.filled[:, outputs], np.nan)
@@ -177,17 +177,16 @@ class PINNUnscentedKalman(Estimator):
         z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
         z[:, 4] = np.maximum(z[:, 4], 0.05)
         z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], -ZETA_LIMIT, ZETA_LIMIT)
-        now = clean.filled[:, : len(INPUTS)]
-        command = now[:, -1:]
+        command = clean.filled[:, len(INPUTS) - 1 : len(INPUTS)]
         valve = np.where(started[:, None], VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1], command)
-        memory = (np.ones_like(started), np.concatenate([now, valve], axis=1), *front)
+        memory = (np.ones_like(started), valve, *front)
         info = Info(innovation, S, nis, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)
         return report(z, P, KEEP, (z, P, *memory)), info
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Run the network on with the parameters frozen."""
-        z, _, _, u, *_ = state.memory
-        z, u = z.copy(), u.copy()
+        z, _, _, valve, *rest = state.memory
+        z, u = z.copy(), np.concatenate([Memory(*rest).filled[:, : len(INPUTS)], valve], axis=1)
         bias_K = to_theta(z[:, ZETA:PROBE])[:, -1]
         out = np.empty((*inputs.shape[:2], 3))
         for k in range(inputs.shape[1]):
