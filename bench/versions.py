@@ -18,10 +18,16 @@ PACKAGES = ("physics", "data", "methods", "baselines", "mismatch", "bench")
 LIBRARIES = ("numpy", "scipy", "numba", "torch", "filterpy", "scikit-learn", "pandas")
 
 
-@functools.cache
 def code_version(module: str) -> str:
     """sha256 over the source of a module and of all of ours that it imports, directly or not."""
-    digest = hashlib.sha256()
+    path = _file(module)
+    # A plug-in's name may stand for another file by now, or for the same one edited.
+    return _version(module, Path(path).read_bytes() if path else b"")
+
+
+@functools.cache
+def _version(module: str, source: bytes) -> str:
+    digest = hashlib.sha256(source)
     for name, path in sorted(_closure(module).items()):
         digest.update(name.encode())
         digest.update(Path(path).read_bytes())
@@ -37,16 +43,20 @@ def _closure(module: str) -> dict[str, str]:
         name = waiting.pop()
         if name in found:
             continue
-        loaded = sys.modules.get(name)
-        path = getattr(loaded, "__file__", None)
-        if path is None:
-            spec = importlib.util.find_spec(name)
-            path = spec.origin if spec else None
+        path = _file(name)
         if path is None:
             continue
         found[name] = path
         waiting += [n for n in _imports(Path(path)) if n.partition(".")[0] in PACKAGES]
     return found
+
+
+def _file(module: str) -> str | None:
+    loaded = getattr(sys.modules.get(module), "__file__", None)
+    if loaded:
+        return str(loaded)
+    spec = importlib.util.find_spec(module)
+    return spec.origin if spec else None
 
 
 def _imports(path: Path) -> list[str]:

@@ -15,7 +15,9 @@ from tiny_run import parts, run_arguments, twinbench, write_estimator, write_pro
 
 from bench.cells import make_cell
 from bench.profile import load_profile
+from bench.registry import find
 from bench.runner import run
+from bench.versions import code_version
 
 KILLER = """
 import glob, os, random, shutil, signal, sys, time
@@ -198,3 +200,10 @@ def test_latency_times_every_implementation_and_says_who_cannot(tmp_path: Path) 
     assert failures["reason"].tolist() == [f"{i}: AssertionError: needs company" for i in ("quick", "slow")]
     scores = pd.read_csv(tmp_path / "out" / "scores.csv")
     assert scores.loc[scores["metric"] == "p_nrmse_pct", "value"].notna().all(), "its estimates stand"
+
+
+def test_the_code_of_a_plug_in_is_that_of_its_file_not_of_its_name(tmp_path: Path) -> None:
+    (tmp_path / "other").mkdir()
+    here, there = write_estimator(tmp_path, "steady"), write_estimator(tmp_path / "other", "steady", scale=1.05)
+    versions = [code_version(find(path).__module__) for path in (here, there, here)]
+    assert versions[0] == versions[2] != versions[1]
