@@ -42,8 +42,11 @@ from methods.safeguards import (
     left_out,
     noise_factor,
     note_mismatch,
+    note_history,
     note_push,
+    recall,
     scale_health,
+    stepped,
     trust,
     walk_factor,
     watch,
@@ -266,6 +269,19 @@ def _roll_back(safety, z, P, factor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _follow_steps(safety, z, P, t):  # type: ignore[no-untyped-def]
+    """Where a channel stepped, what it reads may be off by the whole step, and health be as it was; any?"""
+    found = False
+    for c in range(N_OUTPUTS):
+        if stepped(safety.far, t.innovation, t.S, c):
+            at = 1 if c == 0 else BIAS if c == 1 else 4
+            P[at, at] += (t.innovation[c] / t.H[c, at]) ** 2
+            recall(safety.history, P, ZETA, z[ZETA:NOISE])
+            found = True
+    return found
+
+
+@njit(cache=True, error_model="numpy")
 def _health_gain(model, safety, t):  # type: ignore[no-untyped-def]
     """Hold back, in ``t.K``, the rows that correct health, and note where the correction pushes."""
     if safety.counts[FROZEN] > 0:
@@ -301,6 +317,7 @@ def _remember(model, safety, z, P, white_sd, coloured_sd, t):  # type: ignore[no
         gather(safety.information, safety.sensitivity, t.H, ZETA, t.accuracy, t.used, t.push)
         if counts[UPDATES] % REFRESH == 0:
             informed(safety.information, settings.least_information, safety.observable, t.complex)
+    note_history(safety.history, counts[UPDATES], z[ZETA:NOISE])
     counts[UPDATES] += 1
     if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
         for i in range(N_HEALTH):
@@ -325,12 +342,16 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
     """
     settings, counts = model.settings, safety.counts
     if counts[INFLATING] > 0:
+        if counts[INFLATING] == INFLATION_UPDATES:
+            recall(safety.history, P, ZETA, z[ZETA:NOISE])
         counts[INFLATING] -= 1
         for i in range(N_HEALTH):
             t.push[i] = settings.inflation ** (1.0 / INFLATION_UPDATES)
         scale_health(P, ZETA, t.push)
     _observe(model, safety, z, measured, white_sd, coloured_sd, t)
     nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+    if settings.rollback and _follow_steps(safety, z, P, t):
+        nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
     if settings.rollback and watch(counts, nis, _present(t.innovation)):
         _roll_back(safety, z, P, t.push)
         _observe(model, safety, z, measured, white_sd, coloured_sd, t)
