@@ -29,7 +29,13 @@ from methods.safeguards import (
     N_MOVED,
     N_OUTPUTS,
     OUTSIDE,
+    FITS_SD,
+    FITS_UPDATES,
+    MOVED_SD,
+    RECALL_UPDATES,
+    RECALLED,
     REFRESH,
+    SUSPECT_UPDATES,
     UPDATES,
     WIDEST,
     Envelope,
@@ -106,7 +112,7 @@ def room_type(weights: np.ndarray) -> np.dtype[np.void]:
         "F": ("f8", square), "M": ("f8", square),
         "H": ("f8", wide), "HP": ("f8", wide), "X": ("f8", wide), "K": ("f8", (SIZE, N_OUTPUTS)),
         "R": ("f8", narrow), "S": ("f8", narrow), "L": ("f8", narrow),
-        **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+        **dict.fromkeys(("innovation", "raw", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
         "column": ("f8", (SIZE,)),
         "rows": ("f8", (N_HEALTH, N_OUTPUTS)), "push": ("f8", (N_HEALTH,)), "variance": ("f8", (N_HEALTH,)),
         "after": ("f8", (N_MOVED, N_HEALTH)), "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
@@ -275,8 +281,45 @@ def _follow_steps(safety, z, P, t):  # type: ignore[no-untyped-def]
     for c in range(N_OUTPUTS):
         if stepped(safety.far, t.innovation, t.S, c):
             at = 1 if c == 0 else BIAS if c == 1 else 4
+            found = True
+            if c != 1 and not _moved(safety, z, P):
+                safety.suspect[0, c], safety.suspect[1, c] = SUSPECT_UPDATES, 0
+                t.innovation[c] = np.nan
+                continue
             P[at, at] += (t.innovation[c] / t.H[c, at]) ** 2
             recall(safety.history, P, ZETA, z[ZETA:NOISE])
+            if c != 1:
+                oldest = (safety.counts[UPDATES] // RECALL_UPDATES + 1) % RECALLED
+                for i in range(N_HEALTH):
+                    z[ZETA + i] = safety.history[oldest, i]
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(safety, z, P):  # type: ignore[no-untyped-def]
+    oldest = (safety.counts[UPDATES] // RECALL_UPDATES + 1) % RECALLED
+    for i in range(N_HEALTH):
+        if abs(z[ZETA + i] - safety.history[oldest, i]) > MOVED_SD * np.sqrt(P[ZETA + i, ZETA + i]):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _suspects(safety, P, t):  # type: ignore[no-untyped-def]
+    """Let channels in again that fit, or that have been left out for long enough; any?"""
+    found = False
+    for c in range(N_OUTPUTS):
+        if safety.suspect[0, c] == 0 or np.isnan(t.raw[c]):
+            continue
+        fits = abs(t.raw[c]) < FITS_SD * np.sqrt(t.S[c, c])
+        safety.suspect[1, c] = safety.suspect[1, c] + 1 if fits else 0
+        safety.suspect[0, c] -= 1
+        if safety.suspect[1, c] >= FITS_UPDATES:
+            safety.suspect[0, c] = 0
+        if safety.suspect[0, c] == 0:
+            at = 1 if c == 0 else 4
+            P[at, at] += (t.raw[c] / t.H[c, at]) ** 2
+            t.innovation[c] = t.raw[c]
             found = True
     return found
 
@@ -349,8 +392,12 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
             t.push[i] = settings.inflation ** (1.0 / INFLATION_UPDATES)
         scale_health(P, ZETA, t.push)
     _observe(model, safety, z, measured, white_sd, coloured_sd, t)
+    fill(t.raw, t.innovation)
+    for c in range(N_OUTPUTS):
+        if safety.suspect[0, c] > 0:
+            t.innovation[c] = np.nan
     nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
-    if settings.rollback and _follow_steps(safety, z, P, t):
+    if settings.rollback and (_follow_steps(safety, z, P, t) or _suspects(safety, P, t)):
         nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
     if settings.rollback and watch(counts, nis, _present(t.innovation)):
         _roll_back(safety, z, P, t.push)

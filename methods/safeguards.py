@@ -38,6 +38,10 @@ INSIDE_LEAST = 3
 INFLATION_UPDATES = 8
 RECALLED, RECALL_UPDATES = 8, 300
 """Snapshots of health that are kept, and the updates between two: two minutes."""
+SUSPECT_UPDATES, FITS_SD, FITS_UPDATES = 2400, 2.0, 10
+"""A channel that stepped is left out for two minutes, or until it fits again for half a second."""
+MOVED_SD = 2.0
+"""Of health in two minutes: more than this, and what steps is coming back."""
 FAR_SD = 4.0
 """Of an innovation: twice in a row on one side is no chance."""
 OBSERVED_S = 60.0
@@ -89,6 +93,7 @@ SAFETY = record({
     "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
     "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
     "far": ("f8", (N_OUTPUTS,)),  # consecutive innovations far off on one side, signed
+    "suspect": ("i8", (2, N_OUTPUTS)),  # updates that a channel stays left out yet; consecutive ones in which it fits
     "history": ("f8", (RECALLED, N_HEALTH)),  # health in the last two minutes, a ring
     "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
 })  # fmt: skip
