@@ -74,6 +74,8 @@ PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
 BIAS = ZETA + 4
 ACTING = ZETA + N_HEALTH
 """Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
+STALE_SHARE = 0.5
+"""Of the training increments: what the states move by in a tick, while the inputs are not known."""
 LATE = 0.5
 """Of a tick: what was read no longer ago than this counts as read at the tick."""
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
@@ -113,6 +115,7 @@ def room_type(weights: np.ndarray) -> np.dtype[np.void]:
         "H": ("f8", wide), "HP": ("f8", wide), "X": ("f8", wide), "K": ("f8", (SIZE, N_OUTPUTS)),
         "R": ("f8", narrow), "S": ("f8", narrow), "L": ("f8", narrow),
         **dict.fromkeys(("innovation", "raw", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+        "stale": ("u1", ()),  # are the inputs too old to forecast by? Set from outside
         "column": ("f8", (SIZE,)),
         "rows": ("f8", (N_HEALTH, N_OUTPUTS)), "push": ("f8", (N_HEALTH,)), "variance": ("f8", (N_HEALTH,)),
         "after": ("f8", (N_MOVED, N_HEALTH)), "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
@@ -327,7 +330,7 @@ def _suspects(safety, P, t):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _health_gain(model, safety, t):  # type: ignore[no-untyped-def]
     """Hold back, in ``t.K``, the rows that correct health, and note where the correction pushes."""
-    if safety.counts[FROZEN] > 0:
+    if safety.counts[FROZEN] > 0 or t.stale:
         for i in range(N_HEALTH):
             for c in range(N_OUTPUTS):
                 t.K[ZETA + i, c] = 0.0
@@ -478,6 +481,9 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         to = _next_readings(measured, lag, t.now)
         if m.stream.ticks[0] > 0 and to > at:
             predict(w, model, m.stream.base, m.z, m.P, away, safety.push, to - at, t)
+            if t.stale:
+                for i in range(N_STATES):
+                    m.P[i, i] += (to - at) * (STALE_SHARE * model.increment[i]) ** 2
             if informs:
                 carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
         nis = correct(model, safety, m.z, m.P, t.now, white_sd, coloured_sd, clip, t)

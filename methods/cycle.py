@@ -24,6 +24,8 @@ from physics.health import map_one
 
 N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
 INNOVATION_CLIP_SD = 6.0
+STALE_S = 1.0
+"""Age of an input from which on health is not corrected: what the outputs say then may be the input's doing."""
 KEEP = np.r_[0 : len(STATES), ZETA:NOISE]
 """Where what is reported stands in z."""
 
@@ -64,6 +66,7 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
         **dict.fromkeys(("filled", "age_s", "outlier", "before"), ("f8", (N_CHANNELS,))),
         "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
         "ticks": ("i8", ()),  # updates so far
+        "stale": ("i8", ()),  # updates until the window has forgotten what an input was not
         "stream": (stream_type(weights), ()),
         "safety": (SAFETY, ()),
         "z": ("f8", (SIZE,)), "P": ("f8", (SIZE, SIZE)),
@@ -114,6 +117,11 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
         t.measured[c] = m.filled[N_INPUTS + c] if there else np.nan
         t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
     _standardise(twin, m.filled, t)
+    m.stale = max(m.stale - 1, 0)
+    for c in range(N_INPUTS):
+        if m.age_s[c] > STALE_S:
+            m.stale = m.stream.values.shape[0]
+    t.filter.stale = m.stale > 0
     tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)
     m.ticks += 1
     for c in range(N_CHANNELS):
