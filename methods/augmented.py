@@ -282,7 +282,9 @@ def _follow_steps(safety, z, P, t):  # type: ignore[no-untyped-def]
     """Where a channel stepped, what it reads may be off by the whole step, and health be as it was; any?"""
     found = False
     for c in range(N_OUTPUTS):
-        if stepped(safety.far, t.innovation, t.S, c):
+        if t.stale:  # then any reading may come as a surprise
+            safety.far[c] = 0.0
+        elif stepped(safety.far, t.innovation, t.S, c):
             at = 1 if c == 0 else BIAS if c == 1 else 4
             found = True
             if c != 1 and not _moved(safety, z, P):
