@@ -39,7 +39,7 @@ class Scaling(NamedTuple):
 
 TWIN = record({
     "filter": (MODEL, ()),
-    "front": (record({**dict.fromkeys(Fitted._fields[:3], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
+    "front": (record({**dict.fromkeys(Fitted._fields[:4], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
     "query": (record(dict.fromkeys(Scaling._fields, ("f8", (N_QUERY,)))), ()),
     "update_every": ("i8", ()),
 })  # fmt: skip
@@ -63,7 +63,7 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     """What one machine carries from update to update."""
     return record({
         "recent": ("f8", (WINDOW, N_CHANNELS)),
-        **dict.fromkeys(("filled", "age_s", "outlier", "before"), ("f8", (N_CHANNELS,))),
+        **dict.fromkeys(("filled", "age_s", "outlier", "before", "last", "still"), ("f8", (N_CHANNELS,))),
         "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
         "ticks": ("i8", ()),  # updates so far
         "stale": ("i8", ()),  # updates until the window has forgotten what an input was not
