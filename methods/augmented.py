@@ -21,15 +21,21 @@ from methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
 from methods.kalman import bound_into, gain_into, joseph_into, symmetrise
 from methods.records import record
 from methods.safeguards import (
+    FITS_SD,
+    FITS_UPDATES,
     FROZEN,
     INFLATING,
     INFLATION_UPDATES,
     LEAST_VARIANCE,
+    MOVED_SD,
     N_HEALTH,
     N_MOVED,
     N_OUTPUTS,
     OUTSIDE,
+    RECALL_UPDATES,
+    RECALLED,
     REFRESH,
+    SUSPECT_UPDATES,
     UPDATES,
     WIDEST,
     Envelope,
@@ -41,9 +47,12 @@ from methods.safeguards import (
     informed,
     left_out,
     noise_factor,
+    note_history,
     note_mismatch,
     note_push,
+    recall,
     scale_health,
+    stepped,
     trust,
     walk_factor,
     watch,
@@ -65,6 +74,8 @@ PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
 BIAS = ZETA + 4
 ACTING = ZETA + N_HEALTH
 """Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
+STALE_SHARE = 0.5
+"""Of the training increments: what the states move by in a tick, while the inputs are not known."""
 LATE = 0.5
 """Of a tick: what was read no longer ago than this counts as read at the tick."""
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
@@ -103,7 +114,8 @@ def room_type(weights: np.ndarray) -> np.dtype[np.void]:
         "F": ("f8", square), "M": ("f8", square),
         "H": ("f8", wide), "HP": ("f8", wide), "X": ("f8", wide), "K": ("f8", (SIZE, N_OUTPUTS)),
         "R": ("f8", narrow), "S": ("f8", narrow), "L": ("f8", narrow),
-        **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+        **dict.fromkeys(("innovation", "raw", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+        "stale": ("u1", ()),  # are the inputs too old to forecast by? Set from outside
         "column": ("f8", (SIZE,)),
         "rows": ("f8", (N_HEALTH, N_OUTPUTS)), "push": ("f8", (N_HEALTH,)), "variance": ("f8", (N_HEALTH,)),
         "after": ("f8", (N_MOVED, N_HEALTH)), "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
@@ -266,9 +278,61 @@ def _roll_back(safety, z, P, factor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _follow_steps(safety, z, P, t):  # type: ignore[no-untyped-def]
+    """Where a channel stepped, what it reads may be off by the whole step, and health be as it was; any?"""
+    found = False
+    for c in range(N_OUTPUTS):
+        if t.stale:  # then any reading may come as a surprise
+            safety.far[c] = 0.0
+        elif stepped(safety.far, t.innovation, t.S, c):
+            at = 1 if c == 0 else BIAS if c == 1 else 4
+            found = True
+            if c != 1 and not _moved(safety, z, P):
+                safety.suspect[0, c], safety.suspect[1, c] = SUSPECT_UPDATES, 0
+                t.innovation[c] = np.nan
+                continue
+            P[at, at] += (t.innovation[c] / t.H[c, at]) ** 2
+            recall(safety.history, P, ZETA, z[ZETA:NOISE])
+            if c != 1:
+                oldest = (safety.counts[UPDATES] // RECALL_UPDATES + 1) % RECALLED
+                for i in range(N_HEALTH):
+                    z[ZETA + i] = safety.history[oldest, i]
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _moved(safety, z, P):  # type: ignore[no-untyped-def]
+    oldest = (safety.counts[UPDATES] // RECALL_UPDATES + 1) % RECALLED
+    for i in range(N_HEALTH):
+        if abs(z[ZETA + i] - safety.history[oldest, i]) > MOVED_SD * np.sqrt(P[ZETA + i, ZETA + i]):
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _suspects(safety, P, t):  # type: ignore[no-untyped-def]
+    """Let channels in again that fit, or that have been left out for long enough; any?"""
+    found = False
+    for c in range(N_OUTPUTS):
+        if safety.suspect[0, c] == 0 or np.isnan(t.raw[c]):
+            continue
+        fits = abs(t.raw[c]) < FITS_SD * np.sqrt(t.S[c, c])
+        safety.suspect[1, c] = safety.suspect[1, c] + 1 if fits else 0
+        safety.suspect[0, c] -= 1
+        if safety.suspect[1, c] >= FITS_UPDATES:
+            safety.suspect[0, c] = 0
+        if safety.suspect[0, c] == 0:
+            at = 1 if c == 0 else 4
+            P[at, at] += (t.raw[c] / t.H[c, at]) ** 2
+            t.innovation[c] = t.raw[c]
+            found = True
+    return found
+
+
+@njit(cache=True, error_model="numpy")
 def _health_gain(model, safety, t):  # type: ignore[no-untyped-def]
     """Hold back, in ``t.K``, the rows that correct health, and note where the correction pushes."""
-    if safety.counts[FROZEN] > 0:
+    if safety.counts[FROZEN] > 0 or t.stale:
         for i in range(N_HEALTH):
             for c in range(N_OUTPUTS):
                 t.K[ZETA + i, c] = 0.0
@@ -301,6 +365,7 @@ def _remember(model, safety, z, P, white_sd, coloured_sd, t):  # type: ignore[no
         gather(safety.information, safety.sensitivity, t.H, ZETA, t.accuracy, t.used, t.push)
         if counts[UPDATES] % REFRESH == 0:
             informed(safety.information, settings.least_information, safety.observable, t.complex)
+    note_history(safety.history, counts[UPDATES], z[ZETA:NOISE])
     counts[UPDATES] += 1
     if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
         for i in range(N_HEALTH):
@@ -325,12 +390,20 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
     """
     settings, counts = model.settings, safety.counts
     if counts[INFLATING] > 0:
+        if counts[INFLATING] == INFLATION_UPDATES:
+            recall(safety.history, P, ZETA, z[ZETA:NOISE])
         counts[INFLATING] -= 1
         for i in range(N_HEALTH):
             t.push[i] = settings.inflation ** (1.0 / INFLATION_UPDATES)
         scale_health(P, ZETA, t.push)
     _observe(model, safety, z, measured, white_sd, coloured_sd, t)
+    fill(t.raw, t.innovation)
+    for c in range(N_OUTPUTS):
+        if safety.suspect[0, c] > 0:
+            t.innovation[c] = np.nan
     nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+    if settings.rollback and (_follow_steps(safety, z, P, t) or _suspects(safety, P, t)):
+        nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
     if settings.rollback and watch(counts, nis, _present(t.innovation)):
         _roll_back(safety, z, P, t.push)
         _observe(model, safety, z, measured, white_sd, coloured_sd, t)
@@ -410,6 +483,9 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         to = _next_readings(measured, lag, t.now)
         if m.stream.ticks[0] > 0 and to > at:
             predict(w, model, m.stream.base, m.z, m.P, away, safety.push, to - at, t)
+            if t.stale:
+                for i in range(N_STATES):
+                    m.P[i, i] += (to - at) * (STALE_SHARE * model.increment[i]) ** 2
             if informs:
                 carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
         nis = correct(model, safety, m.z, m.P, t.now, white_sd, coloured_sd, clip, t)

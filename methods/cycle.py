@@ -24,6 +24,8 @@ from physics.health import map_one
 
 N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
 INNOVATION_CLIP_SD = 6.0
+STALE_S = 1.0
+"""Age of an input from which on health is not corrected: what the outputs say then may be the input's doing."""
 KEEP = np.r_[0 : len(STATES), ZETA:NOISE]
 """Where what is reported stands in z."""
 
@@ -37,7 +39,7 @@ class Scaling(NamedTuple):
 
 TWIN = record({
     "filter": (MODEL, ()),
-    "front": (record({**dict.fromkeys(Fitted._fields[:3], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
+    "front": (record({**dict.fromkeys(Fitted._fields[:4], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
     "query": (record(dict.fromkeys(Scaling._fields, ("f8", (N_QUERY,)))), ()),
     "update_every": ("i8", ()),
 })  # fmt: skip
@@ -61,9 +63,10 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     """What one machine carries from update to update."""
     return record({
         "recent": ("f8", (WINDOW, N_CHANNELS)),
-        **dict.fromkeys(("filled", "age_s", "outlier", "before"), ("f8", (N_CHANNELS,))),
+        **dict.fromkeys(("filled", "age_s", "outlier", "before", "last", "still"), ("f8", (N_CHANNELS,))),
         "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
         "ticks": ("i8", ()),  # updates so far
+        "stale": ("i8", ()),  # updates until the window has forgotten what an input was not
         "stream": (stream_type(weights), ()),
         "safety": (SAFETY, ()),
         "z": ("f8", (SIZE,)), "P": ("f8", (SIZE, SIZE)),
@@ -114,6 +117,11 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
         t.measured[c] = m.filled[N_INPUTS + c] if there else np.nan
         t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
     _standardise(twin, m.filled, t)
+    m.stale = max(m.stale - 1, 0)
+    for c in range(N_INPUTS):
+        if m.age_s[c] > STALE_S:
+            m.stale = m.stream.values.shape[0]
+    t.filter.stale = m.stale > 0
     tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)
     m.ticks += 1
     for c in range(N_CHANNELS):

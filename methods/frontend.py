@@ -15,11 +15,13 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array, Batch
+from data.batch import CHANNELS, INPUTS, SAMPLE_PERIOD_S, Array, Batch
 
 WINDOW = 11
 """Samples in the Hampel window, the present one included."""
 THRESHOLD = 6.0
+STUCK_S = 3.0
+"""An output that reads the same for so long is stuck, if it never did so in training."""
 PLAUSIBLE = 10.0
 """Training spreads around the training mean: what lies beyond is no reading, however long it lasts
 (a historian's -9999, an open circuit, another unit)."""
@@ -33,6 +35,8 @@ class Memory(NamedTuple):
     age_s: Array  # (B, 7) seconds since then; inf before the first
     outlier: Array  # (B, 7) sign of the previous sample's rejection, 0 if none
     before: Array  # (B, 7) values of the tick before, what was held back and is now confirmed put right
+    last: Array  # (B, 7) last raw readings
+    still: Array  # (B, 7) how many readings before it were the same
 
 
 class Fitted(NamedTuple):
@@ -41,6 +45,7 @@ class Fitted(NamedTuple):
     mean: Array  # (7,)
     scale: Array  # (7,)
     floor: Array  # (7,)
+    still: Array  # (7,) readings that are the same from which on a sensor is stuck
     threshold: float
 
 
@@ -91,6 +96,11 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ig
         m.age_s[c] += SAMPLE_PERIOD_S
         if np.isnan(value):
             continue
+        m.still[c] = m.still[c] + 1.0 if value == m.last[c] else 0.0
+        m.last[c] = value
+        if m.still[c] >= fitted.still[c]:
+            m.recent[window - 1, c] = np.nan
+            continue
         if abs(value - fitted.mean[c]) > PLAUSIBLE * fitted.scale[c]:
             m.recent[window - 1, c] = np.nan
             spike[c] = True
@@ -126,7 +136,10 @@ def _gate(memory, fitted, measured, accepted, spike, confirmed):  # type: ignore
     """Advance all machines by one tick, in place."""
     kept = np.empty(WINDOW)
     for b in range(measured.shape[0]):
-        one = Memory(memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b], memory.before[b])
+        one = Memory(
+            memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b], memory.before[b],
+            memory.last[b], memory.still[b],
+        )  # fmt: skip
         gate_one(one, fitted, measured[b], accepted[b], spike[b], confirmed[b], kept)
 
 
@@ -144,6 +157,13 @@ def _gate_sequence(memory, fitted, measured, hindsight, out, accepted, ages):  #
             accepted[:, k - 1] |= confirmed
 
 
+def _longest_run(readings: Array) -> int:
+    """Of readings (B, N) that are the same as the one before."""
+    same = np.pad(np.diff(readings, axis=1) == 0.0, ((0, 0), (1, 1)))
+    edges = np.flatnonzero(np.diff(same.ravel().astype(np.int8)))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
 class FrontEnd:
     """Fitted on the training split; ``step`` for one tick, ``run`` for whole sequences, same numbers.
 
@@ -153,13 +173,13 @@ class FrontEnd:
         threshold: of the Hampel precheck, robust standard deviations; inf leaves it out.
     """
 
-    def __init__(self, mean: Array, scale: Array, floor: Array, threshold: float = THRESHOLD) -> None:
-        self.mean, self.scale, self.floor, self.threshold = mean, scale, floor, threshold
+    def __init__(self, mean: Array, scale: Array, floor: Array, still: Array, threshold: float = THRESHOLD) -> None:
+        self.mean, self.scale, self.floor, self.still, self.threshold = mean, scale, floor, still, threshold
 
     @property
     def fitted(self) -> Fitted:
         """For compiled code."""
-        return Fitted(self.mean, self.scale, self.floor, self.threshold)
+        return Fitted(self.mean, self.scale, self.floor, self.still, self.threshold)
 
     @classmethod
     def fit(cls, train: Batch) -> Self:
@@ -169,16 +189,19 @@ class FrontEnd:
         steps = np.abs(np.diff(train.measured[:, ::1], axis=1)).reshape(-1, len(CHANNELS))
         floor = np.nanmedian(steps, axis=0) / (0.6745 * np.sqrt(2.0))
         scale = np.maximum(spread, 1e-9)
-        return cls(mean, scale, np.maximum(floor, 0.01 * scale))
+        still = np.full(len(CHANNELS), np.inf)  # an input may well be constant
+        for c in range(len(INPUTS), len(CHANNELS)):
+            still[c] = max(STUCK_S / SAMPLE_PERIOD_S, 2.0 * _longest_run(train.measured[..., c]))
+        return cls(mean, scale, np.maximum(floor, 0.01 * scale), still)
 
     def arrays(self) -> dict[str, Array]:
         """What is learnt, for ``Estimator.arrays``."""
-        return {"front.mean": self.mean, "front.scale": self.scale, "front.floor": self.floor}
+        return {f"front.{name}": getattr(self, name) for name in Fitted._fields[:4]}
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray], threshold: float = THRESHOLD) -> Self:
         """The inverse of ``arrays``."""
-        return cls(arrays["front.mean"], arrays["front.scale"], arrays["front.floor"], threshold)
+        return cls(*(arrays[f"front.{name}"] for name in Fitted._fields[:4]), threshold)
 
     def init(self, batch: int) -> Memory:
         """Before the first sample: the training means stand in."""
@@ -189,6 +212,8 @@ class FrontEnd:
             np.full((batch, n), np.inf),
             np.zeros((batch, n)),
             np.tile(self.mean, (batch, 1)),
+            np.full((batch, n), np.nan),
+            np.zeros((batch, n)),
         )
 
     def step(self, memory: Memory, measured: Array) -> tuple[Memory, Clean]:
