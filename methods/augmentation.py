@@ -18,14 +18,14 @@ DROPOUT = 0.2
 """Share of windows in which the flow sensor is silent for a while."""
 BURST_SAMPLES = 20
 GAPS, MOST_GAPS = 0.25, 0.4
-"""Share of windows in which single samples of every channel are missing, and which share of them at most."""
+"""Share of windows in which single readings of every channel are missing, and which share of them at most."""
 PRESSURES = ("p_suc_bar", "p_dis_bar")
 TEMPERATURE, FLOW = CHANNELS.index("T_dis_K"), CHANNELS.index("m_flow_kg_s")
 P_SUC_QUERY = 3
 
 
 def augmented(window: WindowBatch, source: WindowSource, rng: np.random.Generator) -> WindowBatch:
-    """Correlated pressure drift, temperature lag, flow dropout and time-stamp jitter, on standardised windows."""
+    """Correlated pressure drift, temperature lag, flow dropout, gaps and time-stamp jitter, on standardised windows."""
     values, masks, query = (part.numpy().copy() for part in (window.values, window.masks, window.query))
     batch, length = masks.shape[:2]
     late = JITTER_SAMPLES * rng.normal(size=(batch, length, 1)).astype(np.float32)
@@ -40,12 +40,11 @@ def augmented(window: WindowBatch, source: WindowSource, rng: np.random.Generato
         values[:, :, c] += drift * (values[:, :, c] + at_zero)
     at_zero = source.query_mean[P_SUC_QUERY] / source.query_scale[P_SUC_QUERY]
     query[:, P_SUC_QUERY] += drift[:, 0] * (query[:, P_SUC_QUERY] + at_zero)
-    gappy = np.flatnonzero(rng.random(batch) < GAPS)
-    share = rng.uniform(0.0, MOST_GAPS, (len(gappy), 1, 1))
-    gone = rng.random((len(gappy), length, masks.shape[2])) < share
-    last = np.where(np.pad(gone, ((0, 0), (1, 0), (0, 0))), 0, np.arange(length + 1)[:, None])
-    values[gappy] = np.take_along_axis(values[gappy], np.maximum.accumulate(last, axis=1), axis=1)
-    masks[gappy] *= ~gone
+    for b in np.flatnonzero(rng.random(batch) < GAPS):
+        gone = rng.random(masks.shape[1:]) < rng.uniform(0.0, MOST_GAPS)
+        last = np.where(np.pad(gone, ((1, 0), (0, 0))), 0, np.arange(length + 1)[:, None])
+        values[b] = np.take_along_axis(values[b], np.maximum.accumulate(last), axis=0)
+        masks[b] *= ~gone
     for b in np.flatnonzero(rng.random(batch) < DROPOUT):
         begin = int(rng.integers(1, length + 1))
         silent = slice(begin, begin + int(rng.integers(1, BURST_SAMPLES + 1)))

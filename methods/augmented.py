@@ -21,21 +21,15 @@ from methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
 from methods.kalman import bound_into, gain_into, joseph_into, symmetrise
 from methods.records import record
 from methods.safeguards import (
-    FITS_SD,
-    FITS_UPDATES,
     FROZEN,
     INFLATING,
     INFLATION_UPDATES,
     LEAST_VARIANCE,
-    MOVED_SD,
     N_HEALTH,
     N_MOVED,
     N_OUTPUTS,
     OUTSIDE,
-    RECALL_UPDATES,
-    RECALLED,
     REFRESH,
-    SUSPECT_UPDATES,
     UPDATES,
     WIDEST,
     Envelope,
@@ -47,16 +41,14 @@ from methods.safeguards import (
     informed,
     left_out,
     noise_factor,
-    note_history,
     note_mismatch,
     note_push,
-    recall,
     scale_health,
-    stepped,
     trust,
     walk_factor,
     watch,
 )
+from methods.steps import follow_steps, free_to_return, note_way
 from methods.stream import (
     N_STATES,
     N_ZETA,
@@ -71,11 +63,13 @@ from physics.compressor import M_REF_KG_S, PLANT
 from physics.health import map_one
 
 PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
-BIAS = ZETA + 4
+T_DIS, BIAS = 2, ZETA + 4
 ACTING = ZETA + N_HEALTH
 """Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
-STALE_SHARE = 0.5
-"""Of the training increments: what the states move by in a tick, while the inputs are not known."""
+SHIFTS = (1, BIAS, 4)
+"""Entries of z that a shift of each output is put down to: pressure, bias, flow."""
+WANDERING = 0.5
+"""What the states move by in a tick while the inputs are not known, in training increments."""
 LATE = 0.5
 """Of a tick: what was read no longer ago than this counts as read at the tick."""
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
@@ -114,8 +108,7 @@ def room_type(weights: np.ndarray) -> np.dtype[np.void]:
         "F": ("f8", square), "M": ("f8", square),
         "H": ("f8", wide), "HP": ("f8", wide), "X": ("f8", wide), "K": ("f8", (SIZE, N_OUTPUTS)),
         "R": ("f8", narrow), "S": ("f8", narrow), "L": ("f8", narrow),
-        **dict.fromkeys(("innovation", "raw", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
-        "stale": ("u1", ()),  # are the inputs too old to forecast by? Set from outside
+        **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
         "column": ("f8", (SIZE,)),
         "rows": ("f8", (N_HEALTH, N_OUTPUTS)), "push": ("f8", (N_HEALTH,)), "variance": ("f8", (N_HEALTH,)),
         "after": ("f8", (N_MOVED, N_HEALTH)), "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
@@ -278,61 +271,9 @@ def _roll_back(safety, z, P, factor):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _follow_steps(safety, z, P, t):  # type: ignore[no-untyped-def]
-    """Where a channel stepped, what it reads may be off by the whole step, and health be as it was; any?"""
-    found = False
-    for c in range(N_OUTPUTS):
-        if t.stale:  # then any reading may come as a surprise
-            safety.far[c] = 0.0
-        elif stepped(safety.far, t.innovation, t.S, c):
-            at = 1 if c == 0 else BIAS if c == 1 else 4
-            found = True
-            if c != 1 and not _moved(safety, z, P):
-                safety.suspect[0, c], safety.suspect[1, c] = SUSPECT_UPDATES, 0
-                t.innovation[c] = np.nan
-                continue
-            P[at, at] += (t.innovation[c] / t.H[c, at]) ** 2
-            recall(safety.history, P, ZETA, z[ZETA:NOISE])
-            if c != 1:
-                oldest = (safety.counts[UPDATES] // RECALL_UPDATES + 1) % RECALLED
-                for i in range(N_HEALTH):
-                    z[ZETA + i] = safety.history[oldest, i]
-    return found
-
-
-@njit(cache=True, error_model="numpy")
-def _moved(safety, z, P):  # type: ignore[no-untyped-def]
-    oldest = (safety.counts[UPDATES] // RECALL_UPDATES + 1) % RECALLED
-    for i in range(N_HEALTH):
-        if abs(z[ZETA + i] - safety.history[oldest, i]) > MOVED_SD * np.sqrt(P[ZETA + i, ZETA + i]):
-            return True
-    return False
-
-
-@njit(cache=True, error_model="numpy")
-def _suspects(safety, P, t):  # type: ignore[no-untyped-def]
-    """Let channels in again that fit, or that have been left out for long enough; any?"""
-    found = False
-    for c in range(N_OUTPUTS):
-        if safety.suspect[0, c] == 0 or np.isnan(t.raw[c]):
-            continue
-        fits = abs(t.raw[c]) < FITS_SD * np.sqrt(t.S[c, c])
-        safety.suspect[1, c] = safety.suspect[1, c] + 1 if fits else 0
-        safety.suspect[0, c] -= 1
-        if safety.suspect[1, c] >= FITS_UPDATES:
-            safety.suspect[0, c] = 0
-        if safety.suspect[0, c] == 0:
-            at = 1 if c == 0 else 4
-            P[at, at] += (t.raw[c] / t.H[c, at]) ** 2
-            t.innovation[c] = t.raw[c]
-            found = True
-    return found
-
-
-@njit(cache=True, error_model="numpy")
 def _health_gain(model, safety, t):  # type: ignore[no-untyped-def]
     """Hold back, in ``t.K``, the rows that correct health, and note where the correction pushes."""
-    if safety.counts[FROZEN] > 0 or t.stale:
+    if safety.counts[FROZEN] > 0 or safety.unknown > 0:
         for i in range(N_HEALTH):
             for c in range(N_OUTPUTS):
                 t.K[ZETA + i, c] = 0.0
@@ -365,7 +306,7 @@ def _remember(model, safety, z, P, white_sd, coloured_sd, t):  # type: ignore[no
         gather(safety.information, safety.sensitivity, t.H, ZETA, t.accuracy, t.used, t.push)
         if counts[UPDATES] % REFRESH == 0:
             informed(safety.information, settings.least_information, safety.observable, t.complex)
-    note_history(safety.history, counts[UPDATES], z[ZETA:NOISE])
+    note_way(safety.steps.way, counts[UPDATES], z[ZETA:NOISE])
     counts[UPDATES] += 1
     if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
         for i in range(N_HEALTH):
@@ -385,24 +326,28 @@ def _present(values):  # type: ignore[no-untyped-def]
 def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyped-def]
     """Eqs. (8)-(14) with the outputs ``measured`` (3,), NaN where missing: z, P and ``safety`` move on in place.
 
-    Leaves ``t.innovation``, the same without the channels that the gate left out in ``t.used``, and ``t.S``.
-    Returns NIS.
+    Channels that stepped and are left out become NaN in ``measured``. Leaves ``t.innovation``, the same without the
+    channels that the gate left out in ``t.used``, and ``t.S``. Returns NIS.
     """
     settings, counts = model.settings, safety.counts
     if counts[INFLATING] > 0:
         if counts[INFLATING] == INFLATION_UPDATES:
-            recall(safety.history, P, ZETA, z[ZETA:NOISE])
+            free_to_return(safety.steps.way, z, P, ZETA)
         counts[INFLATING] -= 1
         for i in range(N_HEALTH):
             t.push[i] = settings.inflation ** (1.0 / INFLATION_UPDATES)
         scale_health(P, ZETA, t.push)
     _observe(model, safety, z, measured, white_sd, coloured_sd, t)
-    fill(t.raw, t.innovation)
-    for c in range(N_OUTPUTS):
-        if safety.suspect[0, c] > 0:
-            t.innovation[c] = np.nan
     nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
-    if settings.rollback and (_follow_steps(safety, z, P, t) or _suspects(safety, P, t)):
+    bias_K, _ = map_one(N_HEALTH - 1, z[BIAS])
+    if settings.steps and follow_steps(safety, counts[UPDATES], t.innovation, t.S, t.H, SHIFTS, z, P, ZETA):
+        now_K, _ = map_one(N_HEALTH - 1, z[BIAS])
+        for i in (T_DIS, PROBE):  # what the bias does not explain any more is temperature
+            z[i] += bias_K - now_K
+        for c in range(N_OUTPUTS):
+            if safety.steps.out[c] > 0:
+                measured[c] = np.nan
+        _observe(model, safety, z, measured, white_sd, coloured_sd, t)
         nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
     if settings.rollback and watch(counts, nis, _present(t.innovation)):
         _roll_back(safety, z, P, t.push)
@@ -483,9 +428,9 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         to = _next_readings(measured, lag, t.now)
         if m.stream.ticks[0] > 0 and to > at:
             predict(w, model, m.stream.base, m.z, m.P, away, safety.push, to - at, t)
-            if t.stale:
+            if safety.unknown > 0:
                 for i in range(N_STATES):
-                    m.P[i, i] += (to - at) * (STALE_SHARE * model.increment[i]) ** 2
+                    m.P[i, i] += (to - at) * (WANDERING * model.increment[i]) ** 2
             if informs:
                 carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
         nis = correct(model, safety, m.z, m.P, t.now, white_sd, coloured_sd, clip, t)
@@ -500,5 +445,5 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
     if informs and known < N_HEALTH - 0.5:
         out.flags |= FLAG_UNINFORMED
     for c in range(N_OUTPUTS):
-        if not out.accepted[c] and not np.isnan(out.innovation[c]):
+        if safety.steps.out[c] > 0 or (not out.accepted[c] and not np.isnan(out.innovation[c])):
             out.flags |= FLAG_GATED

@@ -24,7 +24,7 @@ from physics.health import map_one
 
 N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
 INNOVATION_CLIP_SD = 6.0
-STALE_S = 1.0
+UNKNOWN_S = 1.0
 """Age of an input from which on health is not corrected: what the outputs say then may be the input's doing."""
 KEEP = np.r_[0 : len(STATES), ZETA:NOISE]
 """Where what is reported stands in z."""
@@ -63,10 +63,9 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     """What one machine carries from update to update."""
     return record({
         "recent": ("f8", (WINDOW, N_CHANNELS)),
-        **dict.fromkeys(("filled", "age_s", "outlier", "before", "last", "still"), ("f8", (N_CHANNELS,))),
+        **dict.fromkeys(("filled", "age_s", "outlier", "last", "still"), ("f8", (N_CHANNELS,))),
         "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
         "ticks": ("i8", ()),  # updates so far
-        "stale": ("i8", ()),  # updates until the window has forgotten what an input was not
         "stream": (stream_type(weights), ()),
         "safety": (SAFETY, ()),
         "z": ("f8", (SIZE,)), "P": ("f8", (SIZE, SIZE)),
@@ -77,7 +76,8 @@ def scratch(weights: np.ndarray) -> np.ndarray:
     """(1,) of room for one update."""
     return np.zeros(1, record({
         "filter": (room_type(weights), ()),
-        **dict.fromkeys(("accepted", "spike", "confirmed"), ("u1", (N_CHANNELS,))), "kept": ("f8", (WINDOW,)),
+        **dict.fromkeys(("accepted", "spike", "confirmed"), ("u1", (N_CHANNELS,))),
+        "before": ("f8", (N_CHANNELS,)), "kept": ("f8", (WINDOW,)),
         "white": ("f8", (N_OUTPUTS,)), "coloured": ("f8", (N_OUTPUTS,)),
         "measured": ("f8", (N_OUTPUTS,)), "lag": ("f8", (N_OUTPUTS,)),
         "sample": ("f4", (N_CHANNELS,)), "mask": ("f4", (N_CHANNELS,)), "query": ("f4", (N_QUERY,)),
@@ -105,11 +105,11 @@ def _take_in(weights, twin, m, values, t):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-untyped-def]
     """One machine's update, in place on its memory ``m`` and on what is ``said``."""
-    gate_one(m, twin.front, measured, t.accepted, t.spike, t.confirmed, t.kept)
+    gate_one(m, twin.front, measured, t.accepted, t.spike, t.confirmed, t.before, t.kept)
     if m.ticks > 0:
         for c in range(N_CHANNELS):
             t.mask[c] = max(m.mask[c], t.confirmed[c])
-        _take_in(weights, twin, m, m.before, t)
+        _take_in(weights, twin, m, t.before, t)
     output_sd_of(m.filled, t.white, t.coloured)
     due = m.ticks % twin.update_every == 0
     for c in range(N_OUTPUTS):
@@ -117,11 +117,10 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
         t.measured[c] = m.filled[N_INPUTS + c] if there else np.nan
         t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
     _standardise(twin, m.filled, t)
-    m.stale = max(m.stale - 1, 0)
+    m.safety.unknown = max(m.safety.unknown - 1, 0)
     for c in range(N_INPUTS):
-        if m.age_s[c] > STALE_S:
-            m.stale = m.stream.values.shape[0]
-    t.filter.stale = m.stale > 0
+        if m.age_s[c] > UNKNOWN_S:
+            m.safety.unknown = m.stream.values.shape[0]  # until the window has forgotten it
     tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)
     m.ticks += 1
     for c in range(N_CHANNELS):

@@ -65,6 +65,7 @@ class DeepONetKalman(Estimator):
         "hampel": True,
         "channel_gate": 6.0,
         "rollback": True,
+        "steps": True,
         "inflation": 1.747,
         "difference": 0.0,
     }
@@ -93,6 +94,7 @@ class DeepONetKalman(Estimator):
         "no_observability": {"least_information": 0.0},
         "no_gate": {"channel_gate": np.inf, "hampel": False},
         "no_rollback": {"rollback": False},
+        "no_steps": {"steps": False},
         "no_augmentation": {"augmented": False},
         "no_strata": {"stratified": False},
         "no_refinement": {"refinement": 0},

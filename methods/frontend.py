@@ -2,7 +2,8 @@
 
 A Hampel precheck rejects isolated samples beyond six robust standard deviations; a shift that lasts
 two samples is let through, because it may be a real change. Gaps are filled with the last accepted
-value and told apart by a mask and an age. Causal: a tick sees its own and earlier samples only.
+value and told apart by a mask and an age. An output that repeats itself, without even a sensor's noise,
+is stuck, and what it reads is missing. Causal: a tick sees its own and earlier samples only.
 
 What the gate holds back for a sample and then lets through, it has known a sample too late. So each
 tick says, too, what is now known of the tick before: who forecasts from there, forecasts from the truth.
@@ -21,7 +22,7 @@ WINDOW = 11
 """Samples in the Hampel window, the present one included."""
 THRESHOLD = 6.0
 STUCK_S = 3.0
-"""An output that reads the same for so long is stuck, if it never did so in training."""
+"""An output that reads the same for so long is stuck, unless it did so in training. An input may well be constant."""
 PLAUSIBLE = 10.0
 """Training spreads around the training mean: what lies beyond is no reading, however long it lasts
 (a historian's -9999, an open circuit, another unit)."""
@@ -34,9 +35,8 @@ class Memory(NamedTuple):
     filled: Array  # (B, 7) last accepted values
     age_s: Array  # (B, 7) seconds since then; inf before the first
     outlier: Array  # (B, 7) sign of the previous sample's rejection, 0 if none
-    before: Array  # (B, 7) values of the tick before, what was held back and is now confirmed put right
     last: Array  # (B, 7) last raw readings
-    still: Array  # (B, 7) how many readings before it were the same
+    still: Array  # (B, 7) how many readings before them were the same
 
 
 class Fitted(NamedTuple):
@@ -45,7 +45,7 @@ class Fitted(NamedTuple):
     mean: Array  # (7,)
     scale: Array  # (7,)
     floor: Array  # (7,)
-    still: Array  # (7,) readings that are the same from which on a sensor is stuck
+    still: Array  # (7,) readings in a row that are the same, from which on a sensor is stuck
     threshold: float
 
 
@@ -73,7 +73,7 @@ def _median(a, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ignore[no-untyped-def]
+def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # type: ignore[no-untyped-def]
     """Advance one machine by one tick, in place.
 
     Args:
@@ -81,6 +81,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ig
         fitted: a Fitted.
         accepted, spike: (7,) are written.
         confirmed: (7,) is written: was the reading of the tick before held back, and rightly there?
+        before: (7,) is written: the values of the tick before, what is confirmed put right.
         kept: (WINDOW,) is scratch.
     """
     window, channels = m.recent.shape
@@ -92,7 +93,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ig
         accepted[c] = False
         spike[c] = False
         confirmed[c] = False
-        m.before[c] = m.filled[c]
+        before[c] = m.filled[c]
         m.age_s[c] += SAMPLE_PERIOD_S
         if np.isnan(value):
             continue
@@ -124,7 +125,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ig
             earlier = m.recent[window - 2, c]
             if sign != 0.0 and m.age_s[c] > 1.5 * SAMPLE_PERIOD_S and not np.isnan(earlier):
                 confirmed[c] = True
-                m.before[c] = earlier
+                before[c] = earlier
             accepted[c] = True
             m.filled[c] = value
             m.age_s[c] = 0.0
@@ -132,33 +133,32 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, kept):  # type: ig
 
 
 @njit(cache=True)
-def _gate(memory, fitted, measured, accepted, spike, confirmed):  # type: ignore[no-untyped-def]
+def _gate(memory, fitted, measured, accepted, spike, confirmed, before):  # type: ignore[no-untyped-def]
     """Advance all machines by one tick, in place."""
     kept = np.empty(WINDOW)
     for b in range(measured.shape[0]):
         one = Memory(
-            memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b], memory.before[b],
-            memory.last[b], memory.still[b],
-        )  # fmt: skip
-        gate_one(one, fitted, measured[b], accepted[b], spike[b], confirmed[b], kept)
+            memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b], memory.last[b], memory.still[b]
+        )
+        gate_one(one, fitted, measured[b], accepted[b], spike[b], confirmed[b], before[b], kept)
 
 
 @njit(cache=True)
 def _gate_sequence(memory, fitted, measured, hindsight, out, accepted, ages):  # type: ignore[no-untyped-def]
     ok = np.empty(memory.filled.shape, np.bool_)
-    spike, confirmed = np.empty_like(ok), np.empty_like(ok)
+    spike, confirmed, before = np.empty_like(ok), np.empty_like(ok), np.empty_like(memory.filled)
     for k in range(measured.shape[1]):
-        _gate(memory, fitted, measured[:, k], ok, spike, confirmed)
+        _gate(memory, fitted, measured[:, k], ok, spike, confirmed, before)
         out[:, k] = memory.filled
         accepted[:, k] = ok
         ages[:, k] = memory.age_s
         if hindsight and k > 0:
-            out[:, k - 1] = memory.before
+            out[:, k - 1] = before
             accepted[:, k - 1] |= confirmed
 
 
 def _longest_run(readings: Array) -> int:
-    """Of readings (B, N) that are the same as the one before."""
+    """Of readings (B, N) that are the same as the one before them."""
     same = np.pad(np.diff(readings, axis=1) == 0.0, ((0, 0), (1, 1)))
     edges = np.flatnonzero(np.diff(same.ravel().astype(np.int8)))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
@@ -170,6 +170,7 @@ class FrontEnd:
     Attributes:
         mean, scale: (7,) standardisation, order CHANNELS.
         floor: (7,) least noise sd that the gate assumes.
+        still: (7,) readings in a row that are the same, from which on a sensor is stuck.
         threshold: of the Hampel precheck, robust standard deviations; inf leaves it out.
     """
 
@@ -189,7 +190,7 @@ class FrontEnd:
         steps = np.abs(np.diff(train.measured[:, ::1], axis=1)).reshape(-1, len(CHANNELS))
         floor = np.nanmedian(steps, axis=0) / (0.6745 * np.sqrt(2.0))
         scale = np.maximum(spread, 1e-9)
-        still = np.full(len(CHANNELS), np.inf)  # an input may well be constant
+        still = np.full(len(CHANNELS), np.inf)
         for c in range(len(INPUTS), len(CHANNELS)):
             still[c] = max(STUCK_S / SAMPLE_PERIOD_S, 2.0 * _longest_run(train.measured[..., c]))
         return cls(mean, scale, np.maximum(floor, 0.01 * scale), still)
@@ -201,7 +202,8 @@ class FrontEnd:
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray], threshold: float = THRESHOLD) -> Self:
         """The inverse of ``arrays``."""
-        return cls(*(arrays[f"front.{name}"] for name in Fitted._fields[:4]), threshold)
+        mean, scale, floor, still = (arrays[f"front.{name}"] for name in Fitted._fields[:4])
+        return cls(mean, scale, floor, still, threshold)
 
     def init(self, batch: int) -> Memory:
         """Before the first sample: the training means stand in."""
@@ -211,7 +213,6 @@ class FrontEnd:
             np.tile(self.mean, (batch, 1)),
             np.full((batch, n), np.inf),
             np.zeros((batch, n)),
-            np.tile(self.mean, (batch, 1)),
             np.full((batch, n), np.nan),
             np.zeros((batch, n)),
         )
@@ -220,9 +221,9 @@ class FrontEnd:
         """Gate and fill one tick (B, 7); ``memory`` is not changed."""
         after = Memory(*(part.copy() for part in memory))
         accepted, spike, confirmed = (np.empty(measured.shape, dtype=np.bool_) for _ in range(3))
-        measured = np.asarray(measured, dtype=np.float64)
-        _gate(after, self.fitted, measured, accepted, spike, confirmed)
-        return after, Clean(after.filled, accepted, spike, after.age_s, after.before)
+        measured, before = np.asarray(measured, dtype=np.float64), np.empty(measured.shape)
+        _gate(after, self.fitted, measured, accepted, spike, confirmed, before)
+        return after, Clean(after.filled, accepted, spike, after.age_s, before)
 
     def run(self, measured: Array, hindsight: bool = False) -> tuple[Array, np.ndarray, Array]:
         """Whole sequences (B, N, 7): filled values, accepted mask, ages in seconds, same shape.

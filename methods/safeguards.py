@@ -9,6 +9,7 @@
 - *Gates*: a channel that is far off is left out for a few updates. If the innovation as a whole stays
   outside its chi-square gate, health returns to the last valid posterior and is frozen while the
   operator goes on predicting; afterwards its covariance is inflated, smoothly, over eight updates.
+  What a step of one channel means is in ``methods.steps``.
 
 Each is a small function on arrays, which ``methods.augmented`` calls in its tick; what it needs room for, it is
 given. Their memory is ``SAFETY``.
@@ -23,6 +24,7 @@ from numba import njit
 
 from data.batch import SAMPLE_PERIOD_S, Array
 from methods.records import record
+from methods.steps import STEPS
 from physics.health import HEALTHY, SPAN, to_zeta
 
 N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3
@@ -36,14 +38,6 @@ FROZEN_MOST = 20
 INSIDE_LEAST = 3
 """Consecutive updates inside the gate that end a freeze."""
 INFLATION_UPDATES = 8
-RECALLED, RECALL_UPDATES = 8, 300
-"""Snapshots of health that are kept, and the updates between two: two minutes."""
-SUSPECT_UPDATES, FITS_SD, FITS_UPDATES = 2400, 2.0, 10
-"""A channel that stepped is left out for two minutes, or until it fits again for half a second."""
-MOVED_SD = 2.0
-"""Of health in two minutes: more than this, and what steps is coming back."""
-FAR_SD = 4.0
-"""Of an innovation: twice in a row on one side is no chance."""
 OBSERVED_S = 60.0
 """Memory of the stacked sensitivities."""
 MOST_SENSITIVE = 1e4
@@ -74,6 +68,7 @@ class Settings(NamedTuple):
     r_most: float
     channel_gate: float  # sd beyond which a channel is left out at first [inf]
     rollback: bool  # freeze, roll back, inflate
+    steps: bool  # leave out channels that step, let health return
     inflation: float  # of the health parameters' sd, all eight updates together
     difference: float  # sensitivities by finite differences of this step instead of derivatives [0]
 
@@ -92,9 +87,8 @@ SAFETY = record({
     "mismatch": ("f8", (N_OUTPUTS, N_OUTPUTS)),  # C of Eq. (13)
     "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
     "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
-    "far": ("f8", (N_OUTPUTS,)),  # consecutive innovations far off on one side, signed
-    "suspect": ("i8", (2, N_OUTPUTS)),  # updates that a channel stays left out yet; consecutive ones in which it fits
-    "history": ("f8", (RECALLED, N_HEALTH)),  # health in the last two minutes, a ring
+    "steps": (STEPS, ()),
+    "unknown": ("i8", ()),  # updates for which the inputs, or what the operator's window holds of them, are not known
     "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
 })  # fmt: skip
 """What the safeguards carry from update to update of one machine."""
@@ -289,39 +283,6 @@ def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
             P[at + j, i] *= factor[j]
         for i in range(P.shape[0]):
             P[i, at + j] *= factor[j]
-
-
-@njit(cache=True, error_model="numpy")
-def stepped(far, innovation, S, c):  # type: ignore[no-untyped-def]
-    """Did the reading of channel ``c`` step? Its innovation has been FAR_SD off, twice on the same side; notes it."""
-    if np.isnan(innovation[c]):
-        return False
-    side = np.sign(innovation[c]) if abs(innovation[c]) > FAR_SD * np.sqrt(S[c, c]) else 0.0
-    far[c] = far[c] + side if far[c] * side > 0.0 else side
-    return abs(far[c]) == 2.0
-
-
-@njit(cache=True, error_model="numpy")
-def note_history(history, updates, health):  # type: ignore[no-untyped-def]
-    """Take health (5,) into the ring (8, 5), if it is time; at first it fills the ring."""
-    if updates % RECALL_UPDATES == 0:
-        at = updates // RECALL_UPDATES % RECALLED
-        for k in range(RECALLED):
-            if k == at or updates == 0:
-                for i in range(N_HEALTH):
-                    history[k, i] = health[i]
-
-
-@njit(cache=True, error_model="numpy")
-def recall(history, P, at, health):  # type: ignore[no-untyped-def]
-    """Let health go back where it came from, in P in place: the way there, squared, for each snapshot of the ring.
-
-    What was inconsistent may have been the end of a sensor's fault, to which health had given way meanwhile.
-    """
-    for k in range(RECALLED):
-        for i in range(N_HEALTH):
-            for j in range(N_HEALTH):
-                P[at + i, at + j] += (history[k, i] - health[i]) * (history[k, j] - health[j])
 
 
 @njit(cache=True, error_model="numpy")

@@ -40,7 +40,7 @@ from physics.health import theta_and_slope
 
 OFF = Settings(
     trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
-    channel_gate=np.inf, rollback=False, inflation=1.0, difference=0.0,
+    channel_gate=np.inf, rollback=False, steps=False, inflation=1.0, difference=0.0,
 )  # fmt: skip
 """No safeguard at all: the plain augmented filter."""
 
@@ -267,7 +267,7 @@ def machine(problem, machines=1):
     weights, model, base, z, P = problem
     mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
     query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
-    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.inf)
+    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.full(7, np.inf), np.inf)
     memory = np.zeros(machines, memory_type(weights))
     memory["z"], memory["P"], memory["safety"] = z, P, empty_safety(machines)
     memory["stream"]["ticks"], memory["stream"]["base"] = 1, base
