@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from data.batch import SAMPLE_PERIOD_S, Batch
-from methods.frontend import FrontEnd
+from methods.frontend import STUCK_S, FrontEnd
 
 LEVEL = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
 SD = np.array([0.0015, 0.2, 1.5, 0.001, 0.01, 0.7, 0.001])
@@ -67,6 +67,25 @@ def test_what_no_machine_reads_stays_out_however_long_it_lasts(front_end, measur
     assert not accepted[0, 300:, 5].any()
     assert (filled[0, 300:, 5] == measured[0, 299, 5]).all()
     assert ages[0, -1, 5] == pytest.approx(300 * SAMPLE_PERIOD_S)
+
+
+def test_an_output_that_repeats_itself_is_missing_until_it_moves_again(front_end, measured):
+    stuck = round(STUCK_S / SAMPLE_PERIOD_S)
+    measured[0, 300:500, 5] = measured[0, 299, 5]
+    _, accepted, ages = front_end.run(measured)
+    assert accepted[0, 300 : 299 + stuck, 5].all()
+    assert not accepted[0, 299 + stuck : 500, 5].any()
+    assert ages[0, 499, 5] == pytest.approx((201 - stuck) * SAMPLE_PERIOD_S)
+    assert accepted[0, 501:, 5].all()
+
+
+def test_an_input_may_be_constant_and_an_output_where_it_was_in_training(front_end, measured):
+    measured[0, 300:500, 2] = measured[0, 299, 2]
+    assert front_end.run(measured)[1][0, 300:500, 2].all()
+    coarse = measured.copy()
+    coarse[:, 100:200, 5] = LEVEL[5]
+    fitted = FrontEnd.fit(Batch(("a", "b"), np.arange(600) * SAMPLE_PERIOD_S, coarse))
+    assert fitted.run(coarse)[1][:, 100:200, 5].mean() > 0.99
 
 
 def test_plain_noise_is_hardly_ever_rejected(front_end, measured):

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
-from methods.augmentation import DROPOUT, FLOW, PRESSURES, TEMPERATURE, augmented
+from methods.augmentation import DROPOUT, FLOW, GAPS, MOST_GAPS, PRESSURES, TEMPERATURE, augmented
 from methods.frontend import FrontEnd
 from methods.operator import Operator
 from methods.operator_training import Recipe, Scales, audit, feasibility, fit_operator
@@ -234,8 +234,12 @@ def test_augmentation_is_what_sensors_do(train):
         axis=1) for c in (p_suc, p_dis)]  # fmt: skip
     assert np.corrcoef(share)[0, 1] > 0.9
     silent = (plain.masks - noisy.masks).numpy()
-    assert not np.delete(silent, FLOW, axis=2).any()
-    assert silent[..., FLOW].any(axis=1).mean() == pytest.approx(DROPOUT, abs=0.06)
+    gappy = np.delete(silent, FLOW, axis=2).any(axis=(1, 2))
+    assert gappy.mean() == pytest.approx(GAPS, abs=0.06)
+    assert silent[gappy].mean() == pytest.approx(0.5 * MOST_GAPS, abs=0.05)
+    held = np.diff(noisy.values.numpy()[gappy], axis=1)[np.delete(silent, FLOW, axis=2)[gappy].any(axis=2)]
+    assert (np.delete(held, FLOW, axis=1) == 0.0).any(axis=1).all(), "what is missing reads as the last before it"
+    assert silent[~gappy][..., FLOW].any(axis=1).mean() == pytest.approx(DROPOUT, abs=0.06)
     assert np.abs(change[..., TEMPERATURE]).max() < 0.5
     assert torch.equal(noisy.slow, plain.slow)
     again = source.at(sequence, sample)
