@@ -68,8 +68,10 @@ ACTING = ZETA + N_HEALTH
 """Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
 SHIFTS = (1, BIAS, 4)
 """Entries of z that a shift of each output is put down to: pressure, bias, flow."""
-WANDERING = 0.5
-"""What the states move by in a tick while the inputs are not known, in training increments."""
+SLOW = (3, *range(ZETA, NOISE), *range(ERROR, SIZE))
+"""Entries of z that change over minutes: the wall, health, the slow errors. They stay while the query is not known."""
+WANDERING = 3.0
+"""What the states move by in a tick meanwhile, in training increments."""
 LATE = 0.5
 """Of a tick: what was read no longer ago than this counts as read at the tick."""
 TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
@@ -273,7 +275,12 @@ def _roll_back(safety, z, P, factor):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _health_gain(model, safety, t):  # type: ignore[no-untyped-def]
     """Hold back, in ``t.K``, the rows that correct health, and note where the correction pushes."""
-    if safety.counts[FROZEN] > 0 or safety.unknown > 0:
+    if safety.unknown > 0:
+        for i in SLOW:
+            for c in range(N_OUTPUTS):
+                t.K[i, c] = 0.0
+        return
+    if safety.counts[FROZEN] > 0:
         for i in range(N_HEALTH):
             for c in range(N_OUTPUTS):
                 t.K[ZETA + i, c] = 0.0
@@ -349,7 +356,7 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
                 measured[c] = np.nan
         _observe(model, safety, z, measured, white_sd, coloured_sd, t)
         nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
-    if settings.rollback and watch(counts, nis, _present(t.innovation)):
+    if settings.rollback and safety.unknown == 0 and watch(counts, nis, _present(t.innovation)):
         _roll_back(safety, z, P, t.push)
         _observe(model, safety, z, measured, white_sd, coloured_sd, t)
         nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)

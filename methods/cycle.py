@@ -24,8 +24,9 @@ from physics.health import map_one
 
 N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
 INNOVATION_CLIP_SD = 6.0
-UNKNOWN_S = 1.0
-"""Age of an input from which on health is not corrected: what the outputs say then may be the input's doing."""
+N_ASKED, UNKNOWN_S = 5, 1.0
+"""The first channels, inputs and discharge pressure, make up the operator's query. From this age of one of them on,
+what is slow is not corrected: what the outputs say then may be its doing."""
 KEEP = np.r_[0 : len(STATES), ZETA:NOISE]
 """Where what is reported stands in z."""
 
@@ -118,7 +119,7 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
         t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
     _standardise(twin, m.filled, t)
     m.safety.unknown = max(m.safety.unknown - 1, 0)
-    for c in range(N_INPUTS):
+    for c in range(N_ASKED):
         if m.age_s[c] > UNKNOWN_S:
             m.safety.unknown = m.stream.values.shape[0]  # until the window has forgotten it
     tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)

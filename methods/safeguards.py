@@ -88,7 +88,7 @@ SAFETY = record({
     "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
     "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
     "steps": (STEPS, ()),
-    "unknown": ("i8", ()),  # updates for which the inputs, or what the operator's window holds of them, are not known
+    "unknown": ("i8", ()),  # updates for which the operator's query, or what its window holds of it, is not known
     "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
 })  # fmt: skip
 """What the safeguards carry from update to update of one machine."""

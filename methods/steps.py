@@ -100,7 +100,7 @@ def follow_steps(safety, updates, innovation, S, H, shifts, z, P, at):  # type: 
     What is let in may read anything: the variance of what it shifts grows by its innovation squared.
 
     Args:
-        safety: of SAFETY. While the machine's inputs are unknown, any reading may come as a surprise.
+        safety: of SAFETY. While the operator's query is unknown, any reading may come as a surprise.
         updates: so far.
         innovation: (3,) NaN where missing, of channels that are left out, too.
         S: (3, 3); H: (3, n).

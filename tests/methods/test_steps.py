@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from test_augmented import COLOURED, OFF, WHITE, corrected, machine, off_by, problem  # noqa: F401
 
 from data.batch import SAMPLE_PERIOD_S
-from methods.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, WANDERING, ZETA, tick
+from methods.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, SLOW, WANDERING, ZETA, tick
 from methods.cycle import SAID, UNKNOWN_S, scratch, update
 from methods.estimator import FLAG_GATED
-from methods.safeguards import INFLATING, INFLATION_UPDATES, UPDATES, empty_safety
+from methods.safeguards import FROZEN, INFLATING, INFLATION_UPDATES, OUTSIDE_MOST, UPDATES, empty_safety
 from methods.steps import (
     FITS_UPDATES,
     KEEP_UPDATES,
@@ -175,7 +175,7 @@ def test_a_step_of_the_temperature_never_sends_health_back(problem):  # noqa: F8
     assert z[ZETA:NOISE] == pytest.approx(before[ZETA:NOISE], abs=0.01)
 
 
-def test_while_the_inputs_are_unknown_no_reading_is_a_step(problem):  # noqa: F811
+def test_while_the_query_is_unknown_no_reading_is_a_step(problem):  # noqa: F811
     model, safety, z, P = settled(problem)
     safety["unknown"] = 5
     for _ in range(4):
@@ -184,8 +184,8 @@ def test_while_the_inputs_are_unknown_no_reading_is_a_step(problem):  # noqa: F8
     assert not safety["steps"]["sums"].any()
 
 
-@pytest.mark.parametrize("channel", [0, 2, 4])
-def test_health_is_left_alone_while_an_input_is_unknown_and_as_long_as_the_window_holds_it(problem, channel):  # noqa: F811
+@pytest.mark.parametrize("channel", [0, 2, 4, 5])
+def test_health_stays_while_the_query_is_unknown_and_as_long_as_the_window_holds_it(problem, channel):  # noqa: F811
     weights = problem[0]
     twin, memory = machine(problem)
     said, room = np.zeros(1, SAID), scratch(weights)
@@ -202,7 +202,7 @@ def test_health_is_left_alone_while_an_input_is_unknown_and_as_long_as_the_windo
         update(weights, twin, memory, measured, np.zeros((1, 7)), said, room)
         moves.append((memory["z"][0, ZETA:NOISE] != before).any())
     begins, ends = 10 + round(UNKNOWN_S / SAMPLE_PERIOD_S), 10 + lost + held
-    if channel == 4:  # an output
+    if channel == 5:  # none of the query's
         assert all(moves)
     else:
         assert moves[begins - 2]
@@ -222,7 +222,22 @@ def ticked(problem, **safety):  # noqa: F811
     return memory, said["flags"][0]
 
 
-def test_while_the_inputs_are_unknown_the_states_may_go_anywhere(problem):  # noqa: F811
+def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_rolled_back(problem):  # noqa: F811
+    model, safety, z, P = settled(problem)
+    model = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
+    P = problem[4]
+    safety["unknown"] = 100
+    for _ in range(2 * OUTSIDE_MOST):
+        before = z.copy()
+        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 40.0), WHITE, COLOURED, 6.0, model)
+        slow = np.isin(np.arange(SIZE), SLOW)
+        assert np.array_equal(z[slow], before[slow])
+        assert (z[~slow] != before[~slow]).all()
+    assert not safety["counts"][0][[FROZEN, INFLATING]].any()
+    assert np.linalg.eigvalsh(P)[0] > 0.0
+
+
+def test_while_the_query_is_unknown_the_states_may_go_anywhere(problem):  # noqa: F811
     (known, _), (unknown, _) = ticked(problem), ticked(problem, unknown=3)
     more = np.diag(unknown["P"][0] - known["P"][0])
     assert more[:5] == pytest.approx((WANDERING * problem[1].increment) ** 2)
