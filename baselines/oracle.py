@@ -17,7 +17,7 @@ class Oracle(ModelEKF):
     name = "oracle"
     says = "extended Kalman filter with the exact plant and noise (the floor)"
 
-    settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "health_walk": 1.45, "state_walk": 0.5551}
+    settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "health_walk": 1.351, "state_walk": 0.2363}
 
     def machine(self) -> Simulator:
         """The plant itself."""
