@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from bench.evaluate import run as evaluate
 from bench.profile import Profile
 from bench.registry import find, one_line
 from bench.roster import is_ablation
-from bench.store import CannotWrite, Store, key_of
+from bench.store import CannotWrite, Store, key_of, write_text
 from bench.threads import pin_torch
 from bench.versions import code_version
 from data.batch import Batch, Truth
@@ -141,13 +142,27 @@ def attempt(
     if store.has(stage, key, suffix):
         return Outcome(cell, stage)
     pin_torch()
+    begun = time.process_time()
     try:
         store.put(stage, key, work(), suffix)
     except CannotWrite:
         raise
     except Exception as error:
         return Outcome(cell, stage, one_line(error))
+    write_text(_cost_file(store, stage, key), f"{time.process_time() - begun:.1f}")
     return Outcome(cell, stage)
+
+
+def cpu_s(store: Store, stage: str, key: str) -> float:
+    """Processor time that a part took, whenever that was; NaN if that is not known."""
+    try:
+        return float(_cost_file(store, stage, key).read_text())
+    except OSError:
+        return np.nan
+
+
+def _cost_file(store: Store, stage: str, key: str) -> Path:
+    return store.path(stage, key).with_name("cpu_s")
 
 
 def save_split(split: Split, path: Path) -> None:

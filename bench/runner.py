@@ -111,6 +111,7 @@ def run(
     failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
     _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
     _write_failures(out, failed)
+    _write_cost(out, store, learners, good)
     if harder:
         _write_robustness(out, robustness.finished(store, trials))
     latency.write(out, timings)
@@ -198,6 +199,14 @@ def _write_failures(out: Path, failed: list[Outcome]) -> None:
         columns=["estimator", "seed", "stage", "reason"],
     )
     write_atomically(out / "failures.csv", lambda path: table.to_csv(path, index=False))
+
+
+def _write_cost(out: Path, store: Store, learners: list[Cell], good: list[Cell]) -> None:
+    """``cost.csv``: the processor time of each training and evaluation, of earlier runs into this folder, too."""
+    rows = [(c.estimator, c.seed, "fit", cells.cpu_s(store, "fit", c.fit)) for c in learners]
+    rows += [(c.estimator, c.seed, "estimate", cells.cpu_s(store, "estimate", c.estimates)) for c in good]
+    table = pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])
+    write_atomically(out / "cost.csv", lambda path: table.to_csv(path, index=False))
 
 
 def _manifest(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -208,3 +209,24 @@ def test_the_code_of_a_plug_in_is_that_of_its_file_not_of_its_name(tmp_path: Pat
     here, there = write_estimator(tmp_path, "steady"), write_estimator(tmp_path / "other", "steady", scale=1.05)
     versions = [code_version(find(path).__module__) for path in (here, there, here)]
     assert versions[0] == versions[2] != versions[1]
+
+
+def test_what_each_part_cost_is_kept_with_it_and_told_by_every_later_run(
+    inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
+) -> None:
+    out = shutil.copytree(undisturbed, tmp_path / "out")
+
+    def cost() -> pd.DataFrame:
+        return pd.read_csv(out / "cost.csv")
+
+    first = cost()
+    parts_ = [(e, s) for s in ("fit", "estimate") for e in ("steady", "wrong")]
+    assert sorted(map(tuple, first[["estimator", "stage"]].to_numpy())) == sorted(parts_)
+    assert (first["cpu_s"] >= 0.0).all()
+    assert first["cpu_s"].sum() > 0.0
+    assert twinbench(*run_arguments(inputs[0], out, inputs[1])) == 0
+    pd.testing.assert_frame_equal(cost(), first)
+    for file in (out / "store").rglob("cpu_s"):
+        file.unlink()
+    assert twinbench(*run_arguments(inputs[0], out, inputs[1])) == 0
+    assert cost()["cpu_s"].isna().all()
