@@ -290,10 +290,15 @@ def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
     assert np.isfinite(out).all()
 
 
-def ticked(problem, measured, lag):
-    """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago."""
+def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
+    """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago.
+
+    Fields of its safety are set as given.
+    """
     weights, model, *_ = problem
     _, memory = machine(problem)
+    for name, value in safety.items():
+        memory["safety"][name] = value
     said, room = np.zeros(1, SAID), scratch(weights)
     query, measured = np.zeros(5, np.float32), np.array(measured)
     tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0],

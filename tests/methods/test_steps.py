@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_augmented import COLOURED, OFF, WHITE, corrected, machine, off_by, problem  # noqa: F401
+from test_augmented import COLOURED, OFF, WHITE, corrected, machine, off_by, problem, ticked  # noqa: F401
 
 from data.batch import SAMPLE_PERIOD_S
-from methods.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, SLOW, WANDERING, ZETA, tick
+from methods.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, SLOW, WANDERING, ZETA
 from methods.cycle import SAID, UNKNOWN_S, scratch, update
 from methods.estimator import FLAG_GATED
 from methods.safeguards import FROZEN, INFLATING, INFLATION_UPDATES, OUTSIDE_MOST, UPDATES, empty_safety
@@ -29,6 +29,7 @@ from methods.steps import (
 )
 
 SD = 0.02
+NOTHING = (np.nan, np.nan, np.nan)
 
 
 def alarms(innovations: np.ndarray) -> list[int]:
@@ -210,18 +211,6 @@ def test_health_stays_while_the_query_is_unknown_and_as_long_as_the_window_holds
         assert all(moves[ends + 1 :])
 
 
-def ticked(problem, **safety):  # noqa: F811
-    """Memory and flags after a tick without readings of one machine whose safety is like this."""
-    weights, model, *_ = problem
-    _, memory = machine(problem)
-    for name, value in safety.items():
-        memory["safety"][name] = value
-    said, room, nothing = np.zeros(1, SAID), scratch(weights), np.full(3, np.nan)
-    tick(weights[0], model, memory[0], np.zeros(5, np.float32), nothing, np.zeros(3), WHITE, COLOURED, 6.0, said[0],
-         room["filter"][0])  # fmt: skip
-    return memory, said["flags"][0]
-
-
 def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_rolled_back(problem):  # noqa: F811
     model, safety, z, P = settled(problem)
     model = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
@@ -238,17 +227,17 @@ def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_
 
 
 def test_while_the_query_is_unknown_the_states_may_go_anywhere(problem):  # noqa: F811
-    (known, _), (unknown, _) = ticked(problem), ticked(problem, unknown=3)
-    more = np.diag(unknown["P"][0] - known["P"][0])
+    known, unknown = (ticked(problem, NOTHING, unknown=left)[1] for left in (0, 3))
+    more = np.diag(unknown - known)
     assert more[:5] == pytest.approx((WANDERING * problem[1].increment) ** 2)
     assert not more[5:].any()
 
 
 def test_what_is_left_out_is_flagged(problem):  # noqa: F811
     steps = np.zeros(1, STEPS)
-    assert not ticked(problem, steps=steps)[1] & FLAG_GATED
+    assert not ticked(problem, NOTHING, steps=steps)[2]["flags"][0] & FLAG_GATED
     steps["out"][0, 2] = 7
-    assert ticked(problem, steps=steps)[1] & FLAG_GATED
+    assert ticked(problem, NOTHING, steps=steps)[2]["flags"][0] & FLAG_GATED
 
 
 def test_after_an_inconsistent_spell_health_is_free_to_return(problem):  # noqa: F811
