@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bench.roster import is_ablation, label, ordered
+from bench.roster import condition_label, is_ablation, label, ordered
 from bench.table_formats import Cell, Column, Table, number
 from data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED
 
@@ -44,7 +44,7 @@ def _table(
     for condition in (UNDISTURBED.name, *conditions):
         values = [float(means.get((condition, n), np.nan)) for n in names]
         lines.append({"condition": condition, **dict(zip(names, values, strict=True))})
-        rows.append((Cell(condition.replace("_", " ")), *map(_cell, values, usual)))
+        rows.append((Cell(condition_label(condition)), *map(_cell, values, usual)))
     columns = (Column("condition"), *(Column(label(n)) for n in names))
     return Table(name, title, pd.DataFrame(lines), columns, tuple(rows), notes)
 

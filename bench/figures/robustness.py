@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from bench.figures.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, face, legend_handles, looks, styled
-from bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
+from bench.roster import ABLATION, PROPOSED, condition_label, is_ablation, label, ordered
 from data.disturb import BEYOND, CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS, UNDISTURBED
 
 RIGHT_PCT = 95.0
@@ -94,7 +94,7 @@ def after_faults(table: pd.DataFrame) -> Figure:
     axes.axvline(1.0, color=INK, linewidth=0.8, linestyle="--")
     for edge in rows[:-1] + 0.5:
         axes.axhline(edge, color=FAINT, linewidth=0.6)
-    axes.set_yticks(rows, [f.name.replace("_", " ") for f in FAULTS])
+    axes.set_yticks(rows, [condition_label(f.name) for f in FAULTS])
     axes.set_ylim(len(FAULTS) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("parameter error a minute after the fault, over that without it")

@@ -50,6 +50,7 @@ def test_after_faults_one_is_recovered(scores):
     stuck = [f.name for f in FAULTS].index("stuck m_flow_kg_s")
     for line in points:
         assert line.get_xdata()[stuck] == pytest.approx(3.0, rel=0.05)
+        assert axes.get_yticklabels()[stuck].get_text() == "stuck: mass flow"
         assert np.delete(line.get_xdata(), stuck) == pytest.approx(np.ones(len(FAULTS) - 1), rel=0.05)
 
 
@@ -58,6 +59,8 @@ def test_the_tables_hold_errors_and_their_multiples(scores):
     assert list(faults.frame.columns) == ["condition", "oracle", "deeponet_kalman"]
     row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
     assert faults.frame["oracle"][row] == pytest.approx(3.0, rel=0.05)
+    assert faults.rows[row][0].text == "stuck: mass flow"
+    assert [r[0].text for r in harder.rows[:2]] == ["none", "wear at pace 0.5"]
     assert faults.rows[row][1].times.startswith("×3")
     assert len(harder.rows) == 1 + sum(c.group in ("pace", "envelope") for c in CONDITIONS)
     assert robustness_tables(scores[:0]) == []
