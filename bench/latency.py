@@ -1,4 +1,4 @@
-"""Time of one online update: serial, one machine, warm, interleaved rounds, every sample kept."""
+"""Time and memory of one online update: serial, one machine, warm, interleaved rounds, every sample kept."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from methods.estimator import Estimator, Sample, State
 ROUNDS = 10
 WARM_UP = 60
 MODE = "back_to_back"
-COLUMNS = ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us")
+COLUMNS = ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us", "memory_kB")
 
 Name = tuple[str, str, str, int]
 """The first four of COLUMNS."""
@@ -33,6 +33,10 @@ class _Runner:
     def __init__(self, estimator: Estimator, samples: np.ndarray) -> None:
         self.estimator, self.samples = estimator, samples
         self.state: State = estimator.init(1)
+        *report, memory = self.state
+        kept = (*estimator.arrays.values(), *report, *memory)
+        self.memory_kB = round(sum(np.asarray(part).nbytes for part in kept) / 1e3, 1)
+        """What it has learnt, says of one machine and carries from update to update."""
         self.at = 0
         self.advance(WARM_UP)
 
@@ -66,7 +70,7 @@ def measure(
         took = _time(runners, updates, progress)
         key = key_of(fits=[c.fit for c in todo], updates=updates)
         store.put("latency", key, lambda path: _save(took, path))
-        rows = [(*name, *_percentiles(took[name])) for name in runners]
+        rows = [(*name, *_percentiles(took[name]), runner.memory_kB) for name, runner in runners.items()]
     return pd.DataFrame(rows, columns=list(COLUMNS)), failed
 
 

@@ -20,8 +20,10 @@ from data.errors import BadInput
 COLUMNS = {
     "scores.csv": ("estimator", "seed", "sequence", "metric", "value"),
     "failures.csv": ("estimator", "seed", "stage", "reason"),
-    "latency.csv": ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us"),
-}
+    "latency.csv": (
+        "estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us", "memory_kB",
+    ),
+}  # fmt: skip
 
 HARDER = ("estimator", "seed", "group", "condition", "sequence", "metric", "value")
 """Columns of ``robustness.csv``, which only a run with --robustness leaves."""

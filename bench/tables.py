@@ -66,6 +66,7 @@ RANK = (
     "60 s errors."
 )
 LATENCY = "Latency: median time of one update of one machine, in the estimator's fastest implementation."
+MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
 
 
 def build_tables(summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame) -> list[Table]:
@@ -73,7 +74,7 @@ def build_tables(summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame)
 
     Args:
         regimes: what ``bench.coverage.coverage_table`` returns.
-        latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us.
+        latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us, memory_kB.
     """
     return [
         comparison(summary, latency),
@@ -91,8 +92,9 @@ def comparison(summary: Summary, latency: pd.DataFrame) -> Table:
     table = _with_column(table, summary, "mean_rank_parameters", Column("param.", "rank"), ranks.get(PARAMETERS, {}))
     table = _with_column(table, summary, "mean_rank_forecast", Column("60 s", "rank"), ranks.get(FORECAST, {}))
     table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), fastest_us(latency))
+    table = _with_column(table, summary, "memory_kB", Column("kB", "memory"), memory_kB(latency))
     return replace(table, notes=(*summary.notes, *table.notes),
-                   definitions=(*table.definitions, RANK, LATENCY))  # fmt: skip
+                   definitions=(*table.definitions, RANK, LATENCY, MEMORY))  # fmt: skip
 
 
 def _with_column(table: Table, summary: Summary, key: str, column: Column, values: Mapping[str, float]) -> Table:
@@ -114,6 +116,11 @@ def _with_column(table: Table, summary: Summary, key: str, column: Column, value
 def fastest_us(latency: pd.DataFrame) -> dict[str, float]:
     """Median time of one update per estimator: of its fastest implementation where it has several."""
     return {str(k): float(v) for k, v in latency.groupby("estimator")["p50_us"].min().items()}
+
+
+def memory_kB(latency: pd.DataFrame) -> dict[str, float]:
+    """What each estimator holds, likewise."""
+    return {str(k): float(v) for k, v in latency.groupby("estimator")["memory_kB"].min().items()}
 
 
 def regime_table(regimes: pd.DataFrame) -> Table:

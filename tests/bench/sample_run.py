@@ -23,7 +23,7 @@ LEVELS = {
 }  # fmt: skip
 """How many times the oracle's error each estimator makes."""
 SCALE = np.array([0.004, 0.006, 1.2, 2.5, 0.003, 0.006, 0.008, 0.0012, 0.025, 0.4])
-LATENCY = "estimator,mode,implementation,window,p50_us,p95_us,p99_us,max_us\n"
+LATENCY = "estimator,mode,implementation,window,p50_us,p95_us,p99_us,max_us,memory_kB\n"
 
 
 def make_truth(sequences: int = 10, seconds: int = 600, seed: int = 0) -> Batch:
@@ -99,7 +99,7 @@ def write_run(
     table.to_csv(out / "scores.csv", index=False)
     pd.DataFrame(failed, columns=["estimator", "seed", "stage", "reason"]).to_csv(out / "failures.csv", index=False)
     rows = [
-        f"{e},back_to_back,{kind},64,{40 * v * slow},{50 * v * slow},{80 * v * slow},{600 * v * slow}\n"
+        f"{e},back_to_back,{kind},64,{40 * v * slow},{50 * v * slow},{80 * v * slow},{600 * v * slow},{100 * v}\n"
         for e, v in levels.items()
         for kind, slow in ((("compiled", 1), ("filterpy", 12)) if e.endswith("kf") else (("numba", 1),))
     ]

@@ -197,6 +197,7 @@ def test_latency_times_every_implementation_and_says_who_cannot(tmp_path: Path) 
     quick, slow = latency["p50_us"]
     assert slow > 2 * quick
     assert (latency[["p50_us", "p95_us", "p99_us", "max_us"]].diff(axis=1).iloc[:, 1:] >= 0).all(axis=None)
+    assert latency["memory_kB"].min() == latency["memory_kB"].max() > 0.0
     failures = pd.read_csv(tmp_path / "out" / "failures.csv")
     assert failures["stage"].tolist() == ["latency", "latency"]
     assert failures["reason"].tolist() == [f"{i}: AssertionError: needs company" for i in ("quick", "slow")]

@@ -55,7 +55,8 @@ def claimed(found, says):
 
 def nothing() -> tuple:
     scores = pd.DataFrame(columns=["estimator", "seed", "sequence", "metric", "value"])
-    return pd.DataFrame(columns=list(HARDER)), pd.DataFrame(columns=["estimator", "p50_us", "p99_us"]), scores
+    timed = pd.DataFrame(columns=["estimator", "p50_us", "p99_us", "memory_kB"])
+    return pd.DataFrame(columns=list(HARDER)), timed, scores
 
 
 def test_every_scene_is_there_with_everybodys_track(evidence):
@@ -127,7 +128,8 @@ def test_claims_of_the_comparison_come_from_the_scores(recordings):
     rows = [("deeponet_kalman", 0, c.group, c.name, "s", m, 10.0 if c.corruption.noise > 1.5 else 1.0)
             for c in CONDITIONS for m in METRICS]  # fmt: skip
     harder = pd.DataFrame(rows, columns=list(HARDER))
-    latency = pd.DataFrame([("deeponet_kalman", 20.0, 50.0)], columns=["estimator", "p50_us", "p99_us"])
+    timed = {"estimator": "deeponet_kalman", "p50_us": 20.0, "p99_us": 50.0, "memory_kB": 900.0}
+    latency = pd.DataFrame([timed])
     found = claims(summarise(whole, {}), Evidence(), scores, harder, latency)
     means = scores.groupby(["estimator", "metric"])["value"].mean()
     assert claimed(found, "discharge pressure").floor == pytest.approx(means["oracle", "p_nrmse_pct"])
@@ -136,6 +138,7 @@ def test_claims_of_the_comparison_come_from_the_scores(recordings):
     assert claimed(found, "without the feasibility").ours == pytest.approx(without)
     assert claimed(found, "Fig. 6a").ours == 1.0
     assert claimed(found, "Fig. 7a").ours == pytest.approx(0.02)
+    assert claimed(found, "weights").ours == pytest.approx(0.9)
 
 
 def test_a_run_keeps_its_scenes_and_shows_them(tmp_path):
