@@ -73,9 +73,33 @@ def test_what_the_pages_say_of_the_comparison_is_in_its_tables():
     assert claims.loc[temperature, "paper"] < claims.loc[temperature, "ours"] < claims.loc[temperature, "floor"]
     assert claims.loc["mean parameter error", "paper"] < claims.loc["mean parameter error", "ours"]
     assert claims.loc["mean parameter error", "ours"] < claims.loc["mean parameter error", "floor"]
+    assert list(paired.index[paired["p_open60_pct_low"] <= 0.0]) == ["nominal_ekf_mended", "pinn_ukf"]
     delay = claims.loc["Fig. 4a, effective delay of capacity"]
     assert min(delay["ours"], delay["floor"]) > delay["paper"]
     assert claims.loc["Fig. 4c, recovery of heat transfer", ["ours", "floor"]].isna().all()
+
+
+def test_what_the_pages_say_of_ablations_and_faults_is_in_their_tables():
+    faults = pd.read_csv(ROOT / "results/paper/tables/faults.csv").set_index("condition")
+    share = faults.drop("none") / faults.loc["none"]
+    ours = share.pop("deeponet_kalman")
+    assert len(ours) == 20
+    assert list(ours.index[ours > 1.2]) == ["drift p_dis_bar"]
+    assert round(ours.max(), 1) == 1.7
+    assert share[["oracle", "nominal_ekf_mended", "pinn_ukf"]].max().between(2.3, 4.3).all()
+    ablations = pd.read_csv(ROOT / "results/paper/tables/ablations.csv").set_index("estimator")
+    ablations.index = ablations.index.str.partition(":").get_level_values(2)
+    assert ablations.loc["no_feasibility", "parameter_error_pct"] == pytest.approx(0.0, abs=1e-6)
+    assert round(ablations.loc["no_covariance_adaptation", "parameter_error_pct"], 2) == 0.03
+    whole = pd.read_csv(ROOT / "results/paper/tables/comparison.csv").set_index("estimator").loc["deeponet_kalman"]
+    forecasts = ["p_open60_pct", "T_open60_pct", "m_open60_pct"]
+    times = 1.0 + ablations.loc[["no_conditioning", "no_counterfactuals"], forecasts] / whole[forecasts]
+    assert times.min(axis=None) > 4.0
+    assert times.max(axis=None) < 9.1
+    cost = pd.read_csv(ROOT / "results/paper/cost.csv").query("stage == 'estimate'")
+    cost = cost.groupby("estimator")["cpu_s"].mean()
+    slower = cost["deeponet_kalman:finite_differences"] / cost["deeponet_kalman:no_trust"]
+    assert round(slower) == 3
 
 
 def test_the_reproduction_page_shows_what_the_results_hold():
