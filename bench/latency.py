@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from rich.progress import Progress
 
-from bench import cells
+from bench import cells, results
 from bench.cells import Cell, Outcome
 from bench.registry import find, one_line
 from bench.store import Store, key_of, write_atomically
@@ -21,7 +21,7 @@ from methods.estimator import Estimator, Sample, State
 ROUNDS = 10
 WARM_UP = 60
 MODE = "back_to_back"
-COLUMNS = ("estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us", "memory_kB")
+COLUMNS = results.COLUMNS["latency.csv"]
 
 Name = tuple[str, str, str, int]
 """The first four of COLUMNS."""

@@ -91,8 +91,8 @@ def comparison(summary: Summary, latency: pd.DataFrame) -> Table:
     ranks = {q: dict(zip(r.estimators, map(float, r.mean_ranks), strict=True)) for q, r in summary.rankings.items()}
     table = _with_column(table, summary, "mean_rank_parameters", Column("param.", "rank"), ranks.get(PARAMETERS, {}))
     table = _with_column(table, summary, "mean_rank_forecast", Column("60 s", "rank"), ranks.get(FORECAST, {}))
-    table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), fastest_us(latency))
-    table = _with_column(table, summary, "memory_kB", Column("kB", "memory"), memory_kB(latency))
+    table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), least(latency, "p50_us"))
+    table = _with_column(table, summary, "memory_kB", Column("kB", "memory"), least(latency, "memory_kB"))
     return replace(table, notes=(*summary.notes, *table.notes),
                    definitions=(*table.definitions, RANK, LATENCY, MEMORY))  # fmt: skip
 
@@ -113,14 +113,9 @@ def _with_column(table: Table, summary: Summary, key: str, column: Column, value
     )
 
 
-def fastest_us(latency: pd.DataFrame) -> dict[str, float]:
-    """Median time of one update per estimator: of its fastest implementation where it has several."""
-    return {str(k): float(v) for k, v in latency.groupby("estimator")["p50_us"].min().items()}
-
-
-def memory_kB(latency: pd.DataFrame) -> dict[str, float]:
-    """What each estimator holds, likewise."""
-    return {str(k): float(v) for k, v in latency.groupby("estimator")["memory_kB"].min().items()}
+def least(latency: pd.DataFrame, column: str) -> dict[str, float]:
+    """A column's value per estimator: of its best implementation where it has several."""
+    return {str(k): float(v) for k, v in latency.groupby("estimator")[column].min().items()}
 
 
 def regime_table(regimes: pd.DataFrame) -> Table:

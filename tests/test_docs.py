@@ -60,6 +60,9 @@ def test_what_the_pages_say_of_the_comparison_is_in_its_tables():
     proposed = comparison.loc["deeponet_kalman"]
     assert proposed["coverage95_pct_low"] < 95.0 < proposed["coverage95_pct_high"]
     assert (comparison.loc[["oracle", "pinn_ukf"], "coverage95_pct"] < 93.5).all()
+    assert 93.5 < proposed["coverage95_pct"] < 95.0
+    apart = paired.loc["pinn_ukf", ["coverage95_pct_low", "coverage95_pct_high"]]
+    assert apart.iloc[0] < 0.0 < apart.iloc[1]
     assert proposed["T_nrmse_pct"] < 0.6 * comparison.loc["oracle", "T_nrmse_pct"]
     by_parameter = coverage.loc["deeponet_kalman", [f"coverage_{name}_pct" for name in HEALTH]]
     off = by_parameter[~by_parameter.between(90.0, 98.5)]
