@@ -166,7 +166,7 @@ class ModelEKF(Estimator):
     """Base of the filters whose model is a Simulator; a subclass says which in ``machine``."""
 
     toy_filter = staticmethod(linear_filter)
-
+    draws = False
     settings: ClassVar[dict[str, Any]] = {
         "health_walk": 1.0,
         "state_walk": 1.0,

@@ -34,7 +34,8 @@ class Cell:
     Attributes:
         spec: its name, or the path of the file it comes from.
         data, fit, estimates: keys of the simulated sequences, the trained estimator, its estimates. Where
-            only the settings that work online differ, as in many ablations, training is shared.
+            only the settings that work online differ, as in many ablations, training is shared; where
+            nothing is drawn at random, all seeds share both.
         settings: those that the profile sets, and those that an ablation does.
     """
 
@@ -64,8 +65,8 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
     whole = {**kind.settings, **own}
     learnt = {name: value for name, value in whole.items() if name not in kind.online}
     fit = key_of(
-        estimator=kind.ablation_of or kind.name, settings=learnt, seed=seed, code=code_version(kind.__module__),
-        data=data,
+        estimator=kind.ablation_of or kind.name, settings=learnt, seed=seed if kind.draws else None,
+        code=code_version(kind.__module__), data=data,
     )  # fmt: skip
     evaluation = asdict(profile.evaluation)
     estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code_version("bench.evaluate"))

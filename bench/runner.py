@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import json
+import operator
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +32,10 @@ from data.errors import BadInput
 from methods.estimator import Estimator
 
 SCORES = ["estimator", "seed", "sequence", "metric", "value"]
+
+Key = Callable[[Cell], str]
+FIT: Key = operator.attrgetter("fit")
+ESTIMATES: Key = operator.attrgetter("estimates")
 
 
 class Finished(NamedTuple):
@@ -88,12 +93,12 @@ def run(
                 return results
 
             stage("simulate", cells.ensure_data, store, profile, [todo[0].data])
-            # Cells that differ in what works online share their training.
-            learners = list({c.fit: c for c in todo[::-1]}.values())[::-1]
-            lost = {o.cell.fit: o for o in stage("train", cells.fit, store, profile, learners) if o.reason}
-            failed = [replace(lost[c.fit], cell=c) for c in todo if c.fit in lost]
+            # Cells that differ in what works online share their training; seeds of who draws nothing share all.
+            learners = _once(todo, FIT)
+            failed = _failures(stage("train", cells.fit, store, profile, learners), todo, FIT)
             ready = _without(todo, failed)
-            failed += [o for o in stage("estimate", cells.estimate, store, profile, ready) if o.reason]
+            runs = _once(ready, ESTIMATES)
+            failed += _failures(stage("estimate", cells.estimate, store, profile, runs), ready, ESTIMATES)
             good = _without(ready, failed)
             tables = stage("score", _score, store, good)
             takes = scenes.takes(good, profile) if profile.scenes else []
@@ -111,7 +116,7 @@ def run(
     failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
     _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
     _write_failures(out, failed)
-    _write_cost(out, store, learners, good)
+    _write_cost(out, store, learners, _without(runs, failed))
     if harder:
         _write_robustness(out, robustness.finished(store, trials))
     latency.write(out, timings)
@@ -163,6 +168,17 @@ def _absolute(spec: str) -> str:
     """A file's path that still holds in a worker process."""
     file, colon, name = spec.partition(":")
     return f"{Path(file).resolve()}{colon}{name}" if file.endswith(".py") else spec
+
+
+def _once(todo: list[Cell], key: Key) -> list[Cell]:
+    """The first cell of each key."""
+    return list({key(c): c for c in todo[::-1]}.values())[::-1]
+
+
+def _failures(outcomes: list[Outcome], todo: list[Cell], key: Key) -> list[Outcome]:
+    """Outcomes that failed, for every cell that shares what failed."""
+    lost = {key(o.cell): o for o in outcomes if o.reason}
+    return [replace(lost[key(c)], cell=c) for c in todo if key(c) in lost]
 
 
 def _without(todo: list[Cell], failed: list[Outcome]) -> list[Cell]:
@@ -224,7 +240,7 @@ def _manifest(
         "specs": {c.estimator: c.spec for c in todo},
         "code": {c.estimator: code_version(find(c.spec).__module__) for c in todo},
         "data_key": todo[0].data,
-        "estimates_keys": [c.estimates for c in in_order],
+        "estimates_keys": list(dict.fromkeys(c.estimates for c in in_order)),
         **provenance(),
         "wall_s": walls,
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numba import njit
 
 from data.batch import CHANNELS
 from methods.windows import WindowBatch, WindowSource
@@ -42,12 +43,20 @@ def augmented(window: WindowBatch, source: WindowSource, rng: np.random.Generato
     query[:, P_SUC_QUERY] += drift[:, 0] * (query[:, P_SUC_QUERY] + at_zero)
     for b in np.flatnonzero(rng.random(batch) < GAPS):
         gone = rng.random(masks.shape[1:]) < rng.uniform(0.0, MOST_GAPS)
-        last = np.where(np.pad(gone, ((1, 0), (0, 0))), 0, np.arange(length + 1)[:, None])
-        values[b] = np.take_along_axis(values[b], np.maximum.accumulate(last), axis=0)
-        masks[b] *= ~gone
+        _hold(values[b], masks[b], gone)
     for b in np.flatnonzero(rng.random(batch) < DROPOUT):
         begin = int(rng.integers(1, length + 1))
         silent = slice(begin, begin + int(rng.integers(1, BURST_SAMPLES + 1)))
         values[b, silent, FLOW] = values[b, begin - 1, FLOW]
         masks[b, silent.start - 1 : silent.stop - 1, FLOW] = 0.0
     return WindowBatch(torch.from_numpy(values), torch.from_numpy(masks), window.slow, torch.from_numpy(query))
+
+
+@njit(cache=True)
+def _hold(values, mask, gone):  # type: ignore[no-untyped-def]
+    """Readings (L + 1, 7) of which ``gone`` (L, 7) are missing hold the last one, and their ``mask`` is 0; in place."""
+    for k in range(gone.shape[0]):
+        for c in range(gone.shape[1]):
+            if gone[k, c]:
+                values[k + 1, c] = values[k, c]
+                mask[k, c] = 0

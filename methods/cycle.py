@@ -86,7 +86,7 @@ def scratch(weights: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _standardise(twin, values, t):  # type: ignore[no-untyped-def]
+def standardise(twin, values, t):  # type: ignore[no-untyped-def]
     """What the operator's window takes in of readings (7,), and its query, into ``t.sample`` and ``t.query``."""
     for c in range(N_CHANNELS):
         t.sample[c] = (values[c] - twin.front.mean[c]) / twin.front.scale[c]
@@ -97,9 +97,9 @@ def _standardise(twin, values, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _take_in(weights, twin, m, values, t):  # type: ignore[no-untyped-def]
+def take_in(weights, twin, m, values, t):  # type: ignore[no-untyped-def]
     """Append readings (7,) with ``t.mask`` to the operator's window."""
-    _standardise(twin, values, t)
+    standardise(twin, values, t)
     push(weights, m.stream, t.filter.operator, t.sample, t.mask, t.query)
 
 
@@ -110,14 +110,14 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
     if m.ticks > 0:
         for c in range(N_CHANNELS):
             t.mask[c] = max(m.mask[c], t.confirmed[c])
-        _take_in(weights, twin, m, t.before, t)
+        take_in(weights, twin, m, t.before, t)
     output_sd_of(m.filled, t.white, t.coloured)
     due = m.ticks % twin.update_every == 0
     for c in range(N_OUTPUTS):
         there = due and t.accepted[N_INPUTS + c]
         t.measured[c] = m.filled[N_INPUTS + c] if there else np.nan
         t.lag[c] = lag_s[N_INPUTS + c] / SAMPLE_PERIOD_S
-    _standardise(twin, m.filled, t)
+    standardise(twin, m.filled, t)
     m.safety.unknown = max(m.safety.unknown - 1, 0)
     for c in range(N_ASKED):
         if m.age_s[c] > UNKNOWN_S:
@@ -161,7 +161,7 @@ def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-
         m = memory[b]
         if m.ticks > 0:
             fill(room.mask, m.mask)
-            _take_in(w, own, m, m.filled, room)
+            take_in(w, own, m, m.filled, room)
         for c in range(N_CHANNELS):
             room.mask[c] = 1
         bias_K, _ = map_one(BIAS - ZETA, m.z[BIAS])
@@ -173,4 +173,4 @@ def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-
                 m.filled[c] = inputs[b, k, c]
             for c in range(N_OUTPUTS):
                 m.filled[N_INPUTS + c] = out[b, k, c]
-            _take_in(w, own, m, m.filled, room)
+            take_in(w, own, m, m.filled, room)

@@ -84,6 +84,8 @@ class Estimator(ABC):
     """Of an ablation: the name of the whole method."""
     left_out: ClassVar[Mapping[str, Any]] = {}
     """Of an ablation: the settings that it fixes, whatever a profile says."""
+    draws: ClassVar[bool] = True
+    """Does ``fit`` draw anything at random? If not, all seeds share what one of them learns."""
     contract_settings: ClassVar[Mapping[str, Any]] = {}
     """Settings that make ``fit`` quick enough for the contract battery."""
     implementations: ClassVar[tuple[str, ...]] = ("compiled",)

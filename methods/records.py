@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,7 +11,13 @@ import numpy as np
 
 def record(fields: Mapping[str, tuple[Any, tuple[int, ...]]]) -> np.dtype[np.void]:
     """An aligned record type of arrays, by name their type and shape; a shape of () is a single value."""
-    return np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()], align=True)
+    return _interned(np.dtype([(name, kind, shape) for name, (kind, shape) in fields.items()], align=True))
+
+
+@functools.cache
+def _interned(kind: np.dtype[np.void]) -> np.dtype[np.void]:
+    """The first of equal types: a compiled function knows at once the very type that it was called with before."""
+    return kind
 
 
 def one_record(kind: np.dtype[np.void], values: Mapping[str, Any]) -> np.ndarray:

@@ -51,6 +51,16 @@ def _same_seed(s: Subject) -> str:
     return f"{len(first)} arrays equal bit for bit"
 
 
+@promise("where nothing is drawn, another seed learns the same")
+def _draws(s: Subject) -> str:
+    if s.kind.draws:
+        raise NotOffered("its training may draw at random")
+    other = s.fit_with(SEED + 1)
+    for name, array in s.fitted.arrays.items():
+        need(same(array, other.arrays[name]), f"with another seed, fit learns another {name}")
+    return f"{len(s.fitted.arrays)} arrays equal bit for bit"
+
+
 @promise("settings that work online are not learnt from")
 def _online(s: Subject) -> str:
     kind = s.kind
@@ -59,9 +69,7 @@ def _online(s: Subject) -> str:
     stray = sorted(kind.online - set(kind.settings))
     need(not stray, f"not among its settings: {', '.join(stray)}")
     others = {name: _other(kind.settings[name]) for name in kind.online}
-    split = small_benchmark()
-    estimator = kind(**{**kind.contract_settings, **others})
-    estimator.fit(split.train, split.validation, SEED)
+    estimator = s.fit_with(SEED, **others)
     for name, array in s.fitted.arrays.items():
         need(same(array, estimator.arrays[name]), f"with other online settings, fit learns another {name}")
     return f"{len(others)} of them, {len(s.fitted.arrays)} arrays equal bit for bit"

@@ -116,6 +116,13 @@ class Subject:
     def _first(self) -> Fit:
         return self._fit()
 
+    def fit_with(self, seed: int, **settings: Any) -> Estimator:
+        """Fitted on the small benchmark with that seed, and with other settings than the contract's."""
+        split = small_benchmark()
+        estimator = self.kind(**{**self.kind.contract_settings, **settings})
+        estimator.fit(split.train, split.validation, seed)
+        return estimator
+
     def _fit(self) -> Fit:
         split = small_benchmark()
         copies = (_copied(split.train), _copied(split.validation))
