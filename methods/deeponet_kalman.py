@@ -162,10 +162,13 @@ class DeepONetKalman(Estimator):
         self.restore()
 
     def restore(self) -> None:
-        """Pack the weights and assemble Q."""
+        """Pack the weights and assemble Q.
+
+        Sets ``weights``, ``front_end``, ``model`` and ``scaling``, and ``twin``, the last three in one record.
+        """
         a = self.arrays
-        self._weights = pack(a)
-        front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
+        self.weights = pack(a)
+        self.front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
         Q = np.zeros((SIZE, SIZE))
         Q[:5, :5] = self.config["model_noise"] * a["audit.residual_cov"]
         Q[5, 5] = 1e-3**2
@@ -175,7 +178,7 @@ class DeepONetKalman(Estimator):
         error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))
         error_var, first_error_var = ((self.config["slow_error"] * a[f"audit.{n}_sd"]) ** 2 for n in ("slow", "first"))
         Q[ERROR:, ERROR:] = np.diag((1.0 - error_keep**2) * error_var)
-        model = Model(
+        self.model = Model(
             a["scales.state_mean"],
             a["scales.state_scale"],
             a["scales.increment"],
@@ -187,11 +190,11 @@ class DeepONetKalman(Estimator):
             Settings(*(self.config[name] for name in Settings._fields)),
             Envelope(a["query.low"], a["query.high"]),
         )
-        scaling = Scaling(a["query.mean"], a["query.scale"])
-        self._twin = twin_record(model, front_end.fitted, scaling, self.config["update_every"])
-        self._scratch = scratch(self._weights)
-        self._fresh = np.zeros(1, memory_type(self._weights))
-        for name, part in front_end.init(1)._asdict().items():
+        self.scaling = Scaling(a["query.mean"], a["query.scale"])
+        self.twin = twin_record(self.model, self.front_end.fitted, self.scaling, self.config["update_every"])
+        self._scratch = scratch(self.weights)
+        self._fresh = np.zeros(1, memory_type(self.weights))
+        for name, part in self.front_end.init(1)._asdict().items():
             self._fresh[name] = part
         self._fresh["safety"] = empty_safety(1)
         self._fresh["z"][:, :ZETA] = a["prior.mean"]
@@ -211,7 +214,7 @@ class DeepONetKalman(Estimator):
         said = np.empty(len(memory), SAID)
         measured = np.ascontiguousarray(sample.measured, dtype=np.float64)
         lag_s = np.zeros(measured.shape) if sample.lag_s is None else np.asarray(sample.lag_s, dtype=np.float64)
-        update(self._weights, self._twin, memory, measured, lag_s, said, self._scratch)
+        update(self.weights, self.twin, memory, measured, lag_s, said, self._scratch)
         state = State(said["mean"], said["cov"], said["low"], said["high"], (memory,))
         accepted = said["accepted"].view(np.bool_)
         return state, Info(said["innovation"], said["S"], said["nis"], accepted, said["flags"], said["age_s"])
@@ -220,5 +223,5 @@ class DeepONetKalman(Estimator):
         """Roll the operator out, feeding its own readings back into the window."""
         out = np.empty((*inputs.shape[:2], N_OUTPUTS))
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
-        roll_out(self._weights, self._twin, state.memory[0].copy(), inputs, out, self._scratch)
+        roll_out(self.weights, self.twin, state.memory[0].copy(), inputs, out, self._scratch)
         return out
