@@ -173,11 +173,21 @@ def _parser() -> argparse.ArgumentParser:
     report = command("report", "draw tables, figures and report again", "twinbench report results/quick")
     report.add_argument("results", type=Path, metavar="DIR")
 
-    latency = command("latency", "time one online update of each estimator", "twinbench latency --estimator oracle")
-    latency.add_argument("--estimator", nargs="+", default=(), metavar="NAME")
+    latency = command(
+        "latency", "time one online update of trained estimators and of their peers, on one core",
+        "twinbench latency --results results/quick\n\n"
+        "back to back and at 20 Hz, beside filterpy's EKF and UKF in the same run; nothing else should run meanwhile",
+    )  # fmt: skip
+    latency.add_argument("--estimator", nargs="+", default=(), metavar="NAME", help="(default: all that are trained)")
     latency.add_argument("--profile", default="quick", help="whose training (default: quick)")
     latency.add_argument("--results", type=Path, metavar="DIR", help="the run they come from (results/<profile>)")
-    latency.add_argument("--updates", type=int, default=2000, help="timed updates of each (default: 2000)")
+    latency.add_argument(
+        "--updates", type=int, default=2000, metavar="N", help="of each, back to back (default: 2000)"
+    )
+    latency.add_argument(
+        "--ticks", type=int, default=200, metavar="N", help="of each, at 20 Hz; 0: none (default: 200, ten seconds)"
+    )
+    latency.add_argument("--out", type=Path, metavar="DIR", help="where tables and figures go (results/latency)")
     return parser
 
 
@@ -419,24 +429,28 @@ def _report(a: argparse.Namespace) -> int:
 
 
 def _latency(a: argparse.Namespace) -> int:
+    from shutil import get_terminal_size
+
     from rich.console import Console
 
-    from bench import latency
-    from bench.apply import trained_cells
+    from bench.latency.suite import run
     from bench.runner import bars
+    from bench.table_formats import to_text
     from data.errors import BadInput
 
-    if not 10 <= a.updates <= 10_000_000:
-        raise BadInput(f"--updates is {a.updates}, must lie in [10, 10,000,000]")
-    store, todo = trained_cells(a.profile, a.results, a.estimator)
+    for name, value, least in (("--updates", a.updates, 10), ("--ticks", a.ticks, 0)):
+        if not least <= value <= 10_000_000:
+            raise BadInput(f"{name} is {value:,}, must lie in [{least}, 10,000,000]")
+    command = "twinbench " + shlex.join(sys.argv[1:])
+    out = a.out or Path("results/latency")
     with bars(Console(stderr=True)) as progress:
-        table, failed = latency.measure(store, a.updates, todo, progress)
-    print(table.to_string(index=False))
+        table, failed = run(
+            a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, progress
+        )
+    print(to_text(table, get_terminal_size().columns))
     for outcome in failed:
         print(f"failed: {outcome.cell.estimator}: {outcome.reason}")
-    if not a.estimator:
-        latency.write(store.root.parent, table)
-        print(f"latency.csv in {store.root.parent}; draw the report again with: twinbench report {store.root.parent}")
+    print(f"tables and figures: {out.resolve()}")
     return 1 if failed else 0
 
 

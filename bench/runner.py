@@ -18,8 +18,9 @@ import pandas as pd
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from bench import cells, latency, robustness, scenes
+from bench import cells, robustness, scenes
 from bench.cells import Cell, Outcome
+from bench.latency import estimators as latency
 from bench.profile import KINDS, Profile, fits
 from bench.registry import discover, find
 from bench.report import write_report

@@ -77,15 +77,20 @@ HEALTH = slice(ZETA, NOISE)
 
 
 class PlainTwin:
-    """One machine, whose every update returns what ``DeepONetKalman.step`` would."""
+    """One machine, whose every update returns what ``DeepONetKalman.step`` would.
 
-    def __init__(self, twin: DeepONetKalman) -> None:
+    Args:
+        dtype: of the operator. In double precision what differs is the compiled form's round-off alone.
+    """
+
+    def __init__(self, twin: DeepONetKalman, dtype: torch.dtype = torch.float64) -> None:
+        self.dtype = dtype
         self.model, self.front_end, self.scaling = twin.model, twin.front_end, twin.scaling
         self.update_every: int = twin.config["update_every"]
         self.window: int = twin.config["window"]
         self.operator = Operator(window=self.window)
         load_weights(self.operator, twin.arrays)
-        self.operator.requires_grad_(False)
+        self.operator.to(dtype).requires_grad_(False)
         fresh = twin.init(1).memory[0]
         self.z, self.P = fresh["z"][0].copy(), fresh["P"][0].copy()
         self.memory = Memory(*(part[0] for part in self.front_end.init(1)))
@@ -95,13 +100,13 @@ class PlainTwin:
 
     def update(self, sample: Sample) -> tuple[State, Info]:
         """One tick of readings (1, 7)."""
-        memory, safety = self.memory, self.safety
+        memory, safety, fitted = self.memory, self.safety, self.front_end.fitted
         lag_s = np.zeros(N_CHANNELS) if sample.lag_s is None else sample.lag_s[0]
         accepted, spike, confirmed = (np.zeros(N_CHANNELS, np.bool_) for _ in range(3))
         before = np.empty(N_CHANNELS)
-        gate_one(memory, self.front_end.fitted, sample.measured[0], accepted, spike, confirmed, before, np.empty(WINDOW))
+        gate_one(memory, fitted, sample.measured[0], accepted, spike, confirmed, before, np.empty(WINDOW))
         if self.ticks > 0:
-            self._take_in(before, np.maximum(self.mask, confirmed))
+            self.take_in(before, np.maximum(self.mask, confirmed))
         due = self.ticks % self.update_every == 0
         outputs = np.where(accepted[N_INPUTS:] & due, memory.filled[N_INPUTS:], np.nan)
         safety["unknown"] = max(safety["unknown"] - 1, 0)
@@ -117,7 +122,7 @@ class PlainTwin:
     def _query(self, readings: Array) -> Array:
         return (query_of(readings) - self.scaling.mean) / self.scaling.scale
 
-    def _take_in(self, readings: Array, mask: Array) -> None:
+    def take_in(self, readings: Array, mask: Array) -> None:
         """Readings (7,) enter the window, and the whole window goes through the operator."""
         fitted = self.front_end.fitted
         value = np.clip((readings - fitted.mean) / fitted.scale, -LIMIT, LIMIT)
@@ -130,14 +135,14 @@ class PlainTwin:
             self.slow = keep * self.slow + (1 - keep) * temperature
         query = np.clip(self._query(readings), -LIMIT, LIMIT)
         window = (self.values, self.masks, temperature - self.slow, query, np.float64(SAMPLE_PERIOD_S))
-        self.latent = self.operator.latent(*(torch.as_tensor(part, dtype=torch.float32)[None] for part in window))
+        self.latent = self.operator.latent(*(torch.as_tensor(part, dtype=self.dtype)[None] for part in window))
 
-    def _increments(self) -> tuple[Array, Array]:
+    def increments(self) -> tuple[Array, Array]:
         """Scaled increments (5,) and their Jacobian (5, 9) to the heads' condition."""
         m = self.model
         states = (self.z[:N_STATES] - m.state_mean) / m.state_scale
         one = np.concatenate([states, self.z[ZETA : ZETA + N_ZETA] / ZETA_SCALE])
-        condition = torch.tensor(np.tile(one, (N_STATES, 1)), dtype=torch.float32, requires_grad=True)
+        condition = torch.tensor(np.tile(one, (N_STATES, 1)), dtype=self.dtype, requires_grad=True)
         out = self.operator.heads(self.latent.expand(N_STATES, -1), condition)
         (jacobian,) = torch.autograd.grad(out.diagonal().sum(), condition)  # row i is the gradient of output i
         return out[0].detach().numpy().astype(float), jacobian.numpy().astype(float)
@@ -169,7 +174,7 @@ class PlainTwin:
     def _predict(self, away: float, part: float) -> None:
         """Eqs. (6) and (7) over a part of the tick."""
         m, safety, z = self.model, self.safety, self.z
-        scaled, jacobian = self._increments()
+        scaled, jacobian = self.increments()
         share, slope = probe_lag(z[4])
         D = np.zeros((SIZE, SIZE))  # of what z moves by
         D[:N_STATES, :N_STATES] = m.increment[:, None] * jacobian[:, :N_STATES] / m.state_scale

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bench.figures.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, face, legend_handles, log_axis, looks, styled
-from bench.roster import FLOOR, label, ordered
+from bench.roster import FLOOR, PROPOSED, label, ordered
 from bench.scores import STATE_ERRORS
 from bench.summary import PARAMETERS, Summary
 from bench.tables import least
@@ -51,6 +51,45 @@ def latency_percentiles(latency: pd.DataFrame) -> Figure:
         Line2D([], [], color=INK, linewidth=0.9, linestyle="--", label="sample period, 50 ms"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, columnspacing=1.4)
+    return figure
+
+
+@styled
+def decomposition(stages: dict[str, float]) -> Figure:
+    """Fig. 7a: microseconds of each stage of an update."""
+    figure = canvas(COLUMN_MM, 0.5 * COLUMN_MM)
+    axes = figure.subplots()
+    names, times_us = list(stages), list(stages.values())
+    bars = axes.barh(names, times_us, color=looks([PROPOSED])[PROPOSED].colour, height=0.6)
+    axes.bar_label(bars, fmt="%.1f", padding=3)
+    axes.invert_yaxis()
+    axes.set_xlim(0.0, 1.15 * max(times_us))
+    axes.tick_params(axis="y", length=0)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(f"time in one update, µs (in all {sum(times_us):.0f})")
+    return figure
+
+
+@styled
+def window_lengths(latency: pd.DataFrame) -> Figure:
+    """Fig. 7b: time of an update by the length of the window.
+
+    Args:
+        latency: columns window, p50_us, p95_us, p99_us, of one form in one mode.
+    """
+    rows = latency.sort_values("window")
+    figure = canvas(COLUMN_MM, 0.6 * COLUMN_MM)
+    axes = figure.subplots()
+    places, colour = range(len(rows)), looks([PROPOSED])[PROPOSED].colour
+    axes.vlines(places, rows["p50_us"], rows["p99_us"], color=colour, linewidth=3.2, alpha=0.45)
+    axes.plot(places, rows["p50_us"], "o", color=colour, markersize=5, label="median")
+    axes.plot(places, rows["p95_us"], "_", color=colour, markersize=9, label="95th percentile")
+    axes.plot(places, rows["p99_us"], "_", color=colour, markersize=9, markeredgewidth=2.0, label="99th percentile")
+    axes.set_xticks(places, [str(window) for window in rows["window"]])
+    axes.set_ylim(0.0, 1.15 * rows["p99_us"].max())
+    axes.set_xlabel("samples in the window")
+    axes.set_ylabel("time of one update, µs")
+    figure.legend(loc="outside lower center", ncols=3)
     return figure
 
 
@@ -98,7 +137,9 @@ def _sorted(latency: pd.DataFrame) -> pd.DataFrame:
 
 def _names(rows: pd.DataFrame) -> list[str]:
     """The estimator, and whatever of mode, implementation and window tells its rows apart."""
-    varying = [c for c in ("mode", "implementation", "window") if rows[c].nunique() > 1]
+    varying = [c for c in ("mode", "implementation") if rows[c].nunique() > 1]
+    if rows.duplicated(["estimator", *varying]).any():
+        varying.append("window")
     return [
         ", ".join([label(row["estimator"]), *(str(row[c]) if c != "window" else f"window {row[c]}" for c in varying)])
         for _, row in rows.iterrows()

@@ -112,6 +112,7 @@ def _differences(function: Callable[[Array, Array], Array], z: Array, u: Array) 
 class _EKF(ExtendedKalmanFilter):
     """filterpy leaves the nonlinear forecast to whoever derives."""
 
+    x: Array
     move: Move
 
     def predict_x(self, u: Array) -> None:

@@ -1,0 +1,72 @@
+"""DeepONet-Kalman in each of its forms, its operator alone in each of its own, and with windows of other lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import torch
+from numba import njit
+
+from bench.latency.estimators import samples
+from bench.latency.timing import Name, Timed
+from data.batch import CHANNELS, Array
+from methods.cycle import scratch, take_in
+from methods.deeponet_kalman import DeepONetKalman
+from methods.online import Online
+from methods.operator import KERNEL
+from methods.plain import PlainTwin
+from methods.stream import heads_with_jacobian
+
+WINDOWS = (16, 32, 64, 128, 256)
+IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
+
+
+def with_window(twin: DeepONetKalman, window: int) -> DeepONetKalman:
+    """The same weights on another window, which time does not tell from weights trained on it."""
+    other = DeepONetKalman(**{**twin.config, "window": window})
+    other.arrays = {**twin.arrays, "net.branch.position": np.zeros(window // KERNEL**2, np.float32)}
+    other.restore()
+    return other
+
+
+def whole_updates(twin: DeepONetKalman, readings: Array) -> Iterator[Timed]:
+    """One machine in place, for each window, and the plain form in single precision."""
+    rows = list(readings)
+    for window in WINDOWS:
+        yield Timed(Name(twin.name, IN_PLACE, window), Online(with_window(twin, window)).update, rows)
+    plain = PlainTwin(twin, torch.float32)
+    yield Timed(Name(twin.name, PLAIN, twin.config["window"]), plain.update, samples(readings))
+
+
+def operators(twin: DeepONetKalman, filled: Array) -> Iterator[Timed]:
+    """The operator alone, its window taking in a sample and its increments with their Jacobian coming out."""
+    window = twin.config["window"]
+    for form, make in (("compiled", _compiled), ("torch", _torch)):
+        yield Timed(Name(OPERATOR, form, window), make(twin), list(filled))
+
+
+@njit(cache=True, error_model="numpy")
+def _advance(weights, twin, memory, t, readings):  # type: ignore[no-untyped-def]
+    m, room = memory[0], t[0]
+    take_in(weights[0], twin[0], m, readings, room)
+    heads_with_jacobian(weights[0], room.filter.operator, m.stream.base, room.filter.operator.condition)
+
+
+def _compiled(twin: DeepONetKalman) -> Callable[[Array], object]:
+    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights)
+    room["mask"] = 1.0
+    return lambda readings: _advance(twin.weights, twin.twin, memory, room, readings)
+
+
+def _torch(twin: DeepONetKalman) -> Callable[[Array], object]:
+    plain, everything = PlainTwin(twin, torch.float32), np.ones(len(CHANNELS))
+
+    def update(readings: Array) -> None:
+        plain.ticks += 1
+        plain.take_in(readings, everything)
+        plain.increments()
+
+    return update
+
+

@@ -1,0 +1,107 @@
+"""Where the time of an update in place goes: each stage on its own in compiled loops, as in Fig. 7(a).
+
+- preprocessing: gate, gap filling, standardisation, the sensors' noise at these readings
+- operator: the window takes in a sample; branch, trunk and the heads' first layer of it
+- sensitivity: the heads with their Jacobian
+- filter: covariances, safeguards, correction, report
+- synchronisation: what a call from Python costs beside: readings handed in, records unwrapped
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numba import njit
+
+from bench.latency.timing import ROUNDS
+from data.batch import CHANNELS, Array
+from methods.augmented import tick
+from methods.cycle import INNOVATION_CLIP_SD, KEEP, SAID, scratch, standardise, take_in, update
+from methods.deeponet_kalman import DeepONetKalman
+from methods.frontend import gate_one
+from methods.noise import output_sd_of
+from methods.reporting import report_one
+from methods.stream import heads_with_jacobian
+
+STAGES = ("preprocessing", "operator", "sensitivity", "filter", "synchronisation")
+TICKS = 2000
+"""In one compiled loop."""
+
+
+@njit(cache=True, error_model="numpy")
+def _whole(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
+    for k in range(readings.shape[0]):
+        update(weights, twin, memory, readings[k : k + 1], lag, said, t)
+
+
+@njit(cache=True, error_model="numpy")
+def _preprocessing(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
+    m, own, room = memory[0], twin[0], t[0]
+    for k in range(readings.shape[0]):
+        gate_one(
+            m, own.front, readings[k], room.accepted, room.spike, room.confirmed, room.before, room.kept
+        )
+        output_sd_of(m.filled, room.white, room.coloured)
+        standardise(own, m.filled, room)
+
+
+@njit(cache=True, error_model="numpy")
+def _operator(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
+    for k in range(readings.shape[0]):
+        take_in(weights[0], twin[0], memory[0], readings[k], t[0])
+
+
+@njit(cache=True, error_model="numpy")
+def _sensitivity(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
+    net = t[0].filter.operator
+    for _ in range(readings.shape[0]):
+        heads_with_jacobian(weights[0], net, memory[0].stream.base, net.condition)
+
+
+@njit(cache=True, error_model="numpy")
+def _filter_and_sensitivity(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
+    m, own, room, out = memory[0], twin[0], t[0], said[0]
+    for k in range(readings.shape[0]):
+        for c in range(room.measured.size):
+            room.measured[c], room.lag[c] = readings[k, 4 + c], 0.0
+        tick(
+            weights[0], own.filter, m, room.query, room.measured, room.lag, room.white, room.coloured,
+            INNOVATION_CLIP_SD, out, room.filter,
+        )  # fmt: skip
+        report_one(m.z, m.P, KEEP, out.mean, out.cov, out.low, out.high)
+
+
+def stages(twin: DeepONetKalman, filled: Array, in_place_us: float) -> dict[str, float]:
+    """Microseconds of each of STAGES in an update that takes ``in_place_us`` when called from Python.
+
+    Args:
+        filled: readings (N, 7), none missing, N at least 2 TICKS.
+    """
+    whole, *parts = (
+        _Loop(kernel, twin, filled)
+        for kernel in (_whole, _preprocessing, _operator, _sensitivity, _filter_and_sensitivity)
+    )
+    took = np.array([[loop.us() for loop in (whole, *parts)] for _ in range(ROUNDS)])
+    all_of_it, preprocessing, operator, sensitivity, both = np.median(took, axis=0)
+    values = (preprocessing, operator, sensitivity, both - sensitivity, in_place_us - all_of_it)
+    return {name: round(float(value), 2) for name, value in zip(STAGES, values, strict=True)}
+
+
+class _Loop:
+    """One kernel over a recording, on a machine of its own that has run for a while."""
+
+    def __init__(self, kernel: Callable[..., None], twin: DeepONetKalman, filled: Array) -> None:
+        self._kernel, lag = kernel, np.zeros((1, len(CHANNELS)))
+        machine = (twin.weights, twin.twin, twin.init(1).memory[0].copy(), np.zeros(1, SAID), scratch(twin.weights))
+        before, during = filled[:TICKS].copy(), filled[TICKS : 2 * TICKS].copy()
+        _whole(*machine, before, lag)
+        self._arguments = (*machine, during, lag)
+        self.us()
+
+    def us(self) -> float:
+        """Microseconds of one tick, mean over the recording."""
+        start = time.perf_counter_ns()
+        self._kernel(*self._arguments)
+        return (time.perf_counter_ns() - start) / 1e3 / TICKS

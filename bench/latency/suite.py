@@ -1,0 +1,150 @@
+"""``twinbench latency``: everything timed in one run on one core, so that every ratio compares like with like."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.progress import Progress
+
+from bench import cells
+from bench.apply import trained_cells
+from bench.cells import Cell, Outcome
+from bench.figures import Drawing
+from bench.figures.latency import decomposition, latency_percentiles, window_lengths
+from bench.latency import memory
+from bench.latency.compiled_peers import CompiledPeer, ekf, ukf
+from bench.latency.estimators import recording, runners, samples, save_samples
+from bench.latency.forms import IN_PLACE, operators, whole_updates
+from bench.latency.peers import (
+    FilterpyEKF,
+    FilterpyUKF,
+    Move,
+    Observe,
+    numba_move,
+    numba_observe,
+    numpy_move,
+    numpy_observe,
+)
+from bench.latency.stages import stages
+from bench.latency.tables import BACK_TO_BACK, PACED, latency_table, memory_table
+from bench.latency.timing import Name, Timed, Watch, back_to_back, paced, percentiles, pin_to_one_core
+from bench.page import write_figures
+from bench.report import FORMATS
+from bench.roster import PROPOSED
+from bench.store import Store, check_writable, write_atomically, write_text
+from bench.table_formats import Table
+from bench.threads import pin_torch
+from bench.versions import provenance
+from data.batch import Array
+from methods.deeponet_kalman import DeepONetKalman
+from methods.frontend import FrontEnd
+
+
+def run(
+    profile: str, results: Path | None, only: list[str], updates: int, ticks: int, out: Path, command: str,
+    progress: Progress,
+) -> tuple[Table, list[Outcome]]:  # fmt: skip
+    """Time the trained estimators and their peers, and write ``out``.
+
+    Writes ``latency.csv``, ``stages.csv``, ``memory.csv``, tables and figures of them, ``samples.npz`` and
+    ``manifest.json``.
+
+    Args:
+        only: the estimators; all that are trained if empty.
+        updates: back to back, of each.
+        ticks: at 20 Hz, of each; 0 leaves that out.
+
+    Raises:
+        BadInput: nothing is trained in ``results``, or ``out`` cannot be written to.
+    """
+    store, todo = trained_cells(profile, results, only)
+    check_writable(out)
+    pin_torch()
+    core, watch = pin_to_one_core(), Watch()
+    readings = recording(store, todo)
+    ready, failed = runners(store, todo, readings)
+    timed = [one for one, _ in ready.values()]
+    filled = FrontEnd.fit(cells.load_split(store, todo[0].data).train).run(readings[None])[0][0]
+    proposed = _proposed(store, todo)
+    if proposed is not None:
+        timed += [*whole_updates(proposed, readings), *operators(proposed, filled)]
+    timed += _peers(filled)
+    took = {BACK_TO_BACK: back_to_back(timed, updates, progress)}
+    if ticks:
+        took[PACED] = paced(timed, ticks, progress)
+    table = pd.DataFrame(
+        [{**name._asdict(), "mode": mode, **percentiles(us)} for mode, by in took.items() for name, us in by.items()]
+    )
+    parts: dict[str, float] = {}
+    if proposed is not None:
+        in_place_us = float(np.median(took[BACK_TO_BACK][Name(PROPOSED, IN_PLACE, proposed.config["window"])]))
+        parts = stages(proposed, filled, in_place_us)
+    about = {"core": core, **watch.told()}
+    held = _memory(store, todo, ready, proposed, readings)
+    shown = latency_table(table, about)
+    _write_csv(out / "latency.csv", table)
+    _write_csv(out / "stages.csv", pd.DataFrame(parts.items(), columns=["stage", "us"]))
+    _write_csv(out / "memory.csv", held)
+    write_atomically(out / "samples.npz", lambda path: save_samples(took, path))
+    for name, written in (("latency", shown), ("memory", memory_table(held))):
+        write_text(out / f"{name}.md", FORMATS["md"](written))
+    write_figures(out / "figures", _drawings(table, parts))
+    manifest = {
+        "command": command, "updates": updates, "ticks": ticks, "seed": todo[0].seed,
+        "fits": {c.estimator: c.fit for c in todo}, "measured": about, **provenance(),
+    }  # fmt: skip
+    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    return shown, failed
+
+
+def _proposed(store: Store, todo: list[Cell]) -> DeepONetKalman | None:
+    for cell in todo:
+        if cell.estimator == PROPOSED:
+            estimator = cells.load_fit(store, cell)
+            assert isinstance(estimator, DeepONetKalman)
+            return estimator
+    return None
+
+
+def _peers(filled: Array) -> Iterator[Timed]:
+    rows, first = list(filled), filled[0]
+    models: dict[str, tuple[Move, Observe]] = {
+        "NumPy model": (numpy_move, numpy_observe), "numba model": (numba_move, numba_observe),
+    }  # fmt: skip
+    for model, functions in models.items():
+        yield Timed(Name("filterpy_ekf", model, 1), FilterpyEKF(first, *functions).update, rows)
+        yield Timed(Name("filterpy_ukf", model, 1), FilterpyUKF(first, *functions).update, rows)
+    yield Timed(Name("numba_ekf", "all compiled", 1), CompiledPeer(first, ekf).update, rows)
+    yield Timed(Name("numba_ukf", "all compiled", 1), CompiledPeer(first, ukf).update, rows)
+
+
+def _memory(
+    store: Store, todo: list[Cell], ready: dict[Name, Any], proposed: DeepONetKalman | None, readings: Array
+) -> pd.DataFrame:
+    """After the timing, in loops and processes of its own."""
+    ticks, rows, processes = samples(readings), [], []
+    specs = {c.estimator: (c.spec, store.path("fit", c.fit)) for c in todo}
+    for name, (_, stepped) in ready.items():
+        rows.append(memory.of_stepped(stepped, name.implementation, ticks))
+        processes.append(memory.process_MB(*specs[name.estimator], name.implementation))
+    if proposed is not None:
+        rows.append(memory.in_place(proposed, list(readings)))
+        processes.append(memory.process_MB(*specs[PROPOSED], IN_PLACE))
+    return memory.table(rows, processes)
+
+
+def _drawings(table: pd.DataFrame, parts: dict[str, float]) -> Iterator[Drawing]:
+    hot = table[table["mode"] == BACK_TO_BACK]
+    yield Drawing("latency", "", latency_percentiles(hot), "")
+    if parts:
+        yield Drawing("fig7a_stages", "", decomposition(parts), "")
+        yield Drawing("fig7b_windows", "", window_lengths(hot[hot["implementation"] == IN_PLACE]), "")
+
+
+def _write_csv(path: Path, table: pd.DataFrame) -> None:
+    write_atomically(path, lambda beside: table.to_csv(beside, index=False))

@@ -1,0 +1,87 @@
+"""The latency suite's tables."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bench.latency.timing import Name
+from bench.roster import label, ordered
+from bench.table_formats import Cell, Column, Table, number
+
+BACK_TO_BACK, PACED = "back_to_back", "paced_20_hz"
+HEADS = {BACK_TO_BACK: "back to back", PACED: "at 20 Hz"}
+REFERENCE = Name("filterpy_ukf", "NumPy model", 1)
+"""What ratios refer to: the median of its own mode."""
+TIMES = ("p50_us", "p95_us", "p99_us", "max_us", "jitter_us")
+
+
+def latency_table(latency: pd.DataFrame, about: dict[str, Any]) -> Table:
+    """A row for each form, columns for each mode.
+
+    Args:
+        latency: columns of Name, mode and TIMES.
+        about: as ``timing.Watch.told`` says it, and the core.
+    """
+    modes = [mode for mode in HEADS if (latency["mode"] == mode).any()]
+    by = {(*map(row.get, Name._fields), row["mode"]): row for row in latency.to_dict("records")}
+    names = list(dict.fromkeys(Name(*row) for row in latency[list(Name._fields)].itertuples(index=False)))
+    place = ordered(n.estimator for n in names)
+    names.sort(key=lambda n: place.index(n.estimator))
+    columns = [Column("what"), Column("form"), Column("window")]
+    for mode in modes:
+        columns += [Column(time.removesuffix("_us"), f"{HEADS[mode]}, µs") for time in TIMES]
+        columns.append(Column("× UKF", HEADS[mode]))
+    rows = []
+    for name in names:
+        cells = [Cell(label(name.estimator)), Cell(name.implementation), Cell(str(name.window))]
+        for mode in modes:
+            own, reference = by[(*name, mode)], by[(*REFERENCE, mode)]
+            cells += [Cell(number(own[time])) for time in TIMES]
+            cells.append(Cell(number(own["p50_us"] / reference["p50_us"])))
+        rows.append(tuple(cells))
+    return Table("latency", "Time of one update of one machine", latency, tuple(columns), tuple(rows), notes(about))
+
+
+def notes(about: dict[str, Any]) -> tuple[str, ...]:
+    """How it was measured, and on how quiet a machine."""
+    if "others_cores" not in about:
+        quiet = "How busy the machine was beside is not known on this system."
+    else:
+        verdict = "A LOADED MACHINE: do not trust these times" if about["loaded"] else "a quiet machine"
+        quiet = (
+            f"Other processes took {about['others_cores']:g} cores on average, other guests of the hardware "
+            f"{about['stolen_cores']:g}: {verdict}. Load before {about['load_1min_before']:g}, "
+            f"after {about['load_1min_after']:g}."
+        )
+    pinned = "" if about.get("core") is None else f", pinned to core {about['core']}"
+    return (
+        f"One process, one thread{pinned}; the budget at 20 Hz is 50,000 µs. Back to back: interleaved rounds. "
+        "At 20 Hz: one update, then sleep until the next tick.",
+        "× UKF: median over that of filterpy's UKF with the model in NumPy, in the same mode of the same run. "
+        "Jitter: mean change from one update to the next.",
+        quiet,
+    )
+
+
+def memory_table(held: pd.DataFrame) -> Table:
+    """Weights, buffers and peaks."""
+    kB = ("weights_kB", "buffers_kB", "besides_kB")
+    columns = (
+        Column("what"), Column("form"), *(Column(c.removesuffix("_kB"), "kB") for c in kB), Column("process", "MB"),
+    )  # fmt: skip
+    rows = tuple(
+        (
+            Cell(label(row["estimator"])), Cell(row["implementation"]),
+            *(Cell(number(np.float64(row[c]))) for c in kB), Cell(number(row["process_MB"])),
+        )
+        for row in held.to_dict("records")
+    )  # fmt: skip
+    notes = (
+        "Buffers: what is carried or written into from update to update. Besides: the most that one update asks for "
+        "and gives back, of Python and NumPy; torch's own is not seen. Process: the most that a process of its own "
+        "held, interpreter and libraries included.",
+    )
+    return Table("memory", "Memory of one machine's twin", held, columns, rows, notes)

@@ -1,0 +1,131 @@
+"""The clock: updates back to back in interleaved rounds, and one by one at the pace of a machine; who disturbed."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.progress import Progress
+
+from data.batch import SAMPLE_PERIOD_S, Array
+
+ROUNDS = 10
+WARM_UP = 60
+OTHERS_MOST = 0.1
+"""Cores that other processes, or other guests of the hardware, may take on a machine that counts as quiet."""
+
+
+class Name(NamedTuple):
+    """What is timed."""
+
+    estimator: str
+    implementation: str
+    window: int
+
+
+class Timed:
+    """An update that is called with one sample after the other, round and round."""
+
+    def __init__(self, name: Name, update: Callable[[Any], object], samples: Sequence[Any]) -> None:
+        self.name, self._update, self._samples, self._at = name, update, samples, 0
+        for _ in range(WARM_UP):
+            self.once()
+
+    def once(self) -> float:
+        """Wall time of the next update in microseconds."""
+        update, sample = self._update, self._samples[self._at % len(self._samples)]
+        self._at += 1
+        start = time.perf_counter_ns()
+        update(sample)
+        return (time.perf_counter_ns() - start) / 1e3
+
+
+def back_to_back(several: Sequence[Timed], updates: int, progress: Progress) -> dict[Name, Array]:
+    """Microseconds (updates,) of each; the rounds interleaved, so that a disturbance hits all alike."""
+    blocks: dict[Name, list[float]] = {one.name: [] for one in several}
+    bar = progress.add_task("latency", total=ROUNDS * len(several))
+    for count in map(len, np.array_split(np.arange(updates), ROUNDS)):
+        for one in several:
+            gc.collect()
+            blocks[one.name] += [one.once() for _ in range(count)]
+            progress.advance(bar)
+    return {name: np.array(us) for name, us in blocks.items()}
+
+
+def paced(several: Sequence[Timed], ticks: int, progress: Progress) -> dict[Name, Array]:
+    """The same, one update each 50 ms with nothing in between: caches and clock have gone cold, as on a machine."""
+    took: dict[Name, Array] = {}
+    bar = progress.add_task("at 20 Hz", total=len(several))
+    for one in several:
+        gc.collect()
+        us, due = np.empty(ticks), time.perf_counter()
+        for i in range(ticks):
+            due += SAMPLE_PERIOD_S
+            time.sleep(max(due - time.perf_counter(), 0.0))
+            us[i] = one.once()
+        took[one.name] = us
+        progress.advance(bar)
+    return took
+
+
+def percentiles(us: Array) -> dict[str, float]:
+    """Of the time of an update; jitter is the mean change from one update to the next."""
+    p50, p95, p99 = np.percentile(us, (50, 95, 99))
+    figures = {"p50_us": p50, "p95_us": p95, "p99_us": p99, "max_us": us.max(), "jitter_us": _jitter(us)}
+    return {name: round(float(value), 2) for name, value in figures.items()}
+
+
+def _jitter(us: Array) -> float:
+    return float(np.abs(np.diff(us)).mean()) if us.size > 1 else 0.0
+
+
+class Watch:
+    """How busy the machine was beside this process, from its making to ``told``; unknown where there is no /proc."""
+
+    def __init__(self) -> None:
+        self._load, self._begun, self._own, self._all = _load(), time.perf_counter(), _own_s(), _machine_s()
+
+    def told(self) -> dict[str, Any]:
+        """Load averages, cores that others took on average, whether that was too much, and the core pinned to."""
+        wall = time.perf_counter() - self._begun
+        told: dict[str, Any] = {"load_1min_before": self._load, "load_1min_after": _load(), "wall_s": round(wall, 1)}
+        now = _machine_s()
+        if self._all is not None and now is not None:
+            others = max(now[0] - self._all[0] - (_own_s() - self._own), 0.0) / wall
+            stolen = (now[1] - self._all[1]) / wall
+            told |= {"others_cores": round(others, 3), "stolen_cores": round(stolen, 3)}
+            told["loaded"] = others + stolen > OTHERS_MOST
+        return told
+
+
+def pin_to_one_core() -> int | None:
+    """Keep this process on one core, the last it may use; None where the system cannot."""
+    if not hasattr(os, "sched_setaffinity"):
+        return None
+    core = max(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {core})
+    return core
+
+
+def _load() -> float | None:
+    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+
+
+def _own_s() -> float:
+    own = os.times()
+    return own.user + own.system
+
+
+def _machine_s() -> tuple[float, float] | None:
+    """Processor seconds that the whole machine has been busy, and those that other guests took from it."""
+    try:
+        user, nice, system, _, _, irq, soft, stolen = map(int, Path("/proc/stat").read_text().split(maxsplit=9)[1:9])
+    except (OSError, ValueError):
+        return None
+    tick = os.sysconf("SC_CLK_TCK")
+    return (user + nice + system + irq + soft) / tick, stolen / tick
