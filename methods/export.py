@@ -7,6 +7,8 @@ tick, strided as in ``methods.operator``: few nodes, and a first window that is 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from data.batch import HEALTH, SAMPLE_PERIOD_S, Array
@@ -18,7 +20,6 @@ from methods.operator import (
     N_CHANNELS,
     N_COLUMNS,
     N_HEADS,
-    N_QUERY,
     N_SLOW,
     N_STATES,
     N_ZETA,
@@ -48,7 +49,7 @@ class _Graph:
     def __init__(self, weights: dict[str, np.ndarray]) -> None:
         self.weights, self.nodes, self.constants = weights, [], []  # type: ignore[var-annotated]
 
-    def __call__(self, op: str, *inputs: str | np.ndarray | list[int], out: str = "", **attributes: int) -> str:
+    def __call__(self, op: str, *inputs: str | np.ndarray | list[int], out: str = "", **attributes: Any) -> str:
         from onnx import helper
 
         names = [i if isinstance(i, str) else self._constant(np.asarray(i)) for i in inputs]
@@ -74,7 +75,7 @@ class _Graph:
 
     def root(self, square: str) -> str:
         """Of a mean square, as the operator takes it."""
-        return self("Sqrt", self("Add", square, np.float32([1e-6])))
+        return self("Sqrt", self("Add", square, np.array([1e-6])))
 
     def unit(self, x: str) -> str:
         """Rows to unit second moment."""
@@ -84,7 +85,9 @@ class _Graph:
         return self("Slice", x, [start], [stop], [axis], out=out)
 
     def standardised(self, x: str, mean: Array, scale: Array) -> str:
-        return self("Div", self("Sub", x, mean), scale)
+        # What float32 leaves off a mean near 300 K shows where the spread is a fraction of a kelvin.
+        left_off = mean - mean.astype(np.float32)
+        return self("Sub", self("Div", self("Sub", x, mean), scale), left_off / scale)
 
     def bounded(self, x: str) -> str:
         return self("Clip", x, np.array(-LIMIT), np.array(LIMIT))
@@ -196,7 +199,7 @@ def _silu_and_slope(g: _Graph, x: str) -> tuple[str, str]:
     """``silu(x)`` and its derivative, ``s + silu(x) (1 - s)`` with s the sigmoid."""
     gate = g("Sigmoid", x)
     value = g("Mul", x, gate)
-    return value, g("Add", gate, g("Mul", value, g("Sub", np.float32([1.0]), gate)))
+    return value, g("Add", gate, g("Mul", value, g("Sub", np.array([1.0]), gate)))
 
 
 def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
@@ -225,13 +228,14 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
     for j in (HEALTH.index("leakage"), HEALTH.index("heat_transfer")):
         # These are exponential: a logistic so far from its upper end that nobody tells the two apart.
         low[j], span[j] = 0.0, HEALTHY[j] * EXPONENTIAL
-    share = (HEALTHY - low) / span
+    share, (at_0, at_1) = (HEALTHY - low) / span, speed_factor(np.array([0.0, 1.0]))
     return {
         "z0": fresh["z"], "P0": fresh["P"], "F": F, "Q": model.Q, "H": H, "z_low": z_low, "z_high": z_high,
         "probe_tau_s": np.array(TAU_PROBE_S), "probe_tau_x": np.array(TAU_PROBE_X),
         "mean": estimator.front_end.mean, "window": np.array(estimator.config["window"]),
         **{name: np.array([getattr(s, name) for s in OUTPUT_NOISE])
            for name in ("white", "coloured", "relative", "with_speed")},
-        "speed": np.array([speed_factor(0.0), speed_factor(1.0) - speed_factor(0.0)]),
-        "low": low, "span": span, "slope": slope / (span * share * (1.0 - share)), "offset": np.log(share / (1.0 - share)),
+        "speed": np.array([at_0, at_1 - at_0]),
+        "low": low, "span": span,
+        "slope": slope / (span * share * (1.0 - share)), "offset": np.log(share / (1.0 - share)),
     }  # fmt: skip
