@@ -47,7 +47,9 @@ class _Graph:
     """
 
     def __init__(self, weights: dict[str, np.ndarray]) -> None:
-        self.weights, self.nodes, self.constants = weights, [], []  # type: ignore[var-annotated]
+        self.weights = weights
+        self.nodes: list[Any] = []
+        self.constants: list[Any] = []
 
     def __call__(self, op: str, *inputs: str | np.ndarray | list[int], out: str = "", **attributes: Any) -> str:
         from onnx import helper
@@ -71,6 +73,7 @@ class _Graph:
         return self("Gemm", x, W, b, transB=1)
 
     def silu(self, x: str) -> str:
+        """``x sigmoid(x)``."""
         return self("Mul", x, self("Sigmoid", x))
 
     def root(self, square: str) -> str:
@@ -82,14 +85,17 @@ class _Graph:
         return self("Div", x, self.root(self("ReduceMean", self("Mul", x, x), [1], keepdims=1)))
 
     def rows(self, x: str, start: int, stop: int, axis: int = 0, out: str = "") -> str:
+        """``x[start:stop]`` along an axis."""
         return self("Slice", x, [start], [stop], [axis], out=out)
 
     def standardised(self, x: str, mean: Array, scale: Array) -> str:
+        """Zero mean, unit spread on the training split."""
         # What float32 leaves off a mean near 300 K shows where the spread is a fraction of a kelvin.
         left_off = mean - mean.astype(np.float32)
         return self("Sub", self("Div", self("Sub", x, mean), scale), left_off / scale)
 
     def bounded(self, x: str) -> str:
+        """Within what the operator is shown."""
         return self("Clip", x, np.array(-LIMIT), np.array(LIMIT))
 
 
@@ -213,8 +219,8 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
         probe_tau_s, probe_tau_x: the probe lags by ``tau_s mu**-tau_x`` seconds at flow memory mu.
         mean: (7,) stands in for readings before the first one.
         window: samples that the operator looks back.
-        white, coloured: (3,) noise sd of the outputs, times the reading where ``relative``, and times
-            ``speed`` (2,) of 1 and the speed in rpm where ``with_speed``.
+        white, coloured: (3,) noise sd of the outputs; times the reading where ``relative``, and times
+            ``speed[0] + speed[1] N_rpm`` where ``with_speed``.
         low, span, slope, offset: (5,) health is ``low + span / (1 + exp(-slope zeta - offset))``.
     """
     fresh, model = estimator.init(1).memory[0][0], estimator.model

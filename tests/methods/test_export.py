@@ -18,7 +18,7 @@ from bench.profile import load_profile
 from bench.store import Store
 from data.batch import CHANNELS, SAMPLE_PERIOD_S
 from methods.augmented import NOISE, ZETA
-from methods.cycle import scratch, standardise
+from methods.cycle import INNOVATION_CLIP_SD, scratch, standardise
 from methods.deeponet_kalman import ZETA_HIGH, ZETA_LOW, DeepONetKalman
 from methods.estimator import Sample
 from methods.export import INPUTS, filter_arrays, operator_graph
@@ -47,12 +47,13 @@ def twin() -> DeepONetKalman:
 
 @pytest.fixture(scope="module")
 def rows() -> np.ndarray:
-    """Readings (TICKS, 7) with steps of the load, single samples missing and a gap of a second and a half."""
+    """Readings (TICKS, 7) with steps of the load, a spike, single samples missing and a gap of a second and a half."""
     rows = small_batch(3, sequences=1, samples=TICKS - 1).measured[0].copy()
     missing = np.random.default_rng(0).random(rows.shape) < 0.03
     missing[0] = False
     missing[300:330, CHANNELS.index("T_dis_K")] = True
     rows[missing] = np.nan
+    rows[150, CHANNELS.index("m_flow_kg_s")] *= 1.3
     return rows
 
 
@@ -159,7 +160,9 @@ def test_the_host_loop_of_the_page_is_the_filter_without_its_safeguards(twin, ro
     plain = unguarded(twin)
     state = plain.init(1)
     for k, (z, P) in enumerate(host["estimates"](rows)):
-        state, _ = plain.step(state, Sample(k * SAMPLE_PERIOD_S, rows[None, k]))
+        state, info = plain.step(state, Sample(k * SAMPLE_PERIOD_S, rows[None, k]))
+        if k == 150:
+            assert abs(info.innovation[0, 2]) > INNOVATION_CLIP_SD * np.sqrt(info.S[0, 2, 2])
         memory = state.memory[0][0]
         sd = np.sqrt(memory["P"].diagonal())
         assert (np.abs(z - memory["z"]) / sd).max() < 1e-3
