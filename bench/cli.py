@@ -21,6 +21,7 @@ EPILOG = """examples:
   twinbench check my_baseline.py                   the contract every estimator keeps
   twinbench simulate --out recordings              the benchmark's recordings as CSV
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
+  twinbench export --out controller                the trained operator as ONNX, for a controller
   twinbench list mechanisms                        what a compressor model can leave out
   twinbench list mechanisms --simulator tanks.py   what mismatch looks for in yours
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
@@ -123,6 +124,19 @@ def _parser() -> argparse.ArgumentParser:
     estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
     estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
     estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
+
+    export = command(
+        "export", "write a trained DeepONet-Kalman as an ONNX graph and arrays, for machines without this package",
+        "twinbench export --results results/quick --out controller\n\n"
+        "writes operator.onnx and filter.npz into DIR; docs/controller.md has the thirty lines that run them",
+    )  # fmt: skip
+    export.add_argument("--out", type=Path, required=True, metavar="DIR")
+    export.add_argument(
+        "--estimator", default="deeponet_kalman", metavar="NAME",
+        help="deeponet_kalman (default) or one of its ablations",
+    )  # fmt: skip
+    export.add_argument("--profile", default="quick", help="whose training (default: quick)")
+    export.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
 
     mismatch = command(
         "mismatch", "find what a simulator leaves out, name it, model it, and prove it on held-out recordings",
@@ -374,6 +388,14 @@ def _estimate(a: argparse.Namespace) -> int:
     return 0
 
 
+def _export(a: argparse.Namespace) -> int:
+    from bench.export import export
+
+    for path in export(a.estimator, a.out, a.profile, a.results):
+        print(path)
+    return 0
+
+
 def _mismatch(a: argparse.Namespace) -> int:
     from bench.explain import explain
 
@@ -467,6 +489,7 @@ _COMMANDS = {
     "tune": _tune,
     "simulate": _simulate,
     "estimate": _estimate,
+    "export": _export,
     "mismatch": _mismatch,
     "prove": _prove,
     "flagship": _flagship,

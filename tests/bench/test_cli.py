@@ -52,7 +52,7 @@ def test_help_names_every_command_and_the_exit_status(capsys: pytest.CaptureFixt
         twinbench("--help")
     assert stopped.value.code == 0
     said = capsys.readouterr().out
-    for word in ("run", "list", "check", "simulate", "estimate", "report", "latency", "exit status: 0 done"):
+    for word in ("run", "list", "check", "simulate", "estimate", "export", "report", "latency", "exit status: 0 done"):
         assert word in said
 
 
@@ -183,6 +183,10 @@ BAD_USE = [
     (("latency", "--updates", "3"), "--updates is 3, must lie in"),
     (("latency", "--estimator", "one/mine.py"), "is not trained in results/quick"),
     (("estimate", "one/mine.py", "good.csv", "--out", "out"), "train it with: twinbench run --profile quick"),
+    (("export", "--out", "out"), "train it with: twinbench run --profile quick --only deeponet_kalman"),
+    (("export", "--estimator", "oracle", "--out", "out"), "oracle cannot be exported, only deeponet_kalman can"),
+    (("export", "--estimator", "orcale", "--out", "out"), "did you mean 'oracle'?"),
+    (("export",), "the following arguments are required: --out"),
     (("estimate", "oracle", "good.csv"), "the following arguments are required: --out"),
     (("fly",), "invalid choice: 'fly'"),
 ]  # fmt: skip
@@ -219,6 +223,13 @@ def test_bad_use_is_one_line(
     workplace: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
 ) -> None:
     assert says in refused(workplace, capsys, *arguments)
+
+
+def test_without_onnx_export_says_what_to_install(
+    workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.export.find_spec", lambda name: None)
+    assert "pip install 'twinbench[export]'" in refused(workplace, capsys, "export", "--out", "out")
 
 
 @pytest.mark.parametrize(("recordings", "says"), [
