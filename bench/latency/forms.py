@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 
 import numpy as np
 import torch
@@ -40,9 +41,15 @@ def whole_updates(twin: DeepONetKalman, readings: Array) -> Iterator[Timed]:
 
 
 def operators(twin: DeepONetKalman, filled: Array) -> Iterator[Timed]:
-    """The operator alone, its window taking in a sample and its increments with their Jacobian coming out."""
+    """The operator alone, its window taking in a sample and its increments with their Jacobian coming out.
+
+    As ONNX only where onnx and onnxruntime are installed.
+    """
     window = twin.config["window"]
-    for form, make in (("compiled", _compiled), ("torch", _torch)):
+    forms = {"compiled": _compiled, "ONNX": _onnx, "torch": _torch}
+    if not (find_spec("onnx") and find_spec("onnxruntime")):
+        del forms["ONNX"]
+    for form, make in forms.items():
         yield Timed(Name(OPERATOR, form, window), make(twin), list(filled))
 
 
@@ -57,6 +64,28 @@ def _compiled(twin: DeepONetKalman) -> Callable[[Array], object]:
     memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights)
     room["mask"] = 1.0
     return lambda readings: _advance(twin.weights, twin.twin, memory, room, readings)
+
+
+def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
+    import onnxruntime
+
+    from methods.export import operator_graph
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    session = onnxruntime.InferenceSession(operator_graph(twin), options)
+    single, window = np.float32, twin.config["window"]
+    feed = {
+        "mask": np.ones(len(CHANNELS), single), "x": single(twin.model.state_mean), "zeta": np.zeros(5, single),
+        "window": np.tile(single(twin.front_end.mean), (window, 1)), "masks": np.ones((window, 7), single),
+        "slow": np.zeros(2, single),
+    }  # fmt: skip
+
+    def update(readings: Array) -> None:
+        feed["values"] = readings.astype(single)
+        _, _, feed["window"], feed["masks"], feed["slow"] = session.run(None, feed)
+
+    return update
 
 
 def _torch(twin: DeepONetKalman) -> Callable[[Array], object]:

@@ -130,15 +130,26 @@ def test_report_draws_again(tiny: SimpleNamespace, capsys: pytest.CaptureFixture
     assert str(tiny.run / "report.html") in capsys.readouterr().out
 
 
-def test_latency_prints_and_rewrites_only_when_all_are_timed(
-    tiny: SimpleNamespace, capsys: pytest.CaptureFixture[str]
+def test_latency_of_one_estimator_stands_beside_its_peers(
+    tiny: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (tiny.run / "latency.csv").read_bytes()
-    arguments = ("latency", "--profile", tiny.profile, "--results", tiny.run, "--updates", 10)
-    assert twinbench(*arguments, "--estimator", tiny.spec) == 0
-    out = capsys.readouterr().out.splitlines()
-    assert out[0].split()[:4] == ["estimator", "mode", "implementation", "window"]
-    assert [line.split()[2] for line in out[1:]] == ["quick", "slow"]
+    arguments = ("latency", "--profile", tiny.profile, "--results", tiny.run, "--updates", 10, "--ticks", 2)
+    out = tmp_path / "latency"
+    assert twinbench(*arguments, "--estimator", tiny.spec, "--out", out) == 0
+    printed = capsys.readouterr().out
+    assert "at 20 Hz" in printed
+    assert str(out) in printed
+    table = pd.read_csv(out / "latency.csv")
+    peers = ["filterpy_ekf", "filterpy_ukf", "numba_ekf", "numba_ukf"]
+    for _, rows in table.groupby("mode"):
+        assert set(rows["estimator"]) == {*peers, "steady"}
+    assert (table["p50_us"] <= table["p99_us"]).all()
+    assert json.loads((out / "manifest.json").read_text())["measured"]["wall_s"] > 0.0
+    assert pd.read_csv(out / "memory.csv")["process_MB"].gt(50.0).all()
+    with np.load(out / "samples.npz") as kept:
+        assert kept["back_to_back.filterpy_ukf.NumPy model.1"].shape == (10,)
+        assert kept["paced_20_hz.filterpy_ukf.NumPy model.1"].shape == (2,)
     assert (tiny.run / "latency.csv").read_bytes() == before
 
 
