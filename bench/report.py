@@ -35,7 +35,7 @@ def write_report(out: Path) -> Table:
     failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
     summary = summarise(results.scores[whole], failures)
     evidence = _evidence(results)
-    tables = build_tables(summary, evidence.coverage, results.latency)
+    tables = build_tables(summary, evidence.coverage, results.latency, results.cost)
     if PROPOSED in results.scores["estimator"].unique():
         tables.insert(1, rivals_table(results.scores, results.failures))
     if not whole.all():

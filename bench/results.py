@@ -23,6 +23,7 @@ COLUMNS = {
     "latency.csv": (
         "estimator", "mode", "implementation", "window", "p50_us", "p95_us", "p99_us", "max_us", "memory_kB",
     ),
+    "cost.csv": ("estimator", "seed", "stage", "cpu_s"),
 }  # fmt: skip
 
 HARDER = ("estimator", "seed", "group", "condition", "sequence", "metric", "value")
@@ -37,6 +38,7 @@ class Results:
     scores: pd.DataFrame
     failed_cells: pd.DataFrame
     latency: pd.DataFrame
+    cost: pd.DataFrame
     robustness: pd.DataFrame
     manifest: dict[str, Any]
 
@@ -89,7 +91,8 @@ def load_results(out: Path) -> Results:
     robustness = pd.DataFrame(columns=list(HARDER))
     if manifest.get("robustness"):
         robustness = _read_csv(out / "robustness.csv", HARDER)
-    return Results(out, tables["scores.csv"], tables["failures.csv"], tables["latency.csv"], robustness, manifest)
+    scores, failures, latency, cost = (tables[name] for name in COLUMNS)
+    return Results(out, scores, failures, latency, cost, robustness, manifest)
 
 
 def _read_csv(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:

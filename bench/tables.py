@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bench.coverage import REGIMES
-from bench.roster import FLOOR, QUANTITIES, label, ordered
+from bench.roster import FLOOR, QUANTITIES, is_ablation, label, ordered
 from bench.scores import DEFINITIONS, IDEAL
 from bench.summary import FORECAST, PARAMETERS, Summary, Value
 from bench.table_formats import Cell, Column, Table, number
@@ -69,12 +69,15 @@ LATENCY = "Latency: median time of one update of one machine, in the estimator's
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
 
 
-def build_tables(summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame) -> list[Table]:
+def build_tables(
+    summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame, cost: pd.DataFrame
+) -> list[Table]:
     """All tables of a run.
 
     Args:
         regimes: what ``bench.coverage.coverage_table`` returns.
         latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us, memory_kB.
+        cost: columns estimator, seed, stage, cpu_s.
     """
     return [
         comparison(summary, latency),
@@ -82,6 +85,7 @@ def build_tables(summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame)
         _measured("coverage", "Coverage of the 95 % intervals, and consistency", COVERED, summary),
         regime_table(regimes),
         latency_table(latency),
+        cost_table(cost),
     ]
 
 
@@ -159,6 +163,30 @@ def latency_table(latency: pd.DataFrame) -> Table:
         if len(rows) else "No latency was measured in this run.",
     )  # fmt: skip
     return Table("latency", "Time of one update", frame.reset_index(drop=True), columns, rows, notes)
+
+
+def cost_table(cost: pd.DataFrame) -> Table:
+    """Processor time of training and of all test recordings; ablations are left out."""
+    cost = cost[~cost["estimator"].map(is_ablation)]
+    names = ordered(cost["estimator"].unique())
+    by = {stage: own.groupby("estimator")["cpu_s"] for stage, own in cost.groupby("stage")}
+    frame = pd.DataFrame({"estimator": names})
+    for stage, column in (("fit", "train"), ("estimate", "evaluate")):
+        if stage in by:
+            times = {"once": by[stage].mean(), "in_all": by[stage].sum(min_count=1)}
+            for key, seconds in times.items():
+                frame[f"{column}_{key}_s"] = [seconds.get(name, np.nan) for name in names]
+    heads = [Column(key.split("_", 1)[1].removesuffix("_s").replace("_", " "), f"{key.split('_')[0]}, s")
+             for key in frame.columns[1:]]  # fmt: skip
+    rows = tuple(
+        (Cell(label(row["estimator"])), *(Cell(number(row[key])) for key in frame.columns[1:]))
+        for row in frame.to_dict("records")
+    )
+    notes = (
+        "Processor time; evaluation is one pass over all test recordings with its forecasts, and the first one in a "
+        "fresh checkout compiles. In all: over the seeds; who draws nothing at random is trained and evaluated once.",
+    )
+    return Table("cost", "What training and evaluation cost", frame, (Column("estimator"), *heads), rows, notes)
 
 
 def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:

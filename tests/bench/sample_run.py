@@ -104,6 +104,8 @@ def write_run(
         for kind, slow in ((("compiled", 1), ("filterpy", 12)) if e.endswith("kf") else (("numba", 1),))
     ]
     (out / "latency.csv").write_text(LATENCY + ("".join(rows) if latency else ""))
+    cost = [f"{e},{s},{stage},{v}\n" for e, v in levels.items() for s in seeds for stage in ("fit", "estimate")]
+    (out / "cost.csv").write_text("".join(["estimator,seed,stage,cpu_s\n", *cost]))
     manifest = {
         "command": "twinbench run --profile quick", "profile": {"name": "quick"}, "seeds": list(seeds),
         "data_key": "d0", "estimates_keys": keys, "commit": "0123abc", "uncommitted_changes": False,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
+import pandas as pd
 import pytest
 from sample_run import LEVELS, write_run
 
@@ -18,10 +19,10 @@ from bench.results import load_results
 from bench.scores import DEFINITIONS
 from bench.summary import summarise
 from bench.table_formats import to_text
-from bench.tables import comparison
+from bench.tables import comparison, cost_table
 from data.errors import BadInput
 
-TABLES = ("comparison", "parameters", "coverage", "paired", "regimes", "latency")
+TABLES = ("comparison", "parameters", "coverage", "paired", "regimes", "latency", "cost")
 FIGURES = (
     "fig3_states", "fig3c_parity", "fig4_parameters", "fig5a_errors", "fig5b_ranks_forecast", "fig5b_ranks_parameters",
     "fig5c_parameter_errors", "coverage", "coverage_regimes", "latency", "fig7c_accuracy_time",
@@ -52,6 +53,15 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = write_run(tmp_path_factory.mktemp("alone"), {"gru_kf": 1.0}, 1, seconds=300)
     write_report(out)
     return out
+
+
+def test_the_cost_table_adds_up_seeds_and_leaves_ablations_out() -> None:
+    rows = [("gru_kf", s, "fit", 10.0 + s) for s in range(3)] + [("gru_kf:part", 0, "fit", 99.0)]
+    rows.append(("oracle", 0, "fit", np.nan))
+    shown = cost_table(pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])).rows
+    assert [[cell.text for cell in row] for row in shown] == [
+        ["Oracle (floor)", "–", "–"], ["GRU + KF", "11.0", "33.0"],
+    ]  # fmt: skip
 
 
 def html(out: Path) -> str:
