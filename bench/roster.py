@@ -20,6 +20,15 @@ LABELS = {
 }
 """Printed name of each estimator of the benchmark, in the one order that is used throughout."""
 
+PEERS = {
+    "filterpy_ekf": "filterpy's EKF",
+    "filterpy_ukf": "filterpy's UKF",
+    "numba_ekf": "EKF",
+    "numba_ukf": "UKF",
+    "operator": "Operator",
+}
+"""What latency shows beside the estimators."""
+
 QUANTITIES = {
     "p_int_bar": ("intake pressure", "bar"),
     "p_exh_bar": ("exhaust pressure", "bar"),
@@ -63,7 +72,7 @@ def ordered(names: Iterable[str]) -> list[str]:
 
 def label(name: str) -> str:
     """How an estimator is printed; one that the benchmark does not know keeps its name."""
-    return LABELS.get(name, name)
+    return LABELS.get(name) or PEERS.get(name, name)
 
 
 def condition_label(name: str) -> str:

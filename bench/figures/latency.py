@@ -138,9 +138,9 @@ def _sorted(latency: pd.DataFrame) -> pd.DataFrame:
 def _names(rows: pd.DataFrame) -> list[str]:
     """The estimator, and whatever of mode, implementation and window tells its rows apart."""
     varying = [c for c in ("mode", "implementation") if rows[c].nunique() > 1]
-    if rows.duplicated(["estimator", *varying]).any():
-        varying.append("window")
+    several = rows.duplicated(["estimator", *varying], keep=False)
+    names = [", ".join([label(row["estimator"]), *(str(row[c]) for c in varying)]) for _, row in rows.iterrows()]
     return [
-        ", ".join([label(row["estimator"]), *(str(row[c]) if c != "window" else f"window {row[c]}" for c in varying)])
-        for _, row in rows.iterrows()
+        f"{name}, window {window}" if more else name
+        for name, window, more in zip(names, rows["window"], several, strict=True)
     ]

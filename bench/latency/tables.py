@@ -30,13 +30,15 @@ def latency_table(latency: pd.DataFrame, about: dict[str, Any]) -> Table:
     names = list(dict.fromkeys(Name(*row) for row in latency[list(Name._fields)].itertuples(index=False)))
     place = ordered(n.estimator for n in names)
     names.sort(key=lambda n: place.index(n.estimator))
-    columns = [Column("what"), Column("form"), Column("window")]
+    forms = [(n.estimator, n.implementation) for n in names]
+    columns = [Column("update")]
     for mode in modes:
         columns += [Column(time.removesuffix("_us"), f"{HEADS[mode]}, µs") for time in TIMES]
         columns.append(Column("× UKF", HEADS[mode]))
     rows = []
     for name in names:
-        cells = [Cell(label(name.estimator)), Cell(name.implementation), Cell(str(name.window))]
+        window = f", window {name.window}" if forms.count((name.estimator, name.implementation)) > 1 else ""
+        cells = [Cell(f"{label(name.estimator)}, {name.implementation}{window}")]
         for mode in modes:
             own, reference = by[(*name, mode)], by[(*REFERENCE, mode)]
             cells += [Cell(number(own[time])) for time in TIMES]
@@ -70,11 +72,11 @@ def memory_table(held: pd.DataFrame) -> Table:
     """Weights, buffers and peaks."""
     kB = ("weights_kB", "buffers_kB", "besides_kB")
     columns = (
-        Column("what"), Column("form"), *(Column(c.removesuffix("_kB"), "kB") for c in kB), Column("process", "MB"),
+        Column("twin"), *(Column(c.removesuffix("_kB"), "kB") for c in kB), Column("process", "MB"),
     )  # fmt: skip
     rows = tuple(
         (
-            Cell(label(row["estimator"])), Cell(row["implementation"]),
+            Cell(f"{label(row['estimator'])}, {row['implementation']}"),
             *(Cell(number(np.float64(row[c]))) for c in kB), Cell(number(row["process_MB"])),
         )
         for row in held.to_dict("records")

@@ -48,6 +48,8 @@ class Timed:
 def back_to_back(several: Sequence[Timed], updates: int, progress: Progress) -> dict[Name, Array]:
     """Microseconds (updates,) of each; the rounds interleaved, so that a disturbance hits all alike."""
     blocks: dict[Name, list[float]] = {one.name: [] for one in several}
+    gc.collect()
+    gc.freeze()  # what is there by now, recordings above all, need not be looked through again
     bar = progress.add_task("latency", total=ROUNDS * len(several))
     for count in map(len, np.array_split(np.arange(updates), ROUNDS)):
         for one in several:
