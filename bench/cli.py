@@ -456,7 +456,6 @@ def _latency(a: argparse.Namespace) -> int:
     from rich.console import Console
 
     from bench.latency.suite import run
-    from bench.runner import bars
     from bench.table_formats import to_text
     from data.errors import BadInput
 
@@ -465,10 +464,8 @@ def _latency(a: argparse.Namespace) -> int:
             raise BadInput(f"{name} is {value:,}, must lie in [{least}, 10,000,000]")
     command = "twinbench " + shlex.join(sys.argv[1:])
     out = a.out or Path("results/latency")
-    with bars(Console(stderr=True)) as progress:
-        table, failed = run(
-            a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, progress
-        )
+    console = Console(stderr=True)
+    table, failed = run(a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, console)
     print(to_text(table, get_terminal_size().columns))
     for outcome in failed:
         print(f"failed: {outcome.cell.estimator}: {outcome.reason}")

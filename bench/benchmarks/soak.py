@@ -10,6 +10,7 @@ covariance must have a Cholesky factor and everything must be finite.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
 from pathlib import Path
@@ -21,7 +22,7 @@ pin()
 
 import numpy as np  # noqa: E402  threads are pinned before NumPy is there
 from numba import njit  # noqa: E402
-from rich.progress import track  # noqa: E402
+from rich.progress import Progress  # noqa: E402
 
 from bench.apply import trained_cells  # noqa: E402
 from bench.cells import load_fit, load_split  # noqa: E402
@@ -104,21 +105,33 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
     C, unsound, least, resident, took = np.zeros((19, 19)), 0, np.inf, [], 0.0
     blocks = [b for recording in recordings for b in np.split(recording, range(BLOCK, recording.shape[0], BLOCK))]
     done = 0
-    for i in track(range(-(-updates // BLOCK)), "soak"):
-        readings, lag_s = faulty(blocks[i % len(blocks)][: updates - done], spread, rng)
-        begun = time.perf_counter()
-        unsound += soak(twin.weights, twin.twin, memory, said, room, readings, lag_s, C)
-        took += time.perf_counter() - begun
-        done += len(readings)
-        sd = np.sqrt(np.diagonal(memory["P"][0]))
-        least = min(least, float(np.linalg.eigvalsh(memory["P"][0] / np.outer(sd, sd))[0]))
-        resident.append(_resident_MB())
+    with Progress() as progress:
+        bar = progress.add_task("soak", total=updates)
+        for block in itertools.cycle(blocks):
+            readings, lag_s = faulty(block[: updates - done], spread, rng)
+            begun = time.perf_counter()
+            unsound += soak(twin.weights, twin.twin, memory, said, room, readings, lag_s, C)
+            took += time.perf_counter() - begun
+            done += len(readings)
+            least = float(np.minimum(least, _least_eigenvalue(memory["P"][0])))
+            resident.append(_resident_MB())
+            progress.update(bar, completed=done)
+            if done == updates:
+                break
     settled = resident[len(resident) // 10 :]
     return {
         "updates": done, "seed": seed, "unsound_updates": unsound, "least_eigenvalue_of_correlation": least,
         "resident_MB_after_a_tenth": settled[0], "resident_MB_at_the_end": settled[-1],
         "drift_MB": round(settled[-1] - settled[0], 2), "seconds": round(took, 1),
     }  # fmt: skip
+
+
+def _least_eigenvalue(P: Array) -> float:
+    """Of the correlation matrix; NaN if P is no covariance."""
+    variance = np.diagonal(P)
+    if not (np.isfinite(P).all() and (variance > 0.0).all()):
+        return np.nan
+    return float(np.linalg.eigvalsh(P / np.sqrt(np.outer(variance, variance)))[0])
 
 
 def _resident_MB() -> float:

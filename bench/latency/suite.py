@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich.progress import Progress
+from rich.console import Console
 
 from bench import cells
 from bench.apply import trained_cells
@@ -32,10 +32,11 @@ from bench.latency.peers import (
 )
 from bench.latency.stages import stages
 from bench.latency.tables import BACK_TO_BACK, PACED, latency_table, memory_table
-from bench.latency.timing import Name, Timed, Watch, back_to_back, paced, percentiles, pin_to_one_core
+from bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
 from bench.page import write_figures
 from bench.report import FORMATS
 from bench.roster import PROPOSED
+from bench.runner import bars
 from bench.store import Store, check_writable, write_atomically, write_text
 from bench.table_formats import Table
 from bench.threads import pin_torch
@@ -47,7 +48,7 @@ from methods.frontend import FrontEnd
 
 def run(
     profile: str, results: Path | None, only: list[str], updates: int, ticks: int, out: Path, command: str,
-    progress: Progress,
+    console: Console,
 ) -> tuple[Table, list[Outcome]]:  # fmt: skip
     """Time the trained estimators and their peers, and write ``out``.
 
@@ -65,26 +66,27 @@ def run(
     store, todo = trained_cells(profile, results, only)
     check_writable(out)
     pin_torch()
-    core, watch = pin_to_one_core(), Watch()
     readings = recording(store, todo)
-    ready, failed = runners(store, todo, readings)
-    timed = [one for one, _ in ready.values()]
     filled = FrontEnd.fit(cells.load_split(store, todo[0].data).train).run(readings[None])[0][0]
     proposed = _proposed(store, todo)
-    if proposed is not None:
-        timed += [*whole_updates(proposed, readings), *operators(proposed, filled)]
-    timed += _peers(filled)
-    took = {BACK_TO_BACK: back_to_back(timed, updates, progress)}
-    if ticks:
-        took[PACED] = paced(timed, ticks, progress)
+    took, parts = {}, {}
+    with one_core() as core, bars(console) as progress:
+        watch = Watch()
+        ready, failed = runners(store, todo, readings)
+        timed = [one for one, _ in ready.values()]
+        if proposed is not None:
+            timed += [*whole_updates(proposed, readings), *operators(proposed, filled)]
+        timed += _peers(filled)
+        took[BACK_TO_BACK] = back_to_back(timed, updates, progress)
+        if ticks:
+            took[PACED] = paced(timed, ticks, progress)
+        if proposed is not None:
+            in_place = took[BACK_TO_BACK][Name(PROPOSED, IN_PLACE, proposed.config["window"])]
+            parts = stages(proposed, filled, float(np.median(in_place)))
+        about = {"core": core, **watch.told()}
     table = pd.DataFrame(
         [{**name._asdict(), "mode": mode, **percentiles(us)} for mode, by in took.items() for name, us in by.items()]
     )
-    parts: dict[str, float] = {}
-    if proposed is not None:
-        in_place_us = float(np.median(took[BACK_TO_BACK][Name(PROPOSED, IN_PLACE, proposed.config["window"])]))
-        parts = stages(proposed, filled, in_place_us)
-    about = {"core": core, **watch.told()}
     held = _memory(store, todo, ready, proposed, readings)
     shown = latency_table(table, about)
     _write_csv(out / "latency.csv", table)

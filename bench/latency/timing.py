@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,14 +49,13 @@ class Timed:
 def back_to_back(several: Sequence[Timed], updates: int, progress: Progress) -> dict[Name, Array]:
     """Microseconds (updates,) of each; the rounds interleaved, so that a disturbance hits all alike."""
     blocks: dict[Name, list[float]] = {one.name: [] for one in several}
-    gc.collect()
-    gc.freeze()  # what is there by now, recordings above all, need not be looked through again
     bar = progress.add_task("latency", total=ROUNDS * len(several))
-    for count in map(len, np.array_split(np.arange(updates), ROUNDS)):
-        for one in several:
-            gc.collect()
-            blocks[one.name] += [one.once() for _ in range(count)]
-            progress.advance(bar)
+    with _swept():
+        for count in map(len, np.array_split(np.arange(updates), ROUNDS)):
+            for one in several:
+                gc.collect()
+                blocks[one.name] += [one.once() for _ in range(count)]
+                progress.advance(bar)
     return {name: np.array(us) for name, us in blocks.items()}
 
 
@@ -63,16 +63,28 @@ def paced(several: Sequence[Timed], ticks: int, progress: Progress) -> dict[Name
     """The same, one update each 50 ms with nothing in between: caches and clock have gone cold, as on a machine."""
     took: dict[Name, Array] = {}
     bar = progress.add_task("at 20 Hz", total=len(several))
-    for one in several:
-        gc.collect()
-        us, due = np.empty(ticks), time.perf_counter()
-        for i in range(ticks):
-            due += SAMPLE_PERIOD_S
-            time.sleep(max(due - time.perf_counter(), 0.0))
-            us[i] = one.once()
-        took[one.name] = us
-        progress.advance(bar)
+    with _swept():
+        for one in several:
+            gc.collect()
+            us, due = np.empty(ticks), time.perf_counter()
+            for i in range(ticks):
+                due += SAMPLE_PERIOD_S
+                time.sleep(max(due - time.perf_counter(), 0.0))
+                us[i] = one.once()
+            took[one.name] = us
+            progress.advance(bar)
     return took
+
+
+@contextlib.contextmanager
+def _swept() -> Iterator[None]:
+    """Meanwhile Python's garbage collector looks at nothing that was there before, recordings above all."""
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
 
 
 def percentiles(us: Array) -> dict[str, float]:
@@ -105,13 +117,19 @@ class Watch:
         return told
 
 
-def pin_to_one_core() -> int | None:
-    """Keep this process on one core, the last it may use; None where the system cannot."""
+@contextlib.contextmanager
+def one_core() -> Iterator[int | None]:
+    """Meanwhile this process stays on one core, the last it may use; None where the system cannot."""
     if not hasattr(os, "sched_setaffinity"):
-        return None
-    core = max(os.sched_getaffinity(0))
+        yield None
+        return
+    allowed = os.sched_getaffinity(0)
+    core = max(allowed)
     os.sched_setaffinity(0, {core})
-    return core
+    try:
+        yield core
+    finally:
+        os.sched_setaffinity(0, allowed)
 
 
 def _load() -> float | None:

@@ -40,7 +40,7 @@ def test_every_registered_estimator_keeps_its_promises(name, promise):
 class Good(Estimator):
     """The smallest estimator that promises everything: a regression on the gated readings."""
 
-    name = "good"
+    name, draws = "good", False
     settings = {"implementation": "compiled", "inflation": 1.0}  # noqa: RUF012
     search_space = {"inflation": (0.5, 2.0)}  # noqa: RUF012
     online = frozenset({"inflation"})
@@ -106,6 +106,12 @@ class DrawsWithoutTheSeed(Good):
     def fit(self, train, validation, seed):
         super().fit(train, validation, seed)
         self.arrays["y"] = self.arrays["y"] * (1.0 + 1e-6 * np.random.default_rng().random())
+
+
+class DrawsThoughItSaysNot(Good):
+    def fit(self, train, validation, seed):
+        super().fit(train, validation, seed)
+        self.arrays["y"] = self.arrays["y"] * (1.0 + 1e-6 * np.random.default_rng(seed).random())
 
 
 class LearnsFromWhatWorksOnline(Good):
@@ -356,6 +362,7 @@ CAUGHT = [
     (SearchesWhatIsNoSetting, "it declares itself consistently", "infaltion"),
     (TakesAnySetting, "an unknown setting is refused", "without a ValueError"),
     (DrawsWithoutTheSeed, "the same seed learns the same", "differ in y"),
+    (DrawsThoughItSaysNot, "where nothing is drawn, another seed learns the same", "learns another y"),
     (LearnsFromWhatWorksOnline, "settings that work online are not learnt from", "learns another cov"),
     (FillsGapsInTheTrainingData, "fit leaves the recordings as they were", "changed the training"),
     (KeepsAViewOfTheTruth, "only fit reads the truth", "change with the truth"),

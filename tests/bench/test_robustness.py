@@ -49,14 +49,14 @@ def test_a_run_under_harder_conditions_keeps_its_trials(tmp_path, monkeypatch):
 
 
 def test_a_trial_that_fails_is_reported_and_the_others_go_on(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(robustness, "CONDITIONS", (Condition("pace", "fast", pace=2.0),))
+    all_lost = Condition("fault", "all lost", fault=FAULTS[-1])
+    monkeypatch.setattr(robustness, "CONDITIONS", (Condition("pace", "fast", pace=2.0), all_lost))
     out, profile = tmp_path / "out", write_profile(tmp_path)
     breaks = "if np.isnan(sample.measured).all(): raise FloatingPointError('lost')"
-    monkeypatch.setattr(robustness, "UNDISTURBED", Condition("fault", "all lost", fault=FAULTS[-1]))
     spec = write_estimator(tmp_path, "fragile", step=breaks)
     assert twinbench("run", "--profile", profile, "--out", out, "--robustness", "--only", spec) == 1
     assert "robustness: all lost: FloatingPointError: lost" in capsys.readouterr().out
-    assert set(pd.read_csv(out / "robustness.csv")["condition"]) == {"fast"}
+    assert set(pd.read_csv(out / "robustness.csv")["condition"]) == {"none", "fast"}
 
 
 @pytest.mark.parametrize("condition", CONDITIONS[::9], ids=lambda c: c.name)
