@@ -38,7 +38,7 @@ FAST = {"reassoc", "contract", "arcp", "nsz"}
 LIMIT = np.float32(10.0)
 """Standardised values are held within this many spreads of the training mean."""
 _HEAD_OF_STATE = np.array(HEAD_OF_STATE)
-_SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S)).astype(np.float32)
+_SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
 
 
 def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -76,7 +76,7 @@ def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
         "first": ("f4", (REACH_1, width_1)),  # newest last
         "tokens": ("f4", (KERNEL**2 * (tokens - 1) + 1, width_2)),  # the attention looks at every 16th
         "scores": ("f4", (KERNEL**2 * (tokens - 1) + 1,)),
-        "slow": ("f4", (N_SLOW,)),  # running means of the discharge temperature
+        "slow": ("f8", (N_SLOW,)),  # running means of the discharge temperature
         "base": ("f4", (weights["from_latent_bias"].shape[1],)),  # the heads' first layer, latent part
     })  # fmt: skip
 
@@ -231,7 +231,7 @@ def push(w, s, t, sample, mask, query):  # type: ignore[no-untyped-def]
         for i in range(N_SLOW):
             s.slow[i] = temperature
     for i in range(N_SLOW):
-        s.slow[i] = _SLOW_KEEP[i] * s.slow[i] + (np.float32(1.0) - _SLOW_KEEP[i]) * temperature
+        s.slow[i] = _SLOW_KEEP[i] * s.slow[i] + (1.0 - _SLOW_KEEP[i]) * temperature
     for _ in range(times):
         _push_one(w, s, t, sample, mask)
     s.ticks[0] += 1
