@@ -167,6 +167,21 @@ def test_a_changed_setting_runs_again_only_what_depends_on_it(
     assert not third.items() & first.items()
 
 
+def test_seeds_share_what_draws_nothing(inputs: tuple[Path, list[str]], tmp_path: Path) -> None:
+    spec = Path(write_estimator(tmp_path, "still", fit="if seed: raise RuntimeError('not for me')"))
+    spec.write_text(spec.read_text().replace("    window = 7\n", "    window, draws = 7, False\n"))
+    profile, out = tmp_path / "two.toml", tmp_path / "out"
+    profile.write_text("seeds = [0, 1]\n" + inputs[0].read_text())
+    assert twinbench(*run_arguments(profile, out, [str(spec)])) == 0
+    assert sorted(name.split("/")[1] for name in parts(out)) == ["data", "estimate", "fit"]
+    one, other = (rows.drop(columns="seed") for _, rows in pd.read_csv(out / "scores.csv").groupby("seed"))
+    pd.testing.assert_frame_equal(one.reset_index(drop=True), other.reset_index(drop=True), check_exact=True)
+    assert len(pd.read_csv(out / "cost.csv")) == 2
+    spec.write_text(spec.read_text().replace("if seed", "if True"))
+    assert twinbench(*run_arguments(profile, out, [str(spec)])) == 1
+    assert pd.read_csv(out / "failures.csv")["seed"].tolist() == [0, 1]
+
+
 def test_keys_depend_on_what_the_part_depends_on(inputs: tuple[Path, list[str]]) -> None:
     profile, (spec, _) = load_profile(str(inputs[0])), inputs[1]
     cell = make_cell(spec, 0, profile)
