@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
 
@@ -81,8 +80,7 @@ def run(
         if ticks:
             took[PACED] = paced(timed, ticks, progress)
         if proposed is not None:
-            in_place = took[BACK_TO_BACK][Name(PROPOSED, IN_PLACE, proposed.config["window"])]
-            parts = stages(proposed, filled, float(np.median(in_place)))
+            parts = stages(proposed, filled)
         about = {"core": core, **watch.told()}
     table = pd.DataFrame(
         [{**name._asdict(), "mode": mode, **percentiles(us)} for mode, by in took.items() for name, us in by.items()]
