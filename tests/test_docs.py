@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -145,6 +146,63 @@ def test_the_proof_page_shows_the_earlier_runs_as_they_are_stored():
         for _, row in pd.read_csv(folder / "engines.csv").iterrows():
             cells = " | ".join(f"{row[c]:.2f}" for c in columns)
             assert f"| {folder.name} | {row['engine']} | {cells} |" in page
+
+
+@pytest.mark.parametrize("name", ["latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"])
+def test_the_latency_page_shows_what_the_results_hold(name):
+    page = (ROOT / "docs/latency.md").read_text(encoding="utf-8")
+    assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text(encoding='utf-8')}<!-- end -->" in page
+
+
+def test_every_picture_on_the_pages_is_there():
+    for page in PAGES:
+        for target in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+            assert (page.parent / target).is_file(), f"{page.name}: {target}"
+
+
+def words(page):
+    """A page's text, its lines joined."""
+    return " ".join((ROOT / page).read_text(encoding="utf-8").split())
+
+
+def test_an_update_is_as_quick_as_the_pages_say():
+    about = json.loads((ROOT / "results/latency/manifest.json").read_text())["measured"]
+    assert about["loaded"] is False
+    table = pd.read_csv(ROOT / "results/latency/latency.csv")
+    by = table.set_index(["mode", "estimator", "implementation", "window"])
+    hot, cold = by.loc["back_to_back"], by.loc["paced_20_hz", "p50_us"]
+    ours, ukf = ("deeponet_kalman", "in place", 64), ("filterpy_ukf", "NumPy model", 1)
+    us, ukf_us, ekf_us = hot["p50_us"][[ours, ukf, ("filterpy_ekf", "numba model", 1)]]
+    assert us <= ukf_us / 20
+    assert us < ekf_us
+    assert hot["p99_us"][ours] <= ukf_us / 4
+    assert cold[ours] <= 0.3 * cold[ukf]
+    for page in ("README.md", "docs/latency.md"):
+        assert f"{us:.0f} µs" in words(page)
+        assert f"1/{ukf_us / us:.0f} of" in words(page)
+    assert f"1/{ekf_us / us:.0f} of what filterpy's EKF takes with a compiled model" in words("docs/latency.md")
+    assert f"At 20 Hz it takes 1/{cold[ukf] / cold[ours]:.0f} of that UKF" in words("docs/latency.md")
+
+
+def test_an_update_is_as_small_and_sound_as_the_pages_say():
+    held = pd.read_csv(ROOT / "results/latency/memory.csv").set_index("implementation")
+    kB = held.loc["in place", ["weights_kB", "buffers_kB"]].sum()
+    assert kB < 4000.0
+    assert f"{kB:.0f} kB" in words("README.md")
+    soak = json.loads((ROOT / "results/benchmarks/soak.json").read_text())
+    assert (soak["updates"], soak["unsound_updates"]) == (10_000_000, 0)
+    assert soak["least_eigenvalue_of_correlation"] > 0.0
+    assert abs(soak["drift_MB"]) < 0.5
+
+
+def test_evaluation_costs_what_the_pages_say():
+    cost = pd.read_csv(ROOT / "results/paper_time/cost.csv").query("stage == 'estimate'")
+    most = cost.groupby("estimator")["cpu_s"].max()
+    assert most["deeponet_kalman"] < 20.0
+    assert most.max() < 120.0
+    ours, slowest = most["deeponet_kalman"], most.max()
+    says = f"takes {ours:.0f} s of one core's time; no estimator takes more than {slowest:.0f} s"
+    assert says in words("docs/latency.md")
 
 
 @pytest.fixture
