@@ -1,0 +1,73 @@
+"""How long each trained estimator takes over the test recordings with the cores of this machine shared between them.
+
+    python -m bench.benchmarks.evaluation --profile paper --out results/benchmarks
+
+Each of two processes steps half of the recordings in lockstep, forecasts included, as ``twinbench run`` does with all
+of them in one. Wall time of the second pass: the first, over a few samples, starts the processes and compiles.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+from bench.threads import pin
+
+pin()
+
+import joblib  # noqa: E402  threads are pinned before NumPy is there
+import numpy as np  # noqa: E402
+import pandas as pd  # noqa: E402
+
+from bench.apply import trained_cells  # noqa: E402
+from bench.cells import Cell, load_fit, load_split  # noqa: E402
+from bench.evaluate import run as evaluate  # noqa: E402
+from bench.profile import Evaluation, load_profile  # noqa: E402
+from bench.store import Store, write_atomically, write_text  # noqa: E402
+from bench.threads import pin_torch  # noqa: E402
+from bench.versions import provenance  # noqa: E402
+
+PROCESSES = 2
+FIRST_SAMPLES = 2400
+"""Of the first pass: a minute's forecasts and a minute before."""
+
+
+def _part(store: Store, cell: Cell, evaluation: Evaluation, sequences: list[int], samples: int | None) -> None:
+    pin_torch()
+    batch = load_split(store, cell.data).test.select(sequences, slice(samples)).without_truth()
+    evaluate(load_fit(store, cell), batch, evaluation, cell.seed)
+
+
+def measure(store: Store, cells: list[Cell], evaluation: Evaluation) -> pd.DataFrame:
+    """Columns estimator, recordings, samples, wall_s."""
+    count, samples = load_split(store, cells[0].data).test.measured.shape[:2]
+    halves = [half.tolist() for half in np.array_split(np.arange(count), PROCESSES)]
+    rows = []
+    with joblib.Parallel(n_jobs=PROCESSES) as parallel:
+        for cell in cells:
+            for length in (FIRST_SAMPLES, None):
+                begun = time.perf_counter()
+                parallel(joblib.delayed(_part)(store, cell, evaluation, half, length) for half in halves)
+                wall_s = time.perf_counter() - begun
+            rows.append((cell.estimator, count, samples, round(wall_s, 1)))
+    return pd.DataFrame(rows, columns=["estimator", "recordings", "samples", "wall_s"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--profile", default="quick")
+    parser.add_argument("--results", type=Path, metavar="DIR")
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), metavar="DIR")
+    a = parser.parse_args()
+    store, cells = trained_cells(a.profile, a.results, [])
+    about = {"processes": PROCESSES, "profile": a.profile, "provenance": provenance()}  # the load before, not our own
+    table = measure(store, cells, load_profile(a.profile).evaluation)
+    write_atomically(a.out / "evaluation.csv", lambda path: table.to_csv(path, index=False))
+    write_text(a.out / "evaluation.json", json.dumps(about, indent=2) + "\n")
+    print(table.to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()
