@@ -213,6 +213,19 @@ def test_evaluation_costs_what_the_pages_say():
     assert says in words("docs/latency.md")
 
 
+def test_training_takes_its_time_where_the_pages_say():
+    table = pd.read_csv(ROOT / "results/benchmarks/training_profile.csv").set_index(["estimator", "function"])["share"]
+    back = "<method 'run_backward' of 'torch._C._EngineBase' objects>"
+    shares = {
+        "it is {:.0f} % of the time": table["deeponet_kalman", "augmentation.augmented"],
+        "back through the network alone takes {:.0f} %": table["deeponet_kalman", back],
+        "back through it takes {:.0f} %": table["gru_kf", back] + table["gru_kf", "<built-in method torch.gru>"],
+        "go through, {:.0f} % of it": table["gru_kf", "frontend._gate_sequence"],
+    }
+    for says, share in shares.items():
+        assert says.format(100 * share) in words("docs/latency.md")
+
+
 @pytest.fixture
 def added(tmp_path):
     """The example's class, found by its path as the page says."""

@@ -3,7 +3,8 @@
     python -m bench.benchmarks.training_profile --only deeponet_kalman gru_kf --out results/benchmarks
 
 Trains on the paper profile's recordings for so many iterations under Python's own profiler and lists the functions in
-which most processor time was spent, in themselves, not in what they call.
+which most time was spent, in themselves, not in what they call. Work in other threads, as the mended EKF's search
+has it, shows as waiting for a lock.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ def windowed_base(operator: Operator, samples, stream: np.ndarray, ticks: int) -
     values, masks, query = samples
     k = ticks - 1
     index = np.maximum(np.arange(k - WINDOW, k + 1), 0)
-    slow = values[k, 5] - stream["slow"]
+    slow = (values[k, 5] - stream["slow"]).astype(np.float32)
     latent = operator.latent(
         torch.from_numpy(values[index][None]),
         torch.from_numpy(masks[index[1:]][None]),
