@@ -31,6 +31,7 @@ from bench.table_formats import Table
 from bench.versions import code_version, provenance
 from data.errors import BadInput
 from methods.estimator import Estimator
+from physics.filespec import join_spec, split_spec
 
 SCORES = ["estimator", "seed", "sequence", "metric", "value"]
 
@@ -140,7 +141,7 @@ def plan(profile: Profile, only: tuple[str, ...], ablations: bool = False) -> li
             raise BadInput(f"two of the estimators are named {kind.name!r}; rename one of them")
         _check_settings(kind, profile)
     if ablations:
-        whole = {spec if spec == k.name else f"{spec.partition(':')[0]}:{k.__name__}": k for spec, k in kinds.items()}
+        whole = {spec if spec == k.name else join_spec(split_spec(spec)[0], k.__name__): k for spec, k in kinds.items()}
         parts = [f"{spec}{ABLATION}{part}" for spec, k in whole.items() for part in k.ablations]
         kinds |= {spec: find(spec) for spec in parts}
     unplanned = set(profile.settings) - set(names)
@@ -167,8 +168,8 @@ def _check_settings(kind: type[Estimator], profile: Profile) -> None:
 
 def _absolute(spec: str) -> str:
     """A file's path that still holds in a worker process."""
-    file, colon, name = spec.partition(":")
-    return f"{Path(file).resolve()}{colon}{name}" if file.endswith(".py") else spec
+    file, name = split_spec(spec)
+    return join_spec(Path(file).resolve(), name) if file else spec
 
 
 def _once(todo: list[Cell], key: Key) -> list[Cell]:
