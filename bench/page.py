@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import base64
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
-from bench.figures import Drawing
+from bench.figures import FROM_ESTIMATES, Drawing
 from bench.figures.style import FAINT, INK, MUTED, PAPER, png, settle, svg
+from bench.roster import label
 from bench.store import write_atomically
 
 THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER: "var(--paper)"}
@@ -27,18 +29,28 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def write_figures(folder: Path, drawings: Iterable[Drawing]) -> list[dict[str, Any]]:
+def write_figures(folder: Path, drawings: Iterable[Drawing], gone: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Write each figure as PNG and SVG, and return what a page shows of it: name, caption, svg, missing.
 
     Files of a figure that could not be drawn this time are removed.
+
+    Args:
+        gone: estimators whose estimates are no longer in the store; an earlier drawing of figures that show
+            estimates is kept then.
     """
     shown = []
     for name, caption, figure, missing in drawings:
+        if gone and name in FROM_ESTIMATES:
+            kept = kept_figure(folder, name, caption, gone)
+            if kept["svg"] or figure is not None or missing:
+                shown.append(kept)
+            continue
         files = {suffix: folder / f"{name}.{suffix}" for suffix in ("png", "svg")}
         if figure is None:
             for path in files.values():
                 path.unlink(missing_ok=True)
-            shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
+            if missing:
+                shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
             continue
         settle(figure)
         drawn = svg(figure)
@@ -46,6 +58,21 @@ def write_figures(folder: Path, drawings: Iterable[Drawing]) -> list[dict[str, A
         write_bytes(files["svg"], drawn.encode())
         shown.append({"name": name, "caption": caption, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
     return shown
+
+
+def kept_figure(folder: Path, name: str, caption: str, gone: Sequence[str]) -> dict[str, Any]:
+    """An earlier drawing as a page shows it."""
+    lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
+    vector, raster = (folder / f"{name}.{suffix}" for suffix in ("svg", "png"))
+    if vector.is_file():
+        svg = Markup(inline_svg(vector.read_text(encoding="utf-8"), name))
+    elif raster.is_file():
+        picture = base64.b64encode(raster.read_bytes()).decode()
+        svg = Markup('<img alt="{}" src="data:image/png;base64,{}">').format(name, picture)
+    else:
+        return {"name": name, "caption": caption, "svg": None, "missing": lacks}
+    caption = f"{caption} Drawn by an earlier run, and nothing newer is in it: {lacks}."
+    return {"name": name, "caption": caption, "svg": svg, "missing": ""}
 
 
 def inline_svg(drawn: str, name: str) -> str:

@@ -22,6 +22,12 @@ from data.scenes import RAMP_NAMES
 
 NO_ESTIMATES = "the store holds no estimates of this run"
 
+FROM_ESTIMATES = (
+    "fig5c_parameter_errors", "fig3_states", "fig3a_pressure_ramps", "fig3b_temperature_ramps", "fig3c_parity",
+    "fig4_parameters", "fig4a_capacity", "fig4b_leakage", "fig4c_heat_transfer", "fig6c_innovations",
+)  # fmt: skip
+"""Figures that are drawn from the estimates themselves."""
+
 WEAR = {
     "fig4a_capacity": ("capacity", "capacity", "Capacity falls from 1.00 to 0.88 in 18 minutes"),
     "fig4b_leakage": ("leakage", "leakage", "Leakage grows from 0.015 to 0.052 in 18 minutes"),
@@ -31,7 +37,7 @@ WEAR = {
 
 
 class Drawing(NamedTuple):
-    """A figure with its caption; where there is none, ``missing`` says why."""
+    """A figure with its caption; where there is none, ``missing`` says why, and is empty if none belongs there."""
 
     name: str
     caption: str
@@ -106,11 +112,10 @@ def draw(
         "no estimates of a test sequence whose health changes",
     )
     for name, (scene, parameter, says) in WEAR.items():
-        if scene in evidence.scenes:
-            yield Drawing(
-                name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
-                wear(evidence.scenes[scene], parameter), "",
-            )  # fmt: skip
+        yield Drawing(
+            name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
+            wear(evidence.scenes[scene], parameter) if scene in evidence.scenes else None, "",
+        )  # fmt: skip
     if PROPOSED in set(robustness["estimator"]):
         yield Drawing(
             "fig6a_noise_dropout",
@@ -126,15 +131,14 @@ def draw(
             beyond_the_envelope(robustness),
             "",
         )
-    if evidence.nis:
-        yield Drawing(
-            "fig6c_innovations",
-            f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
-            "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
-            "temperature sensor went off by 5 K.",
-            innovations(evidence.nis),
-            "",
-        )
+    yield Drawing(
+        "fig6c_innovations",
+        f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
+        "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
+        "temperature sensor went off by 5 K.",
+        innovations(evidence.nis) if evidence.nis else None,
+        "",
+    )
     if len(robustness):
         yield Drawing(
             "faults",
@@ -161,8 +165,7 @@ def draw(
 
 def _ramps(evidence: Evidence) -> Iterator[Drawing]:
     """Figs. 3a and b, where the run has the scenes."""
-    if not any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes):
-        return
+    there = any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes)
     for name, column, quantity in (
         ("fig3a_pressure_ramps", 0, "exhaust pressure"), ("fig3b_temperature_ramps", 1, "gas temperature"),
     ):  # fmt: skip
@@ -170,7 +173,7 @@ def _ramps(evidence: Evidence) -> Iterator[Drawing]:
             f"{quantity.capitalize()} over five load ramps and what {label(PROPOSED)} makes of it; dashed: the error "
             "that the paper reports at most."
         )
-        yield Drawing(name, caption, ramps(evidence.scenes, column), "")
+        yield Drawing(name, caption, ramps(evidence.scenes, column) if there else None, "")
 
 
 def _ranks(summary: Summary, question: str, name: str) -> Drawing:
