@@ -11,8 +11,8 @@ A mended simulator is a base, the mechanisms switched on in it, and parameter va
     [values]
     k1 = 0.0504  # m**0.5/s
 
-Paths in it are relative to the file itself. ``base`` and ``from`` run the Python that they name: ``mismatch.trust`` says
-whose without asking. What a user gave and cannot be used is ``BadInput`` from here on.
+Paths in it are relative to the file itself. ``base`` and ``from`` run the Python that they name, ``mismatch.trust``
+says whose. What a user gave and cannot be used is ``BadInput`` from here on.
 """
 
 from __future__ import annotations

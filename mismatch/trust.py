@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
+from data.shown import printable
 from physics.filespec import split_spec
 from physics.load import BUILTIN
 
@@ -53,7 +54,7 @@ class Trust:
                 f"{self.toml}: would run Python from {file}, which is neither in its folder nor in the one you are in; "
                 "read that file, and if you trust it, say --trust"
             )
-        _LOG.warning("%s runs Python from %s", self.toml, file)
+        _LOG.warning("twinbench: %s", printable(f"{self.toml} runs Python from {file}"))
 
 
 def _file_of(spec: str) -> Path | None:

@@ -132,4 +132,4 @@ def _said(error: BaseException) -> str:
 
 
 def _endless(where: str, doing: str) -> ValueError:
-    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; is there an endless loop in it? Mend it there")
+    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; mend the loop in it that does not end")
