@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 KINDS = (".csv", ".csv.gz", ".parquet")
 TRUTH_PREFIX = "true_"
 MOST_BYTES = 1 << 30
-"""Of text, unpacked. Reading takes a few times as much memory; a larger file would be killed for it on many machines."""
+"""Of text, unpacked. Reading takes a few times as much memory, for which many machines would kill the command."""
 MOST_CELLS = 250_000_000
 """Rows times columns; fourteen days of the compressor at 20 Hz are 194 million. As numbers they take two gigabytes."""
 LONGEST_LINE = 1 << 20
