@@ -20,8 +20,10 @@ from multiprocessing.connection import Connection
 from typing import NoReturn
 
 CALL_S = 15.0
-"""Seconds that a file's import, or one call of a function in it, may take, compiling of what it calls included. A call
-of a simulator takes microseconds, and fits make a million; a file that imports torch takes some five seconds."""
+"""Seconds of computing that a file's import, or one call of a function in it, may take, compiling of what it calls
+included. A call of a simulator takes microseconds, and fits make a million; importing torch takes some five seconds."""
+WAIT_S = 30.0
+"""Seconds that pass on the clock until what computes nothing, or on a busy machine too little, is given up."""
 _GRACE_S = 2.0  # between the alarm that ends the child and the parent's own patience
 
 _here = threading.local()  # its ``tell`` is who listens to a trial in this thread
@@ -56,7 +58,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
     send.close()
     doing, refused, late = "loading it", "", False
     try:
-        while not (late := not receive.poll(CALL_S + _GRACE_S)):
+        while not (late := not receive.poll(WAIT_S + _GRACE_S)):
             kind, text = receive.recv()
             doing, refused = (text, refused) if kind == "doing" else (doing, text)
     except EOFError:
@@ -68,7 +70,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
         receive.close()
     if refused:
         raise ValueError(refused)
-    if late or ended == -signal.SIGALRM:
+    if late or -ended in _ALARMS:
         raise _endless(where, doing)
     if ended != _DONE:
         how = f"signal {-ended}" if ended < 0 else f"exit status {ended}"
@@ -76,6 +78,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
 
 
 _DONE = 71  # an exit status that nothing else has
+_ALARMS = (signal.SIGALRM, signal.SIGPROF) if sys.platform == "linux" else ()
 
 
 def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
@@ -86,12 +89,13 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
             os.dup2(nowhere.fileno(), stream)
         sys.stdout = sys.stderr = nowhere
         faulthandler.disable()
-        for number in (signal.SIGALRM, signal.SIGINT, signal.SIGTERM):
+        for number in (*_ALARMS, signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
 
         def tell(what: str) -> None:
             send.send(("doing", what))
-            signal.setitimer(signal.ITIMER_REAL, CALL_S)  # ends this process, even if its parent is gone
+            signal.setitimer(signal.ITIMER_PROF, CALL_S)  # these end this process, even if its parent is gone
+            signal.setitimer(signal.ITIMER_REAL, WAIT_S)
 
         _here.tell = tell
         work()
@@ -119,7 +123,7 @@ def _in_thread(work: Callable[[], object], where: str) -> None:
     thread.start()
     while thread.is_alive():
         thread.join(0.05)
-        if time.monotonic() - since_s[0] > CALL_S:
+        if time.monotonic() - since_s[0] > WAIT_S:
             raise _endless(where, doing[0])
     if errors:
         raise ValueError(_said(errors[0])) from errors[0]
@@ -132,4 +136,4 @@ def _said(error: BaseException) -> str:
 
 
 def _endless(where: str, doing: str) -> ValueError:
-    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; mend the loop in it that does not end")
+    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s of computing or {WAIT_S:g} s of waiting; mend it")
