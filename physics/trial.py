@@ -49,10 +49,13 @@ def tried(work: Callable[[], object], where: str) -> None:
 
 def _in_child(work: Callable[[], object], where: str) -> None:
     receive, send = multiprocessing.Pipe(duplex=False)
-    with warnings.catch_warnings():
-        # Python warns of forks beside threads, whose locks may be held for ever; the clock sees to that, too.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
+    try:
+        with warnings.catch_warnings():
+            # Python warns of forks beside threads, whose locks may be held for ever; the clock sees to that, too.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            child = os.fork()
+    except OSError:  # no room for another process, or no right to start one
+        return _in_thread(work, where)
     if child == 0:
         _be_the_child(work, send)
     send.close()
@@ -136,4 +139,4 @@ def _said(error: BaseException) -> str:
 
 
 def _endless(where: str, doing: str) -> ValueError:
-    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s of computing or {WAIT_S:g} s of waiting; mend it")
+    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s of computing or {WAIT_S:g} s in all; mend it")

@@ -13,6 +13,7 @@ from test_load import LEAK, TANK, write
 from physics import trial
 from physics.load import load_catalogue, load_simulator
 
+REST = "return np.array(["
 ENDLESS = "import time; time.sleep(6.0)"  # a thread cannot be ended, and must not run beside all later tests
 WAYS = [pytest.param(trial._in_child, id="process"), pytest.param(trial._in_thread, id="thread")]
 
@@ -36,11 +37,11 @@ def refused(spec: str) -> str:
 
 @pytest.mark.usefixtures("way")
 @pytest.mark.parametrize(("old", "new", "says"), [
-    ("    return np.array([u[0]", f"    {ENDLESS}\n    return np.array([u[0]", "rhs(x, u, theta) has not ended"),
-    ("    return np.array([x[1]])", f"    {ENDLESS}\n    return np.array([x[1]])", "output(x, u, theta) has not ended"),
-    ("    return np.array([y0[0]", f"    {ENDLESS}\n    return np.array([y0[0]", "initial(u0, y0, theta) has not ended"),
+    (f"{REST}u", f"{ENDLESS}\n    {REST}u", "rhs(x, u, theta) has not ended"),
+    (f"{REST}x", f"{ENDLESS}\n    {REST}x", "output(x, u, theta) has not ended"),
+    (f"{REST}y", f"{ENDLESS}\n    {REST}y", "initial(u0, y0, theta) has not ended"),
     ("STATES = (", f"{ENDLESS}\nSTATES = (", "importing it has not ended"),
-    ("    return np.array([u[0]", f"    if x[0] == 0.0:\n        {ENDLESS}\n    return np.array([u[0]",
+    (f"{REST}u", f"if x[0] == 0.0:\n        {ENDLESS}\n    {REST}u",
      "rhs(x, u, theta) at values between its bounds has not ended"),
 ])  # fmt: skip
 def test_what_does_not_end(tmp_path: Path, old: str, new: str, says: str) -> None:
@@ -62,7 +63,7 @@ def test_a_mechanism_that_does_not_end(tmp_path: Path) -> None:
 def test_an_endless_loop_is_told_by_the_computing_it_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "CALL_S", 0.3)
     text = TANK.replace("    return np.array([u[0]", "    while True:\n        pass\n    return np.array([u[0]")
-    assert "rhs(x, u, theta) has not ended after 0.3 s of computing" in refused(write(tmp_path, text))
+    assert "rhs(x, u, theta) has not ended after 0.3 s of computing or 30 s in all" in refused(write(tmp_path, text))
 
 
 COMPILED = """
@@ -123,6 +124,15 @@ def test_a_file_prints_once(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -
     load_simulator(write(tmp_path, "print('hello')\n" + TANK))
     out, err = capfd.readouterr()
     assert (out, err) == ("", "hello\n")
+
+
+def test_a_process_that_may_start_no_other_tries_in_a_thread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_fork() -> int:
+        raise PermissionError("the engine's process may start no other")
+
+    monkeypatch.setattr(os, "fork", no_fork, raising=False)
+    assert load_simulator(write(tmp_path, TANK)).name == "tank"
+    assert "returns nothing" in refused(write(tmp_path, TANK.replace("return np.array([x[1]])", "pass")))
 
 
 def test_no_child_is_left(tmp_path: Path) -> None:
