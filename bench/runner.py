@@ -32,6 +32,7 @@ from bench.workers import side_by_side
 from data.errors import BadInput
 from data.jobs import cores
 from methods.estimator import Estimator
+from physics.filespec import join_spec, split_spec
 
 log = logging.getLogger(__name__)
 
@@ -183,7 +184,7 @@ def plan(profile: Profile, only: tuple[str, ...], ablations: bool = False) -> li
             raise BadInput(f"two of the estimators are named {kind.name!r}; rename one of them")
         _check_settings(kind, profile)
     if ablations:
-        whole = {spec if spec == k.name else f"{spec.partition(':')[0]}:{k.__name__}": k for spec, k in kinds.items()}
+        whole = {spec if spec == k.name else join_spec(split_spec(spec)[0], k.__name__): k for spec, k in kinds.items()}
         parts = [f"{spec}{ABLATION}{part}" for spec, k in whole.items() for part in k.ablations]
         kinds |= {spec: find(spec) for spec in parts}
     unplanned = set(profile.settings) - set(names)
@@ -210,8 +211,8 @@ def _check_settings(kind: type[Estimator], profile: Profile) -> None:
 
 def _absolute(spec: str) -> str:
     """A file's path that still holds in a worker process."""
-    file, colon, name = spec.partition(":")
-    return f"{Path(file).resolve()}{colon}{name}" if file.endswith(".py") else spec
+    file, name = split_spec(spec)
+    return join_spec(Path(file).resolve(), name) if file else spec
 
 
 def _once(todo: list[Cell], key: Key) -> list[Cell]:
