@@ -18,6 +18,9 @@ THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER:
 """Colours of the figures that follow the reader's light or dark setting; the data's own do not."""
 
 
+PX_PER_PT = 4 / 3
+
+
 def render(template: str, **values: Any) -> str:
     """A page from one of ``templates/``; a value that it asks for and does not get is an error."""
     environment = jinja2.Environment(
@@ -27,24 +30,29 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def write_figures(folder: Path, drawings: Iterable[Drawing]) -> list[dict[str, Any]]:
-    """Write each figure as PNG and SVG, and return what a page shows of it: name, caption, svg, missing.
+def write_figures(folder: Path, drawings: Iterable[Drawing], keep: bool = False) -> list[dict[str, Any]]:
+    """Write each figure as PNG and SVG, and return what a page shows of it: name, title, caption, svg, missing.
 
-    Files of a figure that could not be drawn this time are removed.
+    Files of a figure that could not be drawn this time are removed, unless ``keep``: then they are what is left
+    of estimates that are no longer there.
     """
-    shown = []
-    for name, caption, figure, missing in drawings:
+    shown: list[dict[str, Any]] = []
+    for name, caption, figure, missing, title in drawings:
+        about = {"name": name, "title": title or name.replace("_", " ").capitalize(), "caption": caption}
         files = {suffix: folder / f"{name}.{suffix}" for suffix in ("png", "svg")}
         if figure is None:
-            for path in files.values():
-                path.unlink(missing_ok=True)
-            shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
+            if keep and files["png"].exists():
+                missing += f"; figures/{name}.png is of the run that made them"
+            else:
+                for path in files.values():
+                    path.unlink(missing_ok=True)
+            shown.append({**about, "svg": None, "missing": missing})
             continue
         settle(figure)
         drawn = svg(figure)
         write_bytes(files["png"], png(figure))
         write_bytes(files["svg"], drawn.encode())
-        shown.append({"name": name, "caption": caption, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
+        shown.append({**about, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
     return shown
 
 
@@ -56,10 +64,12 @@ def inline_svg(drawn: str, name: str) -> str:
     drawn = re.sub(r'((?:xlink:href="|url\()#)', rf"\g<1>{name}-", drawn)
     for colour, themed in THEMED.items():
         drawn = drawn.replace(colour, themed)
-    # Sized by the page, not by the paper.
+    # Sized by the page's style, which is told how large its type is right.
     width = re.search(r'\bwidth="([\d.]+)pt"', drawn)
     drawn = re.sub(r'\b(?:width|height)="[\d.]+pt" ?', "", drawn, count=2)
-    size = f'style="width: {float(width.group(1)) * 4 / 3:.0f}px" ' if width else ""
+    size = ""
+    if width:
+        size = f'style="--px: {float(width.group(1)) * PX_PER_PT:.0f}px" '
     return drawn.replace("<svg ", f'<svg {size}role="img" aria-labelledby="{name}-caption" ', 1)
 
 
