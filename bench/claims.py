@@ -59,18 +59,6 @@ def claims(
     ]
 
 
-def with_earlier(found: list[Claim], earlier: pd.DataFrame) -> list[Claim]:
-    """The claims, and of those that need estimates which are no longer stored, what an earlier report said.
-
-    Args:
-        earlier: ``claims.csv`` of the same run; may be empty.
-    """
-    known = {row["says"]: row for row in earlier.to_dict("records")}
-    gone = [np.isnan(c.ours) and c.says in known for c in found]
-    kept = ("ours", "reference")
-    return [c._replace(**{k: known[c.says][k] for k in kept}) if g else c for c, g in zip(found, gone, strict=True)]
-
-
 def claims_table(found: list[Claim]) -> Table:
     """A line per claim: the paper's number, ours, the oracle's."""
     rows = tuple(

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import base64
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
-from bench.figures import Drawing
+from bench.figures import FROM_ESTIMATES, Drawing
 from bench.figures.style import FAINT, INK, MUTED, PAPER, png, settle, svg
+from bench.roster import label
 from bench.store import write_atomically
 
 THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER: "var(--paper)"}
@@ -30,23 +32,29 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def write_figures(folder: Path, drawings: Iterable[Drawing], keep: bool = False) -> list[dict[str, Any]]:
+def write_figures(folder: Path, drawings: Iterable[Drawing], gone: Sequence[str] = ()) -> list[dict[str, Any]]:
     """Write each figure as PNG and SVG, and return what a page shows of it: name, title, caption, svg, missing.
 
-    Files of a figure that could not be drawn this time are removed, unless ``keep``: then they are what is left
-    of estimates that are no longer there.
+    Files of a figure that could not be drawn this time are removed.
+
+    Args:
+        gone: estimators whose estimates are no longer in the store; an earlier drawing of figures that show
+            estimates is kept then.
     """
     shown: list[dict[str, Any]] = []
     for name, caption, figure, missing, title in drawings:
         about = {"name": name, "title": title or name.replace("_", " ").capitalize(), "caption": caption}
+        if gone and name in FROM_ESTIMATES:
+            kept = kept_figure(folder, about, gone)
+            if kept["svg"] or figure is not None or missing:
+                shown.append(kept)
+            continue
         files = {suffix: folder / f"{name}.{suffix}" for suffix in ("png", "svg")}
         if figure is None:
-            if keep and files["png"].exists():
-                missing += f"; figures/{name}.png is of the run that made them"
-            else:
-                for path in files.values():
-                    path.unlink(missing_ok=True)
-            shown.append({**about, "svg": None, "missing": missing})
+            for path in files.values():
+                path.unlink(missing_ok=True)
+            if missing:
+                shown.append({**about, "svg": None, "missing": missing})
             continue
         settle(figure)
         drawn = svg(figure)
@@ -54,6 +62,22 @@ def write_figures(folder: Path, drawings: Iterable[Drawing], keep: bool = False)
         write_bytes(files["svg"], drawn.encode())
         shown.append({**about, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
     return shown
+
+
+def kept_figure(folder: Path, about: dict[str, Any], gone: Sequence[str]) -> dict[str, Any]:
+    """An earlier drawing as a page shows it; ``about`` holds its name, title and caption."""
+    name = about["name"]
+    lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
+    vector, raster = (folder / f"{name}.{suffix}" for suffix in ("svg", "png"))
+    if vector.is_file():
+        svg = Markup(inline_svg(vector.read_text(encoding="utf-8"), name))
+    elif raster.is_file():
+        picture = base64.b64encode(raster.read_bytes()).decode()
+        svg = Markup('<img alt="{}" src="data:image/png;base64,{}">').format(name, picture)
+    else:
+        return {**about, "svg": None, "missing": lacks}
+    caption = f"{about['caption']} Drawn by an earlier run, and nothing newer is in it: {lacks}."
+    return {**about, "caption": caption, "svg": svg, "missing": ""}
 
 
 def inline_svg(drawn: str, name: str) -> str:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
-from bench.claims import claims, claims_table, with_earlier
+from bench import kept
+from bench.claims import claims, claims_table
 from bench.evidence import Evidence, add_scenes, gather
 from bench.figures import draw
 from bench.page import render, write_bytes, write_figures
 from bench.paired import ablation_table, rivals_table
 from bench.results import Results, load_results
 from bench.robustness_tables import robustness_tables
-from bench.roster import PROPOSED, UNRANKED, is_ablation, label
+from bench.roster import PROPOSED, UNRANKED, is_ablation, label, ordered
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
 from bench.tables import build_tables
@@ -27,9 +25,6 @@ FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
 def write_report(out: Path) -> Table:
     """Write ``tables/``, ``figures/`` and ``report.html`` from ``scores.csv`` and its neighbours.
 
-    What was made of estimates that are no longer in the store (coverage by regime, the paper's scenes, figures of
-    them) stays as the run left it.
-
     Returns:
         The comparison of the estimators, for a terminal.
 
@@ -40,7 +35,9 @@ def write_report(out: Path) -> Table:
     whole = ~results.scores["estimator"].map(is_ablation)
     failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
     summary = summarise(results.scores[whole], failures)
-    evidence = _evidence(results, summary.estimators)
+    evidence = _evidence(results)
+    gone = kept.lacking(summary, evidence)
+    evidence.coverage = kept.with_earlier_regimes(evidence.coverage, out / "tables", gone)
     tables = build_tables(summary, evidence.coverage, results.latency, results.cost, profile_of(results))
     if PROPOSED in results.scores["estimator"].unique():
         tables.insert(1, rivals_table(results.scores, results.failures))
@@ -48,13 +45,12 @@ def write_report(out: Path) -> Table:
         tables.append(ablation_table(results.scores, results.failures))
     if results.manifest.get("scenes"):
         found = claims(summary, evidence, results.scores, results.robustness, results.latency)
-        tables.append(claims_table(found if results.complete else with_earlier(found, _earlier(out, "claims"))))
+        tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone)))
     tables += robustness_tables(results.robustness)
     for table in tables:
         for suffix, text in FORMATS.items():
             write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
-    drawings = draw(summary, evidence, results.latency, results.robustness)
-    figures = write_figures(out / "figures", drawings, keep=not results.complete)
+    figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), gone)
     write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
     return tables[0]
 
@@ -64,25 +60,11 @@ def profile_of(results: Results) -> str:
     return str((results.manifest.get("profile") or {}).get("name", "without a name"))
 
 
-def _evidence(results: Results, estimators: Sequence[str]) -> Evidence:
-    """What the store holds; if estimates are gone from it, only coverage, that of the others from its table."""
+def _evidence(results: Results) -> Evidence:
     truth = results.truth()
     evidence = Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
-    if results.complete:
-        add_scenes(evidence, results.scenes())
-        return evidence
-    earlier = _earlier(results.out, "regimes")
-    if not len(earlier):
-        return Evidence(coverage=evidence.coverage)
-    again = set(evidence.coverage["estimator"]) if len(evidence.coverage) else set()
-    kept = earlier[earlier["estimator"].isin([name for name in estimators if name not in again])]
-    return Evidence(coverage=pd.concat([evidence.coverage, kept], ignore_index=True))
-
-
-def _earlier(out: Path, name: str) -> pd.DataFrame:
-    """A table as an earlier report wrote it; empty without one."""
-    path = out / "tables" / f"{name}.csv"
-    return pd.read_csv(path, keep_default_na=False, na_values=[""]) if path.exists() else pd.DataFrame()
+    add_scenes(evidence, results.scenes())
+    return evidence
 
 
 def _html(results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]]) -> str:
@@ -108,6 +90,7 @@ def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
     machine, walls = manifest.get("machine") or {}, manifest.get("wall_s") or {}
     pairs = [
         ("command", manifest.get("command")),
+        *_makers(manifest),
         ("profile", (manifest.get("profile") or {}).get("name")),
         ("commit", commit),
         ("seeds", _joined(manifest.get("seeds"))),
@@ -117,6 +100,19 @@ def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
         ("wall time", _joined(f"{stage} {seconds:.0f} s" for stage, seconds in walls.items())),
     ]
     return [(name, str(value)) for name, value in pairs if value]
+
+
+def _makers(manifest: dict[str, Any]) -> list[tuple[str, str]]:
+    """Whose rows another command, commit or processor made than the last run's, as pairs to read."""
+    made: dict[tuple[Any, ...], list[str]] = {}
+    for name, by in manifest.get("made", {}).items():
+        made.setdefault((by["command"], by["commit"], by["processor"]), []).append(name)
+    if len(made) < 2:
+        return []
+    return [
+        (f"rows of {_joined(label(name) for name in ordered(names))}", f"{command}; commit {commit}; on {processor}")
+        for (command, commit, processor), names in made.items()
+    ]
 
 
 def _joined(values: Any) -> str:

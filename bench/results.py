@@ -58,13 +58,6 @@ class Results:
             if store.has("estimate", key):
                 yield Estimates.load(store.path("estimate", key))
 
-    @property
-    def complete(self) -> bool:
-        """Does the store still hold the recordings and every estimate of the run?"""
-        store = Store(self.out / "store")
-        keys = self.manifest.get("estimates_keys", [])
-        return store.has("data", self.manifest.get("data_key", "")) and all(store.has("estimate", key) for key in keys)
-
     def truth(self) -> Batch | None:
         """The test recordings with their truth; None if they are no longer in the store."""
         store, key = Store(self.out / "store"), self.manifest.get("data_key", "")

@@ -22,6 +22,12 @@ from data.scenes import RAMP_NAMES
 
 NO_ESTIMATES = "the store holds no estimates of this run"
 
+FROM_ESTIMATES = (
+    "fig5c_parameter_errors", "fig3_states", "fig3a_pressure_ramps", "fig3b_temperature_ramps", "fig3c_parity",
+    "fig4_parameters", "fig4a_capacity", "fig4b_leakage", "fig4c_heat_transfer", "fig6c_innovations",
+)  # fmt: skip
+"""Figures that are drawn from the estimates themselves."""
+
 WEAR = {
     "fig4a_capacity": ("capacity", "capacity", "Capacity falls from 1.00 to 0.88 in 18 minutes"),
     "fig4b_leakage": ("leakage", "leakage", "Leakage grows from 0.015 to 0.052 in 18 minutes"),
@@ -31,7 +37,10 @@ WEAR = {
 
 
 class Drawing(NamedTuple):
-    """A figure with its caption and its title in words; where there is none, ``missing`` says why."""
+    """A figure with its caption and its title in words.
+
+    Where there is no figure, ``missing`` says why, and is empty if none belongs there.
+    """
 
     name: str
     caption: str
@@ -115,11 +124,10 @@ def draw(
         "Health parameters over time",
     )
     for name, (scene, parameter, says) in WEAR.items():
-        if scene in evidence.scenes:
-            yield Drawing(
-                name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
-                wear(evidence.scenes[scene], parameter), "", says,
-            )  # fmt: skip
+        yield Drawing(
+            name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
+            wear(evidence.scenes[scene], parameter) if scene in evidence.scenes else None, "", says,
+        )  # fmt: skip
     if PROPOSED in set(robustness["estimator"]):
         yield Drawing(
             "fig6a_noise_dropout",
@@ -137,16 +145,15 @@ def draw(
             "",
             "Beyond the training envelope",
         )
-    if evidence.nis:
-        yield Drawing(
-            "fig6c_innovations",
-            f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
-            "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
-            "temperature sensor went off by 5 K.",
-            innovations(evidence.nis),
-            "",
-            "Innovations after something abrupt",
-        )
+    yield Drawing(
+        "fig6c_innovations",
+        f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
+        "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
+        "temperature sensor went off by 5 K.",
+        innovations(evidence.nis) if evidence.nis else None,
+        "",
+        "Innovations after something abrupt",
+    )
     if len(robustness):
         yield Drawing(
             "faults",
@@ -176,8 +183,7 @@ def draw(
 
 def _ramps(evidence: Evidence) -> Iterator[Drawing]:
     """Figs. 3a and b, where the run has the scenes."""
-    if not any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes):
-        return
+    there = any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes)
     for name, column, quantity in (
         ("fig3a_pressure_ramps", 0, "exhaust pressure"), ("fig3b_temperature_ramps", 1, "gas temperature"),
     ):  # fmt: skip
@@ -185,7 +191,8 @@ def _ramps(evidence: Evidence) -> Iterator[Drawing]:
             f"{quantity.capitalize()} over five load ramps and what {label(PROPOSED)} makes of it; dashed: the error "
             "that the paper reports at most."
         )
-        yield Drawing(name, caption, ramps(evidence.scenes, column), "", f"{quantity.capitalize()} over load ramps")
+        title = f"{quantity.capitalize()} over load ramps"
+        yield Drawing(name, caption, ramps(evidence.scenes, column) if there else None, "", title)
 
 
 def _ranks(summary: Summary, question: str, name: str) -> Drawing:
