@@ -8,7 +8,7 @@ import pandas as pd
 
 from bench.claims import Claim
 from bench.evidence import Evidence
-from bench.roster import FLOOR, PROPOSED
+from bench.roster import PROPOSED, REFERENCE
 from bench.summary import Summary
 
 
@@ -32,7 +32,7 @@ def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) 
 def with_earlier_claims(found: list[Claim], tables: Path, gone: list[str]) -> list[Claim]:
     """The claims, with an earlier report's numbers of the proposed method and of the oracle where these are gone."""
     path = tables / "claims.csv"
-    columns = [column for name, column in ((PROPOSED, "ours"), (FLOOR, "floor")) if name in gone]
+    columns = [column for name, column in ((PROPOSED, "ours"), (REFERENCE, "reference")) if name in gone]
     if not columns or not path.is_file():
         return found
     earlier = pd.read_csv(path).drop_duplicates("says").set_index("says")
