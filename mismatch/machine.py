@@ -225,7 +225,8 @@ class Machine:
             if np.isfinite(missed[np.isfinite(means)]).all() and (_rms(missed) < enough).all():
                 self.scheme = legendre(round(MARGIN * stages)) if stages else RUNGE_KUTTA
                 return remark
-        self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), self.step_s, RUNGE_KUTTA
+        # The last halving is for what is reported; a fit does without.
+        self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), 2.0 * self.step_s, RUNGE_KUTTA
         return remark
 
     def _settle_fine(self, track: Track, x0: Array, most: Array) -> Array | None:
