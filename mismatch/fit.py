@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -10,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from data.jobs import cores
 from mismatch.machine import Machine
 from mismatch.noise import Whitener
 from mismatch.tracks import Grid, Track
@@ -257,7 +257,7 @@ class Problem:
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
     """Run thunks on the machine's cores; the compiled loop lets go of Python's lock."""
-    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(lambda task: task(), tasks))
 
 
