@@ -42,7 +42,7 @@ class Stage:
     resumed: float = 0.0
     says: str = ""
     over: bool = False
-    since: float | None = field(default_factory=time.monotonic)
+    since: float | None = field(default_factory=lambda: time.monotonic())
     spent_s: float = 0.0
     bar: TaskID | None = None
 
@@ -104,7 +104,7 @@ class Progress:
             if kind is None:
                 self._close(stage)
             elif stage is self._now:
-                self._say(f"{stage.name}: broken off {stage.status()}")
+                self._say(f"{stage.name}: broken off, {stage.status()}")
         if self._bars:
             self._draw()
             self._bars.stop()
