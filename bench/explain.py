@@ -19,18 +19,20 @@ if TYPE_CHECKING:
 
 
 def explain(
-    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str]
-) -> Verdict:
+    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
+    trust: bool = False,
+) -> Verdict:  # fmt: skip
     """Diagnose, and write ``verdict.json``, ``report.html`` and ``model.toml`` into ``out``.
 
     Args:
         hold_out: recordings for the proof alone.
         catalogue: the file of a user's own mechanisms, or nothing.
+        trust: run the Python that a ``model.toml`` names wherever it lies.
 
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
     """
-    given = load_model(spec)
+    given = load_model(spec, trust)
     simulator = given.simulator
     own = load_catalogue(catalogue, simulator) if catalogue else ()
     recordings = read([*paths, *hold_out], simulator, mapping)

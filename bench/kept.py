@@ -8,7 +8,7 @@ import pandas as pd
 
 from bench.claims import Claim
 from bench.evidence import Evidence
-from bench.roster import FLOOR, PROPOSED
+from bench.roster import PROPOSED, REFERENCE
 from bench.summary import Summary
 
 
@@ -32,12 +32,14 @@ def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) 
 def with_earlier_claims(found: list[Claim], tables: Path, gone: list[str]) -> list[Claim]:
     """The claims, with an earlier report's numbers of the proposed method and of the oracle where these are gone."""
     path = tables / "claims.csv"
-    columns = [column for name, column in ((PROPOSED, "ours"), (FLOOR, "floor")) if name in gone]
+    columns = [column for name, column in ((PROPOSED, "ours"), (REFERENCE, "reference")) if name in gone]
     if not columns or not path.is_file():
         return found
     earlier = pd.read_csv(path).drop_duplicates("says").set_index("says")
     filled = []
     for claim in found:
         known = {c: earlier[c].get(claim.says) for c in columns if c in earlier and pd.isna(getattr(claim, c))}
-        filled.append(claim._replace(**{c: float(v) for c, v in known.items() if v is not None}))
+        numbers = {c: float(v) for c, v in known.items() if v is not None}
+        ours, reference = numbers.get("ours", claim.ours), numbers.get("reference", claim.reference)
+        filled.append(claim._replace(ours=ours, reference=reference))
     return filled

@@ -13,7 +13,7 @@ from bench.page import render, write_bytes, write_figures
 from bench.paired import ablation_table, rivals_table
 from bench.results import Results, load_results
 from bench.robustness_tables import robustness_tables
-from bench.roster import FLOOR, PROPOSED, is_ablation, label, ordered
+from bench.roster import PROPOSED, UNRANKED, is_ablation, label, ordered
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
 from bench.tables import build_tables
@@ -38,7 +38,7 @@ def write_report(out: Path) -> Table:
     evidence = _evidence(results)
     gone = kept.lacking(summary, evidence)
     evidence.coverage = kept.with_earlier_regimes(evidence.coverage, out / "tables", gone)
-    tables = build_tables(summary, evidence.coverage, results.latency, results.cost)
+    tables = build_tables(summary, evidence.coverage, results.latency, results.cost, profile_of(results))
     if PROPOSED in results.scores["estimator"].unique():
         tables.insert(1, rivals_table(results.scores, results.failures))
     if not whole.all():
@@ -55,6 +55,11 @@ def write_report(out: Path) -> Table:
     return tables[0]
 
 
+def profile_of(results: Results) -> str:
+    """The name of the profile that was run."""
+    return str((results.manifest.get("profile") or {}).get("name", "without a name"))
+
+
 def _evidence(results: Results) -> Evidence:
     truth = results.truth()
     evidence = Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
@@ -68,7 +73,8 @@ def _html(results: Results, summary: Summary, tables: list[Table], figures: list
         headline=headline(summary),
         answer=answer(summary),
         certainty=certainty(summary),
-        floor=label(FLOOR),
+        profile=profile_of(results),
+        references=[label(name) for name in UNRANKED],
         tables=tables,
         figures=figures,
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
