@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from bench import progress as module
-from bench.progress import Progress, Stage, duration
+from bench.progress import Progress, Stage, duration, each
 
 
 def told(monkeypatch: pytest.MonkeyPatch, every_s: float = 30.0) -> tuple[Console, io.StringIO]:
@@ -61,6 +61,18 @@ def test_stages_that_never_tell_a_share_are_closed_when_the_next_begins(monkeypa
     assert sorted(line for line in lines if "done" in line) == [
         f"{stage}: done in 0 s" for stage in ("audit", "prove", "refit", "screen")
     ]
+
+
+def test_what_takes_but_a_moment_is_not_told_where_nobody_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    console, text = told(monkeypatch)
+    with Progress(console, after_s=5.0) as progress, progress.stage("estimate", 2):
+        pass
+    assert text.getvalue() == ""
+    with Progress(console, after_s=0.05) as progress, progress.stage("estimate", 2):
+        time.sleep(0.3)
+    assert text.getvalue().splitlines()[:2] == ["estimate: 2 to do", "estimate: 0 of 2 after 0 s"]
+    assert text.getvalue().splitlines()[-1] == "estimate: done in 0 s"
+    assert list(each("estimate", [1, 2])) == [1, 2]
 
 
 def test_what_breaks_off_is_not_told_as_done(monkeypatch: pytest.MonkeyPatch) -> None:
