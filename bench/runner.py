@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import operator
 import time
 import warnings
@@ -14,22 +15,26 @@ from typing import Any, NamedTuple
 import joblib
 import pandas as pd
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from bench import cells, robustness, run_files, scenes
 from bench.cells import Cell, Outcome
 from bench.earlier import Earlier, read_earlier, what_differs
 from bench.latency import estimators as latency
 from bench.profile import KINDS, Profile, fits
+from bench.progress import Progress
 from bench.registry import discover, find
 from bench.report import write_report
 from bench.roster import ABLATION, is_ablation, label, ordered
 from bench.scores import score
 from bench.store import Store, check_writable, sweep
 from bench.table_formats import Table
+from bench.workers import side_by_side
 from data.errors import BadInput
+from data.jobs import cores
 from methods.estimator import Estimator
 from physics.filespec import join_spec, split_spec
+
+log = logging.getLogger(__name__)
 
 Key = Callable[[Cell], str]
 FIT: Key = operator.attrgetter("fit")
@@ -74,24 +79,26 @@ def run(
     todo = plan(profile, only, ablations)
     before = _before(out, profile, todo[0].data, bool(only), resume)
     walls: dict[str, float] = {}
-    with _workers(backend, scheduler) as processes:
+    with _workers(backend, scheduler, len(todo)) as processes:
         check_writable(out)
         sweep(out)
         if not resume:
             _forget(store, profile, todo if only else None)
         _say_plan(console, profile, todo, store, out, before)
-        with bars(console) as progress:
+        with Progress(console) as progress:
 
             def stage(name: str, work: Any, *arguments: Any) -> list[Any]:
                 """``work`` on each of the last argument's items, as they finish."""
                 *common, items = arguments
                 start = time.perf_counter()
-                bar = progress.add_task(name, total=len(items))
                 results = []
-                parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered")
-                for result in parallel(joblib.delayed(work)(*common, item) for item in items):
-                    results.append(result)
-                    progress.advance(bar)
+                with progress.stage(name, len(items)) as going:
+                    for result in side_by_side(work, [(*common, i) for i in items], processes, backend == "local"):
+                        results.append(result)
+                        going.step()
+                        if isinstance(result, Outcome):
+                            log.info("%s: %s, seed %d: %s", name, result.cell.estimator, result.cell.seed,
+                                     result.reason or "done")  # fmt: skip
                 walls[name] = round(time.perf_counter() - start, 2)
                 return results
 
@@ -251,13 +258,13 @@ def _say_plan(
 
 
 @contextlib.contextmanager
-def _workers(backend: str, scheduler: str) -> Iterator[int]:
-    """joblib's own processes, or those of a Dask cluster; yields how many for joblib."""
+def _workers(backend: str, scheduler: str, most: int) -> Iterator[int]:
+    """joblib's own processes, no more than ``most``, or those of a Dask cluster; yields how many for joblib."""
     if backend == "local":
         with warnings.catch_warnings(), joblib.parallel_config(backend="loky"):
             # loky starts a process anew once it holds much memory. Loaded sequences do that; nothing is lost.
             warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
-            yield min(2, joblib.cpu_count())
+            yield min(cores(), most)
         return
     if not scheduler:
         raise BadInput("--backend dask needs --scheduler ADDRESS, for example tcp://10.0.0.5:8786")
@@ -271,10 +278,3 @@ def _workers(backend: str, scheduler: str) -> Iterator[int]:
         raise BadInput(f"no Dask scheduler answers at {scheduler!r}; check the address and that it runs") from error
     with client, joblib.parallel_config(backend="dask"):
         yield -1
-
-
-def bars(console: Console) -> Progress:
-    """A progress bar per stage."""
-    return Progress(
-        TextColumn("{task.description:>9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-    )

@@ -47,7 +47,9 @@ def sources(
             )
         _known(channel, units, f"--map {shown(item)}")
         if channel in mapped:
-            raise BadInput(f"--map {shown(item)}: channel {channel} is mapped twice, {mapped[channel]} too; leave one out")
+            raise BadInput(
+                f"--map {shown(item)}: channel {channel} is mapped twice, {mapped[channel]} too; leave one out"
+            )
         mapped[channel] = shown(item)
         found[channel] = _source(path, column, channel, columns, units[channel])
     takers: dict[str, str] = {}

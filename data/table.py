@@ -13,7 +13,7 @@ import numpy as np
 
 from data.batch import Array
 from data.errors import BadInput
-from data.shown import bare, shown
+from data.shown import bare, printable, shown
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 KINDS = (".csv", ".csv.gz", ".parquet")
 TRUTH_PREFIX = "true_"
 MOST_BYTES = 1 << 30
-"""Of text, unpacked. Reading takes some four times as much memory: larger files would be killed for it on small machines."""
+"""Of text, unpacked. Reading takes a few times as much memory, for which many machines would kill the command."""
 MOST_CELLS = 250_000_000
 """Rows times columns; fourteen days of the compressor at 20 Hz are 194 million. As numbers they take two gigabytes."""
 LONGEST_LINE = 1 << 20
@@ -41,7 +41,7 @@ _OTHERS = {
 }
 """What a file that is named .csv begins with if it is something else."""
 _DATE = re.compile(r"\d{4}-\d\d?-\d\d?|\d\d?[./]\d\d?[./]\d{2,4}|\d\d?:\d\d")
-_LOG = logging.getLogger("twinbench.data")
+_LOG = logging.getLogger("twinbench")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -80,7 +80,8 @@ def read_table(path: Path) -> pd.DataFrame:
     names = [str(c) for c in table.columns]
     table.columns = [name.strip() for name in names]
     if trimmed := [name for name in names if name != name.strip() and not name.strip().startswith(TRUTH_PREFIX)]:
-        _LOG.warning("%s: blanks around column names are left out (%s)", path, ", ".join(map(shown, trimmed[:5])))
+        listed = ", ".join(map(shown, trimmed[:5]))
+        _LOG.warning("twinbench: %s", printable(f"{path}: blanks around column names are left out ({listed})"))
     table = table.loc[:, [not c.startswith(TRUTH_PREFIX) for c in table.columns]]
     if table.empty:
         raise BadInput(f"{path}: has no rows; record again or name another file")

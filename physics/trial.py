@@ -24,12 +24,13 @@ CALL_S = 15.0
 of a simulator takes microseconds, and fits make a million; a file that imports torch takes some five seconds."""
 _GRACE_S = 2.0  # between the alarm that ends the child and the parent's own patience
 
-_tell: Callable[[str], None] = lambda what: None  # noqa: E731
+_here = threading.local()  # its ``tell`` is who listens to a trial in this thread
 
 
 def about_to(what: str) -> None:
     """Told before each thing that a user wrote is run, so that a trial knows which one does not end."""
-    _tell(what)
+    if tell := getattr(_here, "tell", None):
+        tell(what)
 
 
 def tried(work: Callable[[], object], where: str) -> None:
@@ -78,7 +79,6 @@ _DONE = 71  # an exit status that nothing else has
 
 
 def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
-    global _tell
     status = 1
     try:
         nowhere = open(os.devnull, "r+")  # what a file prints, it prints when it is loaded in earnest
@@ -93,7 +93,7 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
             send.send(("doing", what))
             signal.setitimer(signal.ITIMER_REAL, CALL_S)  # ends this process, even if its parent is gone
 
-        _tell = tell
+        _here.tell = tell
         work()
         status = _DONE
     except BaseException as error:
@@ -103,28 +103,24 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
 
 
 def _in_thread(work: Callable[[], object], where: str) -> None:
-    global _tell
     doing, since_s, errors = ["loading it"], [time.monotonic()], []
 
     def tell(what: str) -> None:
         doing[0], since_s[0] = what, time.monotonic()
 
     def run() -> None:
+        _here.tell = tell
         try:
             work()
         except BaseException as error:
             errors.append(error)
 
-    before, _tell = _tell, tell
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(0.05)
-            if time.monotonic() - since_s[0] > CALL_S:
-                raise _endless(where, doing[0])
-    finally:
-        _tell = before
+    while thread.is_alive():
+        thread.join(0.05)
+        if time.monotonic() - since_s[0] > CALL_S:
+            raise _endless(where, doing[0])
     if errors:
         raise ValueError(_said(errors[0])) from errors[0]
 
@@ -136,4 +132,4 @@ def _said(error: BaseException) -> str:
 
 
 def _endless(where: str, doing: str) -> ValueError:
-    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; is there an endless loop in it? Mend it there")
+    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; mend the loop in it that does not end")

@@ -12,7 +12,9 @@ from test_load import LEAK, TANK, write
 from physics import trial
 from physics.load import load_catalogue, load_simulator
 
-ENDLESS = "while True:\n        pass\n    "
+# Endless for who waits 0.6 s; a thread cannot be ended, and must not run beside all later tests.
+ENDLESS = "import time; end = time.monotonic() + 4.0\n    while time.monotonic() < end:\n        pass\n    "
+LOOP = ENDLESS.replace("\n    ", "\n        ")
 WAYS = [pytest.param(trial._in_child, id="process"), pytest.param(trial._in_thread, id="thread")]
 
 
@@ -38,8 +40,8 @@ def refused(spec: str) -> str:
     ("    return np.array([u[0]", f"    {ENDLESS}return np.array([u[0]", "rhs(x, u, theta) has not ended after 0.6 s"),
     ("    return np.array([x[1]])", f"    {ENDLESS}return np.array([x[1]])", "output(x, u, theta) has not ended"),
     ("    return np.array([y0[0]", f"    {ENDLESS}return np.array([y0[0]", "initial(u0, y0, theta) has not ended"),
-    ("STATES = (", "while True:\n    pass\nSTATES = (", "importing it has not ended"),
-    ("    return np.array([u[0]", "    while x[0] == 0.0:\n        pass\n    return np.array([u[0]",
+    ("STATES = (", "import time; time.sleep(4.0)\nSTATES = (", "importing it has not ended"),
+    ("    return np.array([u[0]", f"    if x[0] == 0.0:\n        {LOOP}pass\n    return np.array([u[0]",
      "rhs(x, u, theta) at values between its bounds has not ended"),
 ])  # fmt: skip
 def test_an_endless_loop(tmp_path: Path, old: str, new: str, says: str) -> None:
