@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from mismatch.evidence import probabilities
 from mismatch.explanation import Explanation
 from mismatch.leftover import leftovers
 from mismatch.locate import Located, locate, regime
 from mismatch.onset import first_onset
 from mismatch.proof import piece_squares
-from mismatch.rivals import NEAR
 from mismatch.walk import Diagnosis, residual_chi2
 from mismatch.weigh import LEAST_SHARE
 from physics.simulator import Array, Mechanism
@@ -47,7 +47,7 @@ class Finding:
     kind: str
     mechanism: str | None
     term: str
-    probability: float
+    probability: float | None
     indistinguishable_from: tuple[str, ...]
     port: str
     ports: tuple[tuple[str, float], ...]
@@ -122,9 +122,11 @@ def conclude(d: Diagnosis) -> Verdict:
     if d.chosen is not None:
         mechanisms = tuple(d.machine.candidates[v.candidate].mechanism for v in d.chosen.chosen)
     changed = [v for v in parameters if v.before is not None and _changed(d, v)]
-    if mechanisms:
+    if not mechanisms and d.unfollowed:
+        verdict: str = "unexplained"
+    elif mechanisms:
         kinds = {*_kinds(d), *(f.kind for f in findings if f.mechanism)} or {"unexplained"}
-        verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
+        verdict = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
         if d.transferred is not None and d.transferred.fails:
             verdict = "incomplete"
     elif d.best is not None or left:
@@ -214,6 +216,9 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None, left: list[str])
             says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
         elif left:
             says = f"{'; '.join(left)}, and nothing in the catalogue explains it"
+        elif d.unfollowed:
+            channels = ", ".join(f.channel for f in d.unfollowed)
+            says = f"the simulator explains nothing of what {channels} does, and nothing in the catalogue does"
         else:
             return ()
         where = ports[0][0] if ports else ""
@@ -221,9 +226,10 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None, left: list[str])
     found = []
     machine = d.machine
     at = d.chosen.first
-    since = first_onset(d.chosen.problem.since, [t.time_s[0] for t in d.tracks]) if d.chosen.problem.since else None
+    since = first_onset(d.chosen.problem.since)
+    weighed = probabilities(d)
     where = regime(d)
-    for variant, (rivals, things) in zip(d.chosen.chosen, d.rivals, strict=True):
+    for variant, (rivals, things, _) in zip(d.chosen.chosen, d.rivals, strict=True):
         candidate = machine.candidates[variant.candidate]
         values = []
         for v in candidate.mechanism.parameters:
@@ -231,7 +237,7 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None, left: list[str])
             values.append(Value(v.name, z, z - Z90 * s, z + Z90 * s, v.unit))
             at += 1
         mechanism = candidate.mechanism
-        probability = _probability(d, mechanism.name)
+        probability = weighed[mechanism.name]
         kind = KINDS.get(mechanism.kind, "sensor fault")
         term = _formula(mechanism, values)
         size = values[0]
@@ -259,19 +265,6 @@ def _findings(d: Diagnosis, sd: Array, located: Located | None, left: list[str])
             )
         )  # fmt: skip
     return tuple(found)
-
-
-def _probability(d: Diagnosis, name: str) -> float:
-    """Weight of the explanations that hold a name among all that were fitted, tempered by unmodelled background."""
-    assert d.chosen is not None
-    slack = NEAR / 2.0
-    weights: dict[frozenset[str], float] = {}
-    for e in (d.chosen, *d.tried):
-        key = frozenset(e.names)
-        weights[key] = max(weights.get(key, 0.0), float(np.exp(-max(e.cost - d.chosen.cost, 0.0) / (2.0 * slack))))
-        if len(e.names) > len(d.chosen.names):
-            weights[key] *= float(np.exp(-d.threshold / (2.0 * slack)))
-    return sum(w for key, w in weights.items() if name in key) / sum(weights.values())
 
 
 def _formula(mechanism: Mechanism, values: list[Value]) -> str:

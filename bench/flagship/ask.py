@@ -24,7 +24,7 @@ MODEL, CALIBRATED = "model.toml", "calibrated.toml"
 
 def with_constants(simulator: Simulator, names: Sequence[str], tolerance: float) -> Simulator:
     """A simulator with constants that its owner knows to a tolerance only: they are calibrated within it."""
-    from mismatch.walk import PRIOR
+    from mismatch.calibrate import PRIOR
 
     return replace(
         simulator,

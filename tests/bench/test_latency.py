@@ -16,6 +16,7 @@ from tiny_run import run_arguments, twinbench, write_profile
 
 from bench.latency import forms, stages, timing
 from bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
+from bench.progress import Progress
 from methods.deeponet_kalman import DeepONetKalman
 
 SETTINGS = "[settings.deeponet_kalman]\n" + "".join(f"{k} = {v}\n" for k, v in DeepONetKalman.contract_settings.items())
