@@ -20,12 +20,16 @@ def out(tmp_path: Path) -> Path:
     return write_run(tmp_path, {"oracle": 1.0, "gru_kf": 2.0}, sequences=3, seconds=120)
 
 
+def read_all(out: Path) -> None:
+    results = load_results(out)
+    results.truth()
+    list(results.estimates())
+
+
 def refusal(out: Path) -> str:
-    """The line; everything that a report reads is read."""
+    """The line that everything that a report reads ends in."""
     with pytest.raises(BadInput) as caught:
-        results = load_results(out)
-        results.truth()
-        list(results.estimates())
+        read_all(out)
     line = str(caught.value)
     assert "\n" not in line
     return line
