@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.console import Console
 
-from bench.store import check_writable, write_text
+from bench.store import check_writable
 from mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
 from mismatch.recordings import check_excited, check_measured, read
 
@@ -23,10 +23,10 @@ Progress = Callable[[str, float], None]
 def explain(
     spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str]
 ) -> Verdict:
-    """Diagnose, and write ``verdict.json``, ``report.html`` and ``model.toml`` into ``out``.
+    """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Args:
-        hold_out: recordings for the proof alone.
+        hold_out: recordings that nothing is learnt from.
         catalogue: the file of a user's own mechanisms, or nothing.
 
     Raises:
@@ -39,8 +39,8 @@ def explain(
     fitted, held_out = recordings[: len(paths)], recordings[len(paths) :]
     check_measured(recordings, simulator)
     check_excited(fitted, simulator)
-    # Now that the input is good: engine and figures take seconds to import.
-    from bench.mismatch_report import write
+    # Now that the input is good: the engine takes seconds to import.
+    from bench.mismatch_report import write_findings
     from mismatch import diagnose
 
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
@@ -50,8 +50,7 @@ def explain(
             simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress, faults=given.faults
         )
         model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue)
-        write(verdict, out)
-        write_text(out / "model.toml", model)
+        write_findings(verdict, model, out)
     return verdict
 
 
