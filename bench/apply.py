@@ -16,7 +16,7 @@ from bench.cells import Cell
 from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.figures.recording import estimate_figure
-from bench.profile import Evaluation, Profile, load_profile
+from bench.profile import Evaluation, Profile, flattened, load_profile
 from bench.registry import discover, find
 from bench.results import load_results
 from bench.roster import axis_label, label, ordered
@@ -70,7 +70,7 @@ def _what_differs(results: Path, name: str, profile: Profile) -> str:
     except BadInput:
         return ""
     kind = find(name)
-    now, then = (_flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
+    now, then = (flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
     trained = [key for key in now if key.startswith(("seeds", "data.", "corruption.", f"settings.{kind.name}."))]
     for key in trained:
         if then.get(key) != now[key]:
@@ -78,14 +78,6 @@ def _what_differs(results: Path, name: str, profile: Profile) -> str:
     if manifest.get("code", {}).get(kind.name) not in (None, code_version(kind.__module__)):
         return f" (the code of {kind.name}, or what it imports, has changed since)"
     return ""
-
-
-def _flattened(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as one, with keys joined by dots."""
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        flat |= _flattened(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
 
 
 def apply(

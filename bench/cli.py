@@ -30,13 +30,16 @@ EPILOG = """examples:
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
 exit status: 0 done, 1 a method or a check failed, 2 bad input; mismatch tells by it what it found, see its --help"""
 _SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
+_TRUST_HELP = "run the Python that a model.toml names though it lies outside its folder and the one you are in"
 
 
 class _Parser(argparse.ArgumentParser):
     """Usage errors in one line, as all bad input."""
 
     def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message}; see {self.prog} --help", file=sys.stderr)
+        from data.shown import printable
+
+        print(f"{self.prog}: {printable(message)}; see {self.prog} --help", file=sys.stderr)
         raise SystemExit(2)
 
 
@@ -82,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     listing.add_argument(
         "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {_SIMULATOR_HELP}"
     )
+    listing.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     listing.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
     check = command("check", "run the contract battery on an estimator", "twinbench check my_baseline.py")
@@ -104,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
     simulate.add_argument("--simulator", metavar="SIMULATOR", help=_SIMULATOR_HELP)
+    simulate.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     simulate.add_argument(
         "--inputs", nargs="+", default=(), type=Path, metavar="RECORDING",
         help="recordings whose inputs drive --simulator; it starts from their first readings",
@@ -156,6 +161,7 @@ def _parser() -> argparse.ArgumentParser:
         "--catalogue", default="", metavar="FILE",
         help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
     )  # fmt: skip
+    mismatch.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     mismatch.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
     mismatch.add_argument("--json", action="store_true", help="the verdict as JSON, alone on stdout")
 
@@ -211,14 +217,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit status."""
     arguments = _parser().parse_args(argv)
     from data.errors import BadInput
+    from data.shown import printable
 
     try:
         return int(_COMMANDS[arguments.command](arguments))
     except BadInput as error:
-        print(f"twinbench: {error}", file=sys.stderr)
+        print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 2
     except FloatingPointError as error:
-        print(f"twinbench: {error}", file=sys.stderr)
+        print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
@@ -250,7 +257,7 @@ def _list(a: argparse.Namespace) -> int:
 
     if a.simulator and a.what != "mechanisms":
         raise BadInput(f"list {a.what}: --simulator goes with mechanisms only; leave it out")
-    rows = _mechanisms(a.simulator) if a.what == "mechanisms" else _LISTS[a.what]()
+    rows = _mechanisms(a.simulator, a.trust) if a.what == "mechanisms" else _LISTS[a.what]()
     if a.json:
         print(json.dumps(rows, indent=2))
         return 0
@@ -285,11 +292,11 @@ def _ablations() -> list[dict[str, Any]]:
     ]
 
 
-def _mechanisms(spec: str | None = None) -> list[dict[str, Any]]:
+def _mechanisms(spec: str | None = None, trust: bool = False) -> list[dict[str, Any]]:
     from mismatch.model import load_simulator, whole_catalogue
     from physics.mechanisms import CATALOGUE
 
-    mechanisms = whole_catalogue(load_simulator(spec)) if spec else CATALOGUE
+    mechanisms = whole_catalogue(load_simulator(spec, trust)) if spec else CATALOGUE
     return [
         {
             "name": m.name,
@@ -353,7 +360,7 @@ def _simulate(a: argparse.Namespace) -> int:
     if a.simulator:
         from bench.replay import replay
 
-        for path in replay(a.simulator, a.inputs, a.out, a.map, a.format):
+        for path in replay(a.simulator, a.inputs, a.out, a.map, a.format, a.trust):
             print(path)
         return 0
     return _simulate_benchmark(a)
@@ -403,7 +410,7 @@ def _mismatch(a: argparse.Namespace) -> int:
 
     from bench.explain import explain
 
-    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map)
+    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust)
     # What was found is told before it is drawn: drawing takes a while, and may fail.
     from bench.mismatch_report import to_json, to_text, write_page
     from bench.mismatch_status import STATUS

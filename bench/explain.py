@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
 
+from bench.progress import Progress
 from bench.store import check_writable
 from mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
 from mismatch.recordings import check_excited, check_measured, read
@@ -17,22 +17,22 @@ from mismatch.recordings import check_excited, check_measured, read
 if TYPE_CHECKING:
     from mismatch import Verdict
 
-Progress = Callable[[str, float], None]
-
 
 def explain(
-    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str]
-) -> Verdict:
+    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
+    trust: bool = False,
+) -> Verdict:  # fmt: skip
     """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Args:
         hold_out: recordings that nothing is learnt from.
         catalogue: the file of a user's own mechanisms, or nothing.
+        trust: run the Python that a ``model.toml`` names wherever it lies.
 
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
     """
-    given = load_model(spec)
+    given = load_model(spec, trust)
     simulator = given.simulator
     own = load_catalogue(catalogue, simulator) if catalogue else ()
     recordings = read([*paths, *hold_out], simulator, mapping)
@@ -45,9 +45,9 @@ def explain(
 
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
     whole = whole_catalogue(simulator, own, period_s)
-    with _folder(out), _progress() as progress:
+    with _folder(out), Progress() as progress:
         verdict = diagnose(
-            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress, faults=given.faults
+            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults
         )
         model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue)
         write_findings(verdict, model, out)
@@ -66,23 +66,3 @@ def _folder(out: Path) -> Iterator[None]:
             with contextlib.suppress(OSError):
                 folder.rmdir()
         raise
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Progress]:
-    """Told a stage and the share of it that is done, it draws a bar per stage where somebody is looking."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda stage, share: None
-        return
-    from bench.runner import bars
-
-    with bars(console) as progress:
-        tasks = {}
-
-        def report(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=100)
-            progress.update(tasks[stage], completed=round(100 * share))
-
-        yield report

@@ -14,6 +14,7 @@ from typing import Any
 from bench.roster import LABELS
 from data.errors import BadInput
 from methods.estimator import REGISTRY, Estimator, ablated
+from physics.filespec import split_spec
 
 GROUP = "twinbench.estimators"
 
@@ -45,13 +46,14 @@ def find(name: str) -> type[Estimator]:
     Raises:
         BadInput: no such name, ablation, file or class, or the file fails to import.
     """
-    file, _, wanted = name.partition(":")
+    file, wanted = split_spec(name)
     if file.endswith(".py"):
         wanted, _, part = wanted.partition(":")
         return _without(_from_file(Path(file), wanted), part)
     known = discover()
-    if file in known:
-        return _without(known[file], wanted)
+    own, _, part = name.partition(":")
+    if own in known:
+        return _without(known[own], part)
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {near[0]!r}?" if near else "give a path ending in .py for one of your own"
     raise BadInput(f"no estimator {name!r}; {hint} Known: {', '.join(sorted(known))}")

@@ -113,6 +113,10 @@ class Store:
         write_text(part.with_name(".done"), _sha256(part))
         return part
 
+    def forget(self, kind: str, key: str) -> None:
+        """Remove a part and what stands beside it."""
+        shutil.rmtree(self.root / kind / key, ignore_errors=True)
+
     def clear(self) -> None:
         """Forget everything."""
         shutil.rmtree(self.root, ignore_errors=True)

@@ -7,6 +7,7 @@ is a force. Which parameter is the inertia is asked of the equations themselves,
 from __future__ import annotations
 
 import functools
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ FORCES = ("N", "N m")
 """What a mass times an acceleration may be: a force, or with an inertia a torque."""
 HIGHEST_POWER = 3
 """A size may be a force over so high a power of a state: cubic friction, a hardening spring."""
+_BRACKETS = re.compile(r"(\([^()]+\))\^(\d)")
 EXACT = 1e-6
 """Relative error up to which the equations count as inversely proportional to a parameter: that of rounding."""
 
@@ -64,9 +66,14 @@ def as_force(size_unit: str, simulator: Simulator, state: int, of: Inertia) -> t
 def factor(given: str, wanted: str) -> float | None:
     """So many of one unit is another; None if they are of different kinds, or one is no unit."""
     try:
-        return float(convert(np.array([1.0]), given, wanted, "")[0])
+        return float(convert(np.array([1.0]), _multiplied(given), _multiplied(wanted), "")[0])
     except BadInput:
         return None
+
+
+def _multiplied(unit: str) -> str:
+    """A unit with its powers of brackets as products, which is how units are read here."""
+    return _BRACKETS.sub(lambda m: f"({'*'.join([m[1]] * int(m[2]))})", unit)
 
 
 def _divides(simulator: Simulator, state: int, parameter: int) -> bool:

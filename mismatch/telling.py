@@ -89,10 +89,11 @@ def more_data(d: Diagnosis, findings: Sequence[Finding]) -> str:
     sets = [f for f in findings if len(f.candidates) > 1]
     if sets:
         first, second = sets[0].candidates[:2]
-        return (
-            f"To tell {first} from {second}, record where their effects differ: wider and faster changes of the inputs "
-            "than in these recordings, and both directions of motion or flow."
-        )
+        how = (
+            "wider and faster changes of the inputs than in these recordings, and both directions of motion or flow"
+            if d.simulator.inputs else "from other starts than these recordings', and for longer"
+        )  # fmt: skip
+        return f"To tell {first} from {second}, record where their effects differ: {how}."
     if not findings:
         hidden = [name for name, size in smallest_seen(d) if size > 1.0]
         if hidden:
@@ -113,9 +114,12 @@ def smallest_seen(d: Diagnosis) -> list[tuple[str, float]]:
 def _one(d: Diagnosis, finding: Finding) -> str:
     """What one finding is, before any number."""
     if finding.mechanism is not None:
+        known = {c.name: c.mechanism for c in d.machine.candidates}
         if len(finding.candidates) > 1:
-            return f"one of {listed(finding.candidates)} is missing from the simulator, or at fault"
-        says = {c.name: c.mechanism.says for c in d.machine.candidates}
+            some = listed(finding.candidates)
+            physics = {known[name].kind == "physics" for name in finding.candidates if name in known}
+            return f"the simulator lacks one of {some}" if all(physics) else f"one of {some} is missing or at fault"
+        says = {name: mechanism.says for name, mechanism in known.items()}
         return says.get(finding.mechanism, f"the sensor of {finding.port.partition(':')[2]} stands still")
     if finding.candidates:
         return f"something is missing at {finding.port} that these recordings cannot name"

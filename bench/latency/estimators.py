@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.progress import Progress
 
 from bench import cells
 from bench.cells import Cell, Outcome
 from bench.latency.timing import Name, Timed, back_to_back, percentiles
+from bench.progress import Progress
 from bench.registry import find, one_line
 from bench.store import Store, key_of, write_atomically
 from bench.threads import pin_torch

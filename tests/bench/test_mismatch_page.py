@@ -83,7 +83,7 @@ def test_all_parameters_of_a_mechanism_are_in_the_words_with_units() -> None:
     listed = [m for m in faults(OVEN, 0.5) if m.name in ("sensor_saturation@probe_C", "sensor_bias@probe_C")]
     verdict = diagnose(OVEN, [clipped("monday", 1), clipped("tuesday", 2)], [clipped("sunday", 3)], listed)
     assert verdict.verdict == "sensor fault"
-    assert verdict.says.startswith("The sensor of probe_C does not go above a limit: on sunday the RMS error of probe_C")
+    assert verdict.says.startswith("The sensor of probe_C does not go above a limit: on sunday the RMS error of ")
     (finding,) = verdict.findings
     size, limit = finding.parameters
     assert limit.value == pytest.approx(170.0, abs=0.5)

@@ -1,0 +1,135 @@
+"""What a user wrote, tried under a clock: an endless loop in it is one line, not a command that stands still.
+
+On Linux the trial runs in a forked process, which can be ended whatever it does, in compiled code too. Elsewhere it
+runs in a thread: that catches loops of plain Python, and leaves the thread behind.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import warnings
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from typing import NoReturn
+
+CALL_S = 15.0
+"""Seconds that a file's import, or one call of a function in it, may take, compiling of what it calls included. A call
+of a simulator takes microseconds, and fits make a million; a file that imports torch takes some five seconds."""
+_GRACE_S = 2.0  # between the alarm that ends the child and the parent's own patience
+
+_here = threading.local()  # its ``tell`` is who listens to a trial in this thread
+
+
+def about_to(what: str) -> None:
+    """Told before each thing that a user wrote is run, so that a trial knows which one does not end."""
+    if tell := getattr(_here, "tell", None):
+        tell(what)
+
+
+def tried(work: Callable[[], object], where: str) -> None:
+    """Do the work, which tells ``about_to`` what it does, for its ``ValueError`` alone: what it changes may be lost.
+
+    Args:
+        where: the file that it runs, for the message.
+
+    Raises:
+        ValueError: one line; the work's own, or a part of it does not end, or ends Python.
+    """
+    (_in_child if sys.platform == "linux" else _in_thread)(work, where)
+
+
+def _in_child(work: Callable[[], object], where: str) -> None:
+    receive, send = multiprocessing.Pipe(duplex=False)
+    with warnings.catch_warnings():
+        # Python warns of forks beside threads, whose locks may be held for ever; the clock sees to that, too.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        child = os.fork()
+    if child == 0:
+        _be_the_child(work, send)
+    send.close()
+    doing, refused, late = "loading it", "", False
+    try:
+        while not (late := not receive.poll(CALL_S + _GRACE_S)):
+            kind, text = receive.recv()
+            doing, refused = (text, refused) if kind == "doing" else (doing, text)
+    except EOFError:
+        pass  # the child has ended
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)
+        ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        receive.close()
+    if refused:
+        raise ValueError(refused)
+    if late or ended == -signal.SIGALRM:
+        raise _endless(where, doing)
+    if ended != _DONE:
+        how = f"signal {-ended}" if ended < 0 else f"exit status {ended}"
+        raise ValueError(f"{where}: {doing} ends Python itself ({how}); mend it there")
+
+
+_DONE = 71  # an exit status that nothing else has
+
+
+def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
+    status = 1
+    try:
+        nowhere = open(os.devnull, "r+")  # what a file prints, it prints when it is loaded in earnest
+        for stream in (0, 1, 2):
+            os.dup2(nowhere.fileno(), stream)
+        sys.stdout = sys.stderr = nowhere
+        faulthandler.disable()
+        for number in (signal.SIGALRM, signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_DFL)
+
+        def tell(what: str) -> None:
+            send.send(("doing", what))
+            signal.setitimer(signal.ITIMER_REAL, CALL_S)  # ends this process, even if its parent is gone
+
+        _here.tell = tell
+        work()
+        status = _DONE
+    except BaseException as error:
+        send.send(("refused", _said(error)))
+    finally:
+        os._exit(status)
+
+
+def _in_thread(work: Callable[[], object], where: str) -> None:
+    doing, since_s, errors = ["loading it"], [time.monotonic()], []
+
+    def tell(what: str) -> None:
+        doing[0], since_s[0] = what, time.monotonic()
+
+    def run() -> None:
+        _here.tell = tell
+        try:
+            work()
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(0.05)
+        if time.monotonic() - since_s[0] > CALL_S:
+            raise _endless(where, doing[0])
+    if errors:
+        raise ValueError(_said(errors[0])) from errors[0]
+
+
+def _said(error: BaseException) -> str:
+    """A refusal's own words; of anything else its kind, too."""
+    text = (str(error).splitlines() or [""])[0]
+    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+
+
+def _endless(where: str, doing: str) -> ValueError:
+    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; mend the loop in it that does not end")
