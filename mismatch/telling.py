@@ -97,7 +97,8 @@ def more_data(d: Diagnosis, findings: Sequence[Finding]) -> str:
     if not findings:
         hidden = [name for name, size in smallest_seen(d) if size > 1.0]
         if hidden:
-            return f"To see {hidden[0]} at its typical size, move the inputs more, or record longer."
+            how = "move the inputs more, or record longer" if d.simulator.inputs else "record longer"
+            return f"To see {hidden[0]} at its typical size, {how}."
     return ""
 
 

@@ -94,6 +94,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         return SimpleNamespace(
             verdict=found, says="Heat is lost.", points=("It is lost through the wall.", "And " + "so on " * 20),
             mechanisms=mechanisms, values=values, to_dict=lambda: {"verdict": found},
+            diagnosis=SimpleNamespace(joined=SimpleNamespace(inputs="held")),
         )  # fmt: skip
 
     def write_page(verdict: Any, out: Path) -> None:
