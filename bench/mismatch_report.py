@@ -21,6 +21,8 @@ from mismatch.words import listed, number, typeset
 
 OPENING = "fit_held_out"
 """The figure that the page begins with: before and after on what was held out."""
+NEARLY_SURE = 0.99
+"""Probabilities above it are not told apart: the weights are not known so well."""
 _WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # names of channels
 
 
@@ -92,7 +94,9 @@ def _html(verdict: Verdict, figures: list[dict[str, Any]]) -> str:
 
 def _facts(f: Finding) -> list[tuple[str, str]]:
     """A finding's fields as pairs to read; what it does not know is left out."""
-    weight = "not weighed: nothing else was fitted in full" if f.probability is None else number(f.probability, 2)
+    weight = "not weighed: nothing else was fitted in its place"
+    if f.probability is not None:
+        weight = number(f.probability, 2) if f.probability < NEARLY_SURE else f"above {NEARLY_SURE}"
     pairs = [
         ("kind", f.kind),
         ("term", typeset(f.term)),

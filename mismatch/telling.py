@@ -75,11 +75,10 @@ def points(
 
 def held_out_use(d: Diagnosis) -> str:
     """What the recordings held back were used for."""
-    used = f"nothing was learnt from {_held_out(d)} but where it starts"
-    if d.simulator.drifts:
-        used += " and how what drifts went"
+    own = "where it starts" + (" and how what drifts went" if d.simulator.drifts else "")
+    used = f"nothing but {own} was learnt from {_held_out(d)}"
     if d.weighed_on_held_out:
-        used += f", but {counted(d.weighed_on_held_out, 'explanation was', 'explanations were')} compared on it"
+        used += f"; {counted(d.weighed_on_held_out, 'explanation was', 'explanations were')} compared on it"
         used += ", so its errors flatter the one that was chosen a little" if d.chosen is not None else ""
     return sentence(used)
 

@@ -32,7 +32,7 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
         yield _drawn(
             name,
             title,
-            _fit_caption(replay, len(some), d.weighed_on_held_out),
+            _fit_caption(replay, len(some), d.weighed_on_held_out, {s.recording for s in d.spikes}),
             partial(fit_over_time, replay, channels, d.simulator.outputs, sd, d.spikes) if channels else None,
             "no output was measured in it",
         )
@@ -93,14 +93,15 @@ def failed(error: Exception) -> str:
     return f"drawing it failed, {type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def _fit_caption(replay: Replay, count: int, compared: int) -> str:
+def _fit_caption(replay: Replay, count: int, compared: int, with_spikes: set[str]) -> str:
     of = f", the most telling of {count} recordings" if count > 1 else ""
     used = f" {compared} explanations were compared on it." if replay.held_out and compared else ""
     after = "before and after what was found is added" if replay.after is not None else "calibrated; nothing was added"
+    crosses = " A cross is a reading that was taken out as a spike, at the edge where it lies beyond."
     return (
-        f"{replay.track.name}{of}, {'held out' if replay.held_out else 'learnt from'}.{used} Measured and simulated "
-        f"open loop, {after}. Left: the whole recording; right: the shaded window, where "
+        f"Recording {replay.track.name}{of}.{used} Measured and simulated open loop, {after}. Left: the whole "
+        "recording; right: the shaded window, where "
         + ("the two differ most" if replay.after is not None else "the error is largest")
-        + ". Beneath each: measured minus simulated, with twice the error where it learnt in grey. A cross is a "
-        "reading that was taken out as a spike, at the edge where it lies beyond."
+        + ". Beneath each: measured minus simulated, with twice the error where it learnt in grey."
+        + (crosses if replay.track.name in with_spikes else "")
     )
