@@ -39,5 +39,7 @@ def with_earlier_claims(found: list[Claim], tables: Path, gone: list[str]) -> li
     filled = []
     for claim in found:
         known = {c: earlier[c].get(claim.says) for c in columns if c in earlier and pd.isna(getattr(claim, c))}
-        filled.append(claim._replace(**{c: float(v) for c, v in known.items() if v is not None}))
+        numbers = {c: float(v) for c, v in known.items() if v is not None}
+        ours, reference = numbers.get("ours", claim.ours), numbers.get("reference", claim.reference)
+        filled.append(claim._replace(ours=ours, reference=reference))
     return filled

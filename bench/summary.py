@@ -94,7 +94,7 @@ def summarise(scores: pd.DataFrame, failures: Mapping[str, str]) -> Summary:
         times_s = watched(scores, metric)
         if times_s.empty:
             continue
-        values |= {(e, metric): _waited(waiting(own)) for e, own in times_s.groupby("estimator")}
+        values |= {(str(e), metric): _waited(waiting(own)) for e, own in times_s.groupby("estimator")}
         tables[metric] = _restricted(times_s, metric, failures)
     rankings, unranked = {}, {}
     ranked = scores[~scores["estimator"].isin(UNRANKED)]

@@ -50,7 +50,12 @@ def _in_child(work: Callable[[], object], where: str) -> None:
     with warnings.catch_warnings():
         # Python warns of forks beside threads, whose locks may be held for ever; the clock sees to that, too.
         warnings.simplefilter("ignore", DeprecationWarning)
-        child = os.fork()
+        try:
+            child = os.fork()
+        except OSError:  # where no process may be started, as in the concealed engine's own, a thread must do
+            receive.close()
+            send.close()
+            return _in_thread(work, where)
     if child == 0:
         _be_the_child(work, send)
     send.close()
