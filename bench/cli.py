@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from bench.mismatch_status import SAYS
 from bench.threads import pin
 
 pin()
@@ -35,6 +36,7 @@ exit status:
     0  done
     1  a method, a check or a worker process failed; what was finished is kept
     2  bad input: one line says what and where, and nothing is written
+   10  mismatch: something is wrong and has a name; 11: and has none, or not in full
   130  stopped with Ctrl-C, 143 by SIGTERM; run the same command again to go on
 completion: eval "$(twinbench completion bash)", or zsh; twinbench completion fish | source"""
 _PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check")
@@ -175,14 +177,15 @@ def _parser() -> argparse.ArgumentParser:
     mismatch = command(
         "mismatch", "find what a simulator leaves out, name it, model it, and prove it on held-out recordings",
         "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
-        "writes verdict.json, report.html and model.toml, the mended simulator, into DIR",
+        "writes verdict.json, report.html and model.toml, the mended simulator, into DIR\n"
+        "exit status: " + "; ".join(f"{status} {says}" for status, says in SAYS.items()) + "; 2 bad input",
     )  # fmt: skip
     mismatch.add_argument("simulator", metavar="SIMULATOR", help=_SIMULATOR_HELP)
     mismatch.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
     mismatch.add_argument("--out", type=Path, required=True, metavar="DIR")
     mismatch.add_argument(
         "--hold-out", nargs="+", default=(), type=Path, metavar="RECORDING",
-        help="recordings for the proof alone, best in another regime; never fitted",
+        help="recordings for the proof, best of another regime: no parameter is learnt from them",
     )  # fmt: skip
     mismatch.add_argument(
         "--catalogue", default="", metavar="FILE",
@@ -561,17 +564,22 @@ def _export(a: argparse.Namespace) -> int:
 
 
 def _mismatch(a: argparse.Namespace) -> int:
+    from shutil import get_terminal_size
+
     from bench.explain import explain
 
     verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust, a.inputs)
-    if a.json:
-        from bench.mismatch_report import to_json
+    # What was found is told before it is drawn: drawing takes a while, and may fail.
+    from bench.mismatch_report import to_json, to_text, write_page
+    from bench.mismatch_status import STATUS
 
-        print(to_json(verdict), file=a.stdout)
-    else:
-        print(verdict.says)
-        print(f"report: {(a.out / 'report.html').resolve()}")
-    return 0
+    told = to_json(verdict) if a.json else to_text(verdict, get_terminal_size().columns)
+    print(told, file=a.stdout if a.json else None, flush=True)
+    write_page(verdict, a.out)
+    if not a.json:
+        for name, says in (("report.html", "report"), ("verdict.json", "for programs"), ("model.toml", "mended model")):
+            print(f"{says}: {(a.out / name).resolve()}")
+    return STATUS[verdict.verdict]
 
 
 def _prove(a: argparse.Namespace) -> int:
