@@ -188,6 +188,10 @@ def _parser() -> argparse.ArgumentParser:
         "--catalogue", default="", metavar="FILE",
         help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
     )  # fmt: skip
+    mismatch.add_argument(
+        "--inputs", choices=("auto", "held", "linear"), default="auto",
+        help="between samples: each value holds until the next, or lines join them; auto (default) tries both",
+    )  # fmt: skip
     mismatch.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     mismatch.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
 
@@ -560,7 +564,7 @@ def _export(a: argparse.Namespace) -> int:
 def _mismatch(a: argparse.Namespace) -> int:
     from bench.explain import explain
 
-    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust)
+    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust, a.inputs)
     if a.json:
         from bench.mismatch_report import to_json
 

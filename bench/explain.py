@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def explain(
     spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
-    trust: bool = False,
+    trust: bool = False, inputs: str = "auto",
 ) -> Verdict:  # fmt: skip
     """Diagnose, and write ``verdict.json``, ``report.html`` and ``model.toml`` into ``out``.
 
@@ -28,6 +28,7 @@ def explain(
         hold_out: recordings for the proof alone.
         catalogue: the file of a user's own mechanisms, or nothing.
         trust: run the Python that a ``model.toml`` names wherever it lies.
+        inputs: between samples "held" or "linear"; "auto" is what a ``model.toml`` says, or else a fit.
 
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
@@ -47,9 +48,12 @@ def explain(
     whole = whole_catalogue(simulator, own, period_s)
     with _folder(out), Progress() as progress:
         verdict = diagnose(
-            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults
-        )
-        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue)
+            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults,
+            inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
+        )  # fmt: skip
+        joined = verdict.diagnosis.joined.inputs
+        said = joined if given.inputs or joined == "linear" else ""
+        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)
         write(verdict, out)
         write_text(out / "model.toml", model)
     return verdict

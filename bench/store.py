@@ -13,7 +13,7 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +89,22 @@ def sweep(out: Path) -> None:
             beside.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def reading(part: Path) -> Iterator[None]:
+    """Whatever goes wrong where a part is read, it is not what a run wrote.
+
+    Raises:
+        BadInput: one line that names the file.
+    """
+    try:
+        yield
+    except BadInput:
+        raise
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise BadInput(f"cannot use {part}: {why}; remove it, and twinbench run makes it again") from error
+
+
 class Store:
     """Parts under one folder."""
 
@@ -105,7 +121,7 @@ class Store:
         part = self.path(kind, key, suffix)
         done = part.with_name(".done")
         try:
-            return done.read_text() == _sha256(part)
+            return done.read_bytes() == _sha256(part).encode()
         except OSError:
             return False
 

@@ -127,10 +127,15 @@ def test_a_recording_too_short_is_refused():
         diagnose(MOTOR, [record("short", 1, seconds=1.5)], [record("held out", 2)], CATALOGUE)
 
 
-def test_progress_goes_through_the_stages():
+def test_progress_goes_through_the_stages_to_their_ends_and_never_back():
     seen: list[tuple[str, float]] = []
-    fitted = [record(f"run {s}", s, seconds=40.0) for s in (1, 2)]
+    fitted = [record(f"run {s}", s, dry_friction, seconds=60.0) for s in (1, 2)]
     diagnose(MOTOR, fitted, (), CATALOGUE, lambda stage, share: seen.append((stage, share)))
     stages = list(dict.fromkeys(stage for stage, _ in seen))
     assert stages == ["audit", "calibrate", "screen", "refit", "prove"]
-    assert all(0.0 <= share <= 1.0 for _, share in seen)
+    for stage in stages:
+        shares = [share for s, share in seen if s == stage]
+        assert shares == sorted(set(shares))
+        assert shares[0] == 0.0 or stage in ("screen", "refit")
+        assert shares[-1] == 1.0
+        assert len(shares) >= 4, "not from nothing to all at once"
