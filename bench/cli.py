@@ -252,7 +252,8 @@ def _parser() -> argparse.ArgumentParser:
     completion.add_argument("shell", choices=("bash", "zsh", "fish"))
     for name, added in commands.choices.items():
         if name in _PARALLEL:
-            added.add_argument("--jobs", type=int, metavar="N", help="at most so many at once (default: one per core)")
+            says = "at most so many at once (default: one per core; fewer need less memory)"
+            added.add_argument("--jobs", type=int, metavar="N", help=says)
         if added is not completion:
             added.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
         # After the command's name it must not undo what stands before it.
