@@ -58,7 +58,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
     except OSError:  # no room for another process, or no right to start one
         return _in_thread(work, where)
     if child == 0:
-        _be_the_child(work, send)
+        _be_the_child(work, where, send)
     send.close()
     doing, refused, late = "loading it", "", False
     try:
@@ -87,8 +87,8 @@ _DONE, _IDLE = 71, 72  # exit statuses that nothing else has
 _OUT_OF_TIME = signal.SIGPROF if sys.platform == "linux" else 0
 
 
-def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
-    status = 1
+def _be_the_child(work: Callable[[], object], where: str, send: Connection) -> NoReturn:
+    status, doing = 1, "loading it"
     try:
         nowhere = open(os.devnull, "r+")  # what a file prints, it prints when it is loaded in earnest
         for stream in (0, 1, 2):
@@ -107,7 +107,8 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
                 os._exit(_IDLE)
 
         def tell(what: str) -> None:
-            nonlocal computed_s
+            nonlocal computed_s, doing
+            doing = what
             send.send(("doing", what))
             computed_s = time.process_time()
             # Both end this process even if its parent is gone; the first whatever it does.
@@ -119,7 +120,7 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
         work()
         status = _DONE
     except BaseException as error:
-        send.send(("refused", _said(error)))
+        send.send(("refused", _said(error, where, doing)))
     finally:
         os._exit(status)
 
@@ -144,13 +145,15 @@ def _in_thread(work: Callable[[], object], where: str) -> None:
         if time.monotonic() - since_s[0] > CALL_S:
             raise _endless(where, doing[0])
     if errors:
-        raise ValueError(_said(errors[0])) from errors[0]
+        raise ValueError(_said(errors[0], where, doing[0])) from errors[0]
 
 
-def _said(error: BaseException) -> str:
-    """A refusal's own words; of anything else its kind, too."""
+def _said(error: BaseException, where: str, doing: str) -> str:
+    """A refusal's own words; of anything else its kind, and where it came from."""
     text = (str(error).splitlines() or [""])[0]
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+    if isinstance(error, ValueError):
+        return text
+    return f"{where}: {doing} raises {type(error).__name__}{': ' * bool(text)}{text}; mend it there"
 
 
 def _endless(where: str, doing: str) -> ValueError:
