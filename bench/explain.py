@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench.progress import Progress
-from bench.store import check_writable, write_text
+from bench.store import check_writable
 from mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
 from mismatch.recordings import check_excited, check_measured, read
 
@@ -20,14 +20,15 @@ if TYPE_CHECKING:
 
 def explain(
     spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
-    trust: bool = False,
+    trust: bool = False, inputs: str = "auto",
 ) -> Verdict:  # fmt: skip
-    """Diagnose, and write ``verdict.json``, ``report.html`` and ``model.toml`` into ``out``.
+    """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Args:
-        hold_out: recordings for the proof alone.
+        hold_out: recordings that nothing is learnt from.
         catalogue: the file of a user's own mechanisms, or nothing.
         trust: run the Python that a ``model.toml`` names wherever it lies.
+        inputs: between samples "held" or "linear"; "auto" is what a ``model.toml`` says, or else a fit.
 
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
@@ -39,19 +40,21 @@ def explain(
     fitted, held_out = recordings[: len(paths)], recordings[len(paths) :]
     check_measured(recordings, simulator)
     check_excited(fitted, simulator)
-    # Now that the input is good: engine and figures take seconds to import.
-    from bench.mismatch_report import write
+    # Now that the input is good: the engine takes seconds to import.
+    from bench.mismatch_report import write_findings
     from mismatch import diagnose
 
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
     whole = whole_catalogue(simulator, own, period_s)
     with _folder(out), Progress() as progress:
         verdict = diagnose(
-            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults
-        )
-        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue)
-        write(verdict, out)
-        write_text(out / "model.toml", model)
+            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults,
+            inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
+        )  # fmt: skip
+        joined = verdict.diagnosis.joined.inputs
+        said = joined if given.inputs or joined == "linear" else ""
+        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)
+        write_findings(verdict, model, out)
     return verdict
 
 

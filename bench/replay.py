@@ -37,7 +37,7 @@ def replay(
         BadInput: the simulator or a recording cannot be used, or the simulator diverges; nothing is written.
     """
     model = load_model(spec, trust)
-    tracks = prepare(read(paths, model.simulator, mapping), model.simulator)
+    tracks = prepare(read(paths, model.simulator, mapping), model.simulator, linear=model.inputs == "linear")
     tables = _run(model, tracks)
     written = []
     for track, table in zip(tracks, tables, strict=True):

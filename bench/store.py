@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import logging
 import os
 import shutil
 import tempfile
@@ -19,6 +20,7 @@ from typing import Any
 from data.errors import BadInput
 
 PARTIAL = ".part"
+log = logging.getLogger(__name__)
 
 
 def key_of(**axes: Any) -> str:
@@ -49,6 +51,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
             os.fsync(file.fileno())
         os.chmod(beside, 0o644)
         os.replace(beside, path)
+        log.info("wrote %s", path)
     except BaseException as error:
         if beside is not None:
             beside.unlink(missing_ok=True)

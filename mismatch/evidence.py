@@ -124,12 +124,16 @@ def probabilities(d: Diagnosis) -> dict[str, float | None]:
     """Of each accepted effect, over all that was fitted; None where nothing else was fitted in its place."""
     if d.chosen is None:
         return {}
-    weighed, chosen = weights(d), set(d.chosen.names)
-    return {
-        name: sum(w for names, w in weighed.items() if name in names)
-        if any(name not in names and names - chosen for names in weighed) else None
-        for name in d.chosen.names
-    }  # fmt: skip
+    # What contains an effect can become it, and is no other thing.
+    family_of = {c.name: c.family for c in d.machine.candidates}
+    chosen = {family_of[name] for name in d.chosen.names}
+    weighed = [({family_of[name] for name in names}, w) for names, w in weights(d).items()]
+    found = {}
+    for name in d.chosen.names:
+        rivalled = any(family_of[name] not in families and families - chosen for families, _ in weighed)
+        weight = sum(w for families, w in weighed if family_of[name] in families)
+        found[name] = weight if rivalled else None
+    return found
 
 
 def port_weights(d: Diagnosis) -> tuple[tuple[str, float], ...]:

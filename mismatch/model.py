@@ -3,6 +3,7 @@
 A mended simulator is a base, the mechanisms switched on in it, and parameter values::
 
     base = "tanks.py:TANKS"
+    inputs = "linear"  # between samples in lines; "held", or left out: each value holds until the next
 
     [[mechanisms]]
     name = "overflow@level1_m"
@@ -58,11 +59,13 @@ _SHELVES: dict[str, Callable[[Simulator], tuple[Mechanism, ...]]] = {
 class Model:
     """A simulator, and the faults of its sensors and inputs that no differential equation can hold.
 
-    The faults' fitted sizes are their parameters' nominal values.
+    The faults' fitted sizes are their parameters' nominal values. ``inputs`` between samples are "held" or "linear",
+    as the file says; empty if nobody said.
     """
 
     simulator: Simulator
     faults: tuple[Mechanism, ...] = ()
+    inputs: str = ""
 
 
 def load_simulator(spec: str, trust: bool = False) -> Simulator:
@@ -122,7 +125,7 @@ def whole_catalogue(
 
 def model_toml(
     base: str, simulator: Simulator, mechanisms: Sequence[Mechanism], values: Mapping[str, float], folder: Path,
-    catalogue: str = "",
+    catalogue: str = "", inputs: str = "",
 ) -> str:  # fmt: skip
     """The text of ``folder/model.toml``.
 
@@ -131,6 +134,7 @@ def model_toml(
         mechanisms: what was found, physics and faults.
         values: by name, every calibrated parameter and those of the mechanisms, in their units.
         catalogue: where mechanisms that are not ours come from, as given to ``load_catalogue``.
+        inputs: how they go between samples, "held" or "linear"; nothing is said of it if left out.
 
     Raises:
         ValueError: a mechanism of no catalogue, an unknown parameter, or a value that is no finite number.
@@ -138,6 +142,7 @@ def model_toml(
     lines = [
         "# A mended simulator: every command that takes a simulator takes this file.",
         f"base = {_quoted(moved(base, Path.cwd(), folder))}",
+        *([f"inputs = {_quoted(inputs)}"] if inputs else []),
     ]
     units = {v.name: v.unit for v in simulator.parameters}
     for mechanism in mechanisms:
@@ -210,6 +215,7 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
     return Model(
         simulator.with_values(**{name: value for name, value in values.items() if name in own}),
         tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
+        content["inputs"] or base.inputs,
     )
 
 
@@ -219,8 +225,13 @@ def _content(path: Path) -> dict[str, Any]:
         raise ValueError(f"no file {path}; check the path")
     raw = read_toml(path)
     base, mechanisms, values = raw.pop("base", None), raw.pop("mechanisms", []), raw.pop("values", {})
+    inputs = raw.pop("inputs", "")
     if not isinstance(base, str) or raw:
-        raise ValueError(f"{path}: is no model; it must hold base, [[mechanisms]] and [values], and nothing else")
+        raise ValueError(
+            f"{path}: is no model; it must hold base, [[mechanisms]] and [values], may hold inputs, and nothing else"
+        )
+    if inputs not in ("", "held", "linear"):
+        raise ValueError(f'{path}: inputs is {shown(inputs)}, must be "held" or "linear"')
     for entry in mechanisms if isinstance(mechanisms, list) else [None]:
         if not isinstance(entry, dict) or set(entry) != {"name", "from"} or not all(map(_is_text, entry.values())):
             raise ValueError(f"{path}: each of [[mechanisms]] must hold two texts, name and from")
@@ -229,7 +240,8 @@ def _content(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: mechanism {shown(twice[0])} is there twice; remove one")
     if not isinstance(values, dict):
         raise ValueError(f"{path}: [values] must be a table of numbers")
-    return {"base": base, "mechanisms": mechanisms, "values": {k: _number(v, path) for k, v in values.items()}}
+    numbers = {k: _number(v, path) for k, v in values.items()}
+    return {"base": base, "inputs": inputs, "mechanisms": mechanisms, "values": numbers}
 
 
 def _number(value: object, path: Path) -> float:

@@ -50,13 +50,15 @@ def tried(work: Callable[[], object], where: str) -> None:
 
 def _in_child(work: Callable[[], object], where: str) -> None:
     receive, send = multiprocessing.Pipe(duplex=False)
-    try:
-        with warnings.catch_warnings():
-            # Python warns of forks beside threads, whose locks may be held for ever; the clock sees to that, too.
-            warnings.simplefilter("ignore", DeprecationWarning)
+    with warnings.catch_warnings():
+        # Python warns of forks beside threads, whose locks may be held for ever; the clock sees to that, too.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
             child = os.fork()
-    except OSError:  # no room for another process, or no right to start one
-        return _in_thread(work, where)
+        except OSError:  # where no process may be started, as in a sandbox, a thread must do
+            receive.close()
+            send.close()
+            return _in_thread(work, where)
     if child == 0:
         _be_the_child(work, where, send)
     send.close()

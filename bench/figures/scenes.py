@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from scipy.stats import chi2
 
 from bench.coverage import nis_median_ratio
@@ -74,7 +75,7 @@ def flow_parity(flow: Array) -> Figure:
     square = (ends[0], ends[1], ends[0], ends[1])
     drawn = axes.hexbin(true, estimated, gridsize=60, cmap="cividis_r", norm=LogNorm(), mincnt=1, extent=square)
     axes.plot(ends, ends, color=INK, linewidth=0.6, linestyle="--")
-    axes.text(0.05, 0.93, f"$R^2$ = {r_squared(flow):.4f}", transform=axes.transAxes)
+    axes.text(0.05, 0.93, f"R² = {r_squared(flow):.4f}", transform=axes.transAxes)
     axes.set_xlabel("true mass flow, g/s")
     axes.set_ylabel("estimated mass flow, g/s")
     axes.set_aspect("equal")
@@ -120,6 +121,8 @@ def innovations(nis: Mapping[str, Array]) -> Figure:
             axes.text(0.03, 0.9, f"median × {ratio:.2f}", transform=axes.transAxes)
         axes.plot(middle, expected, color=INK, linewidth=1.0, linestyle="--")
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_title(title)
         axes.set_xlabel("NIS, three channels")
     panels[0].set_ylabel("share of updates per bin")

@@ -56,6 +56,8 @@ RC: dict[Any, Any] = {
     "figure.facecolor": PAPER,
     "axes.facecolor": "none",
     "svg.hashsalt": "twinbench",
+    # Names are users': a channel called $x_ must not be read as a formula.
+    "text.parse_math": False,
 }
 styled = matplotlib.rc_context(RC)
 """Decorator of every drawing function: the house style, without touching the user's settings."""

@@ -81,7 +81,9 @@ def test_the_page_shows_what_the_results_hold():
     page = PAGE.read_text(encoding="utf-8")
     assert filled(page, RESULTS) == page
     for one in CASES:
-        assert json.loads((RESULTS / one.name / "verdict.json").read_text())["says"] in page
+        verdict = json.loads((RESULTS / one.name / "verdict.json").read_text())
+        assert f"> {verdict['says']}\n" in page
+        assert all(f"> - {point}\n" in page for point in verdict["points"])
 
 
 def test_a_folder_without_the_recordings_is_one_line(tmp_path, capsys):

@@ -140,3 +140,18 @@ def test_no_child_is_left(tmp_path: Path) -> None:
     load_simulator(write(tmp_path, TANK))
     with pytest.raises(ChildProcessError):
         os.waitpid(-1, os.WNOHANG)
+
+
+def test_where_no_process_may_be_started_a_thread_tries(tmp_path, monkeypatch):
+    """As in the process of the concealed-effect suite's engine, which has given up that right."""
+
+    def forbidden() -> int:
+        raise PermissionError("may start no other")
+
+    monkeypatch.setattr(os, "fork", forbidden)
+    monkeypatch.setattr(trial, "CALL_S", 5.0)
+    tried: list[str] = []
+    trial.tried(lambda: tried.append("here"), "a file")
+    assert tried == ["here"]
+    with pytest.raises(ValueError, match="no good"):
+        trial.tried(lambda: exec("raise ValueError('no good')"), "a file")
