@@ -17,6 +17,7 @@ from bench.estimates import Estimates
 from bench.evaluate import run as evaluate
 from bench.figures.recording import estimate_figure
 from bench.profile import Evaluation, Profile, flattened, load_profile
+from bench.progress import each
 from bench.registry import discover, find
 from bench.results import load_results
 from bench.roster import axis_label, label, ordered
@@ -96,7 +97,7 @@ def apply(
     pin_torch()
     estimator = cells.load_fit(store, cell)
     summaries = []
-    for recording in recordings:
+    for recording in each("estimate", recordings):
         batch = recording.to_batch()
         every = max(1, batch.measured.shape[1] // MOST_ROWS)
         estimates = evaluate(estimator, batch, Evaluation(stride=every, origin_every_s=1e9, leads_s=(1.0,)), cell.seed)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import logging
 import shlex
+import signal
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -28,9 +32,33 @@ EPILOG = """examples:
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
-exit status: 0 done, 1 a method or a check failed, 2 bad input; mismatch tells by it what it found, see its --help"""
+exit status:
+    0  done
+    1  a method, a check or a worker process failed; what was finished is kept
+    2  bad input: one line says what and where, and nothing is written
+   10  mismatch: something is wrong and has a name; 11: and has none, or not in full
+  130  stopped with Ctrl-C, 143 by SIGTERM; run the same command again to go on
+completion: eval "$(twinbench completion bash)", or zsh; twinbench completion fish | source"""
+_PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check")
+_LOGGED = ("physics", "data", "methods", "baselines", "mismatch", "bench")
+_VERBOSE = "say on stderr what is done, with times; twice: more"
+log = logging.getLogger(__name__)
 _SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
 _TRUST_HELP = "run the Python that a model.toml names though it lies outside its folder and the one you are in"
+
+
+class _Version(argparse.Action):
+    """The version, and in a checkout the commit: asked for only when somebody asks."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from bench.versions import version
+
+        print(f"twinbench {version()}")
+        parser.exit()
+
+
+class _Terminated(BaseException):
+    """SIGTERM came."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -50,6 +78,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", nargs=0, action=_Version, help="the version, and the commit in a checkout")
+    parser.add_argument("-v", "--verbose", action="count", default=0, help=_VERBOSE)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
 
     def command(name: str, says: str, example: str) -> argparse.ArgumentParser:
@@ -63,7 +93,10 @@ def _parser() -> argparse.ArgumentParser:
 
     run = command("run", "simulate, train, evaluate, compare, report", "twinbench run --only oracle gru_kf")
     run.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
-    run.add_argument("--only", nargs="+", default=(), metavar="NAME", help="estimators by name or by path/to/file.py")
+    run.add_argument(
+        "--only", nargs="+", default=(), metavar="NAME",
+        help="estimators by name or by path/to/file.py; those that are in --out already keep their rows beside them",
+    )  # fmt: skip
     run.add_argument(
         "--ablations", action="store_true",
         help="besides, each of the estimators without each of its parts (twinbench list ablations)",
@@ -75,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
     run.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True,
-        help="keep what an earlier run finished (default); --no-resume starts over",
+        help="keep what an earlier run finished (default); --no-resume does over what it runs",
     )  # fmt: skip
     run.add_argument("--backend", choices=("local", "dask"), default="local", help="where the cells run")
     run.add_argument("--scheduler", default="", metavar="ADDRESS", help="the Dask scheduler, tcp://host:port")
@@ -86,11 +119,9 @@ def _parser() -> argparse.ArgumentParser:
         "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {_SIMULATOR_HELP}"
     )
     listing.add_argument("--trust", action="store_true", help=_TRUST_HELP)
-    listing.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
     check = command("check", "run the contract battery on an estimator", "twinbench check my_baseline.py")
     check.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
-    check.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
     tuning = command(
         "tune", "choose an estimator's settings on the validation sequences", "twinbench tune gru_kf --trials 20"
@@ -129,7 +160,6 @@ def _parser() -> argparse.ArgumentParser:
     estimate.add_argument("--profile", default="quick", help="whose training (default: quick)")
     estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
     estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
-    estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
 
     export = command(
         "export", "write a trained DeepONet-Kalman as an ONNX graph and arrays, for machines without this package",
@@ -167,7 +197,6 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     mismatch.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     mismatch.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
-    mismatch.add_argument("--json", action="store_true", help="the verdict as JSON, alone on stdout")
 
     prove = command(
         "prove", "hide effects in simulated machines and see whether mismatch finds them",
@@ -214,6 +243,21 @@ def _parser() -> argparse.ArgumentParser:
         "--ticks", type=int, default=200, metavar="N", help="of each, at 20 Hz; 0: none (default: 200, ten seconds)"
     )
     latency.add_argument("--out", type=Path, metavar="DIR", help="where tables and figures go (results/latency)")
+
+    completion = command(
+        "completion", "print a script that completes commands, options and names in your shell",
+        'eval "$(twinbench completion bash)"\n\n'
+        "best as a line of ~/.bashrc, or with zsh of ~/.zshrc; fish: twinbench completion fish | source",
+    )  # fmt: skip
+    completion.add_argument("shell", choices=("bash", "zsh", "fish"))
+    for name, added in commands.choices.items():
+        if name in _PARALLEL:
+            says = "at most so many at once (default: one per core; fewer need less memory)"
+            added.add_argument("--jobs", type=int, metavar="N", help=says)
+        if added is not completion:
+            added.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
+        # After the command's name it must not undo what stands before it.
+        added.add_argument("-v", "--verbose", action="count", default=argparse.SUPPRESS, help=_VERBOSE)
     return parser
 
 
@@ -224,7 +268,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from data.shown import printable
 
     try:
-        return int(_COMMANDS[arguments.command](arguments))
+        with _surroundings(arguments):
+            return int(_COMMANDS[arguments.command](arguments))
     except BadInput as error:
         print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 2
@@ -232,10 +277,100 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
-        return 130
+        return _stopped(130)
+    except _Terminated:
+        return _stopped(143)
     except BrokenPipeError:
         return 0
+    except RuntimeError as error:
+        workers = sys.modules.get("bench.workers")
+        if workers is None or not isinstance(error, workers.WorkerKilled):
+            raise
+        print(f"twinbench: {error}", file=sys.stderr)
+        return 1
+
+
+def _stopped(status: int) -> int:
+    """End what works for this process, and say how to go on."""
+    if workers := sys.modules.get("bench.workers"):
+        workers.end_workers()
+    print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
+    return status
+
+
+@contextlib.contextmanager
+def _surroundings(a: argparse.Namespace) -> Iterator[None]:
+    """What holds for every command: logging, the number of jobs, where output goes, what SIGTERM does."""
+    from data.jobs import at_most
+
+    a.stdout = sys.stdout
+    with contextlib.ExitStack() as stack:
+        if getattr(a, "json", False):
+            # What a plug-in prints must not stand between what a program reads.
+            stack.enter_context(contextlib.redirect_stdout(sys.stderr))
+        stack.enter_context(at_most(getattr(a, "jobs", None)))
+        stack.enter_context(_logging(a.verbose))
+        stack.enter_context(_sigterm())
+        begun = time.monotonic()
+        log.info("twinbench %s begins", a.command)
+        yield
+        log.info("twinbench %s ends after %.1f s", a.command, time.monotonic() - begun)
+
+
+@contextlib.contextmanager
+def _logging(verbose: int) -> Iterator[None]:
+    """With --verbose: what this package does, with times, on stderr; twice: details as well."""
+    if not verbose:
+        yield
+        return
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+    loggers = [logging.getLogger(name) for name in _LOGGED]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def _sigterm() -> Iterator[None]:
+    """SIGTERM unwinds this process as Ctrl-C does, where it is the main thread's to decide."""
+
+    def stop(*_: object) -> NoReturn:
+        raise _Terminated
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # a program runs the command in another thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _tell(a: argparse.Namespace, value: Any) -> None:
+    """One JSON value on stdout."""
+    print(json.dumps(value, indent=2, allow_nan=False), file=a.stdout)
+
+
+def _rows(frame: Any) -> list[dict[str, Any]]:
+    """A table as records; null where there is no number."""
+    return list(json.loads(frame.to_json(orient="records", double_precision=15)))
+
+
+def _failed(outcomes: Any) -> list[dict[str, Any]]:
+    """Cells that failed."""
+    return [
+        {"estimator": o.cell.estimator, "seed": o.cell.seed, "stage": o.stage, "reason": o.reason} for o in outcomes
+    ]
 
 
 def _run(a: argparse.Namespace) -> int:
@@ -249,6 +384,11 @@ def _run(a: argparse.Namespace) -> int:
     out = a.out or Path("results") / profile.name
     command = "twinbench " + shlex.join(sys.argv[1:])
     finished = run(profile, out, tuple(a.only), a.ablations, a.robustness, a.resume, a.backend, a.scheduler, command)
+    if a.json:
+        page = str((out / "report.html").resolve())
+        rows = _rows(finished.comparison.frame)
+        _tell(a, {"comparison": rows, "failed": _failed(finished.failed), "report": page})
+        return 1 if finished.failed else 0
     print(to_text(finished.comparison, get_terminal_size().columns))
     for outcome in finished.failed:
         print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")
@@ -263,7 +403,7 @@ def _list(a: argparse.Namespace) -> int:
         raise BadInput(f"list {a.what}: --simulator goes with mechanisms only; leave it out")
     rows = _mechanisms(a.simulator, a.trust) if a.what == "mechanisms" else _LISTS[a.what]()
     if a.json:
-        print(json.dumps(rows, indent=2))
+        _tell(a, rows)
         return 0
     from rich.console import Console
     from rich.markup import escape
@@ -329,7 +469,7 @@ def _check(a: argparse.Namespace) -> int:
     results = run_battery(find(a.estimator))
     failed = sum(r.status == "fail" for r in results)
     if a.json:
-        print(json.dumps([{"name": r.name, "status": r.status, "detail": r.detail} for r in results], indent=2))
+        _tell(a, [{"name": r.name, "status": r.status, "detail": r.detail} for r in results])
         return 1 if failed else 0
     from rich.console import Console
     from rich.markup import escape
@@ -344,6 +484,8 @@ def _check(a: argparse.Namespace) -> int:
 
 
 def _tune(a: argparse.Namespace) -> int:
+    import tomllib
+
     from rich.console import Console
 
     from bench.profile import load_profile
@@ -351,8 +493,12 @@ def _tune(a: argparse.Namespace) -> int:
 
     command = "twinbench " + shlex.join(sys.argv[1:])
     profile = load_profile(a.profile)
-    for spec in a.estimators:
-        print(tune(spec, profile, a.out, a.trials, Console(stderr=True), command, a.online), end="")
+    console = Console(stderr=True)
+    chosen = [tune(spec, profile, a.out, a.trials, console, command, a.online) for spec in a.estimators]
+    if a.json:
+        _tell(a, [tomllib.loads(section)["settings"] for section in chosen])
+    else:
+        print("".join(chosen), end="")
     return 0
 
 
@@ -364,8 +510,7 @@ def _simulate(a: argparse.Namespace) -> int:
     if a.simulator:
         from bench.replay import replay
 
-        for path in replay(a.simulator, a.inputs, a.out, a.map, a.format, a.trust):
-            print(path)
+        _tell_files(a, replay(a.simulator, a.inputs, a.out, a.map, a.format, a.trust))
         return 0
     return _simulate_benchmark(a)
 
@@ -385,8 +530,19 @@ def _simulate_benchmark(a: argparse.Namespace) -> int:
         table = truth_table(batch.without_truth() if a.no_truth else batch, 0)
         write = table.to_csv if a.format == "csv" else table.to_parquet
         write_atomically(a.out / f"{scenario.name}.{a.format}", partial(write, index=False))
-    print(f"{len(scenarios)} recordings in {a.out}")
+    if a.json:
+        _tell_files(a, [a.out / f"{scenario.name}.{a.format}" for scenario in scenarios])
+    else:
+        print(f"{len(scenarios)} recordings in {a.out}")
     return 0
+
+
+def _tell_files(a: argparse.Namespace, paths: Sequence[Path]) -> None:
+    """The files that were written, a line each."""
+    if a.json:
+        _tell(a, {"files": [str(path) for path in paths]})
+    else:
+        print("\n".join(map(str, paths)))
 
 
 def _estimate(a: argparse.Namespace) -> int:
@@ -394,7 +550,7 @@ def _estimate(a: argparse.Namespace) -> int:
 
     summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map)
     if a.json:
-        print(json.dumps(summaries, indent=2))
+        _tell(a, summaries)
     else:
         for summary in summaries:
             print(summary["says"])
@@ -404,8 +560,7 @@ def _estimate(a: argparse.Namespace) -> int:
 def _export(a: argparse.Namespace) -> int:
     from bench.export import export
 
-    for path in export(a.estimator, a.out, a.profile, a.results):
-        print(path)
+    _tell_files(a, export(a.estimator, a.out, a.profile, a.results))
     return 0
 
 
@@ -419,7 +574,8 @@ def _mismatch(a: argparse.Namespace) -> int:
     from bench.mismatch_report import to_json, to_text, write_page
     from bench.mismatch_status import STATUS
 
-    print(to_json(verdict) if a.json else to_text(verdict, get_terminal_size().columns), flush=True)
+    told = to_json(verdict) if a.json else to_text(verdict, get_terminal_size().columns)
+    print(told, file=a.stdout if a.json else None, flush=True)
     write_page(verdict, a.out)
     if not a.json:
         for name, says in (("report.html", "report"), ("verdict.json", "for programs"), ("model.toml", "mended model")):
@@ -428,6 +584,7 @@ def _mismatch(a: argparse.Namespace) -> int:
 
 
 def _prove(a: argparse.Namespace) -> int:
+    import pandas as pd
     from rich.console import Console
 
     from bench.prove.engines import chosen
@@ -438,6 +595,10 @@ def _prove(a: argparse.Namespace) -> int:
     command = "twinbench " + shlex.join(sys.argv[1:])
     console = Console(stderr=True)
     gates = run(a.cases, a.seed, a.out, console, engines, opponent_cases=a.opponent_cases, command=command)
+    if a.json:
+        compared = _rows(pd.read_csv(a.out / "engines.csv"))
+        _tell(a, {"gates": _rows(gates), "engines": compared, "out": str(a.out.resolve())})
+        return 0
     print(as_markdown(gates))
     if len(engines) > 1:
         print((a.out / "engines.md").read_text())
@@ -452,7 +613,11 @@ def _flagship(a: argparse.Namespace) -> int:
 
     command = "twinbench " + shlex.join(sys.argv[1:])
     engines = ENGINES if a.told else ENGINES[:1]
-    print(as_markdown(run(a.draws, a.seed, a.out, Console(stderr=True), engines, command=command)))
+    gates = run(a.draws, a.seed, a.out, Console(stderr=True), engines, command=command)
+    if a.json:
+        _tell(a, {"gates": _rows(gates), "out": str(a.out.resolve())})
+    else:
+        print(as_markdown(gates))
     return 0
 
 
@@ -462,8 +627,12 @@ def _report(a: argparse.Namespace) -> int:
 
     if not (a.results / "manifest.json").is_file():
         raise BadInput(f"{a.results} holds no run (no manifest.json); make one with: twinbench run --out {a.results}")
-    write_report(a.results)
-    print(f"report: {(a.results / 'report.html').resolve()}")
+    comparison = write_report(a.results)
+    page = (a.results / "report.html").resolve()
+    if a.json:
+        _tell(a, {"comparison": _rows(comparison.frame), "report": str(page)})
+    else:
+        print(f"report: {page}")
     return 0
 
 
@@ -483,11 +652,21 @@ def _latency(a: argparse.Namespace) -> int:
     out = a.out or Path("results/latency")
     console = Console(stderr=True)
     table, failed = run(a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, console)
+    if a.json:
+        _tell(a, {"latency": _rows(table.frame), "failed": _failed(failed), "out": str(out.resolve())})
+        return 1 if failed else 0
     print(to_text(table, get_terminal_size().columns))
     for outcome in failed:
         print(f"failed: {outcome.cell.estimator}: {outcome.reason}")
     print(f"tables and figures: {out.resolve()}")
     return 1 if failed else 0
+
+
+def _completion(a: argparse.Namespace) -> int:
+    from bench.completion import script
+
+    print(script(_parser(), a.shell), end="")
+    return 0
 
 
 _LISTS = {
@@ -509,4 +688,5 @@ _COMMANDS = {
     "flagship": _flagship,
     "report": _report,
     "latency": _latency,
+    "completion": _completion,
 }

@@ -10,17 +10,20 @@ import contextlib
 import logging
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
+from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, TaskID, TextColumn
 from rich.progress import Progress as Bars
 
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 LINE_EVERY_S = 30.0
+REDRAWN_S = 0.2
 TELLS_S = 2.0
 """How long a stage takes before it is foretold how long it takes."""
 
@@ -42,7 +45,8 @@ class Stage:
     resumed: float = 0.0
     says: str = ""
     over: bool = False
-    since: float | None = field(default_factory=time.monotonic)
+    told: bool = False
+    since: float | None = field(default_factory=lambda: time.monotonic())
     spent_s: float = 0.0
     bar: TaskID | None = None
 
@@ -75,9 +79,14 @@ class Stage:
 
 
 class Progress:
-    """Tells of one stage after the other."""
+    """Tells of one stage after the other.
 
-    def __init__(self, console: Console | None = None) -> None:
+    Args:
+        after_s: in a log, stages that are over sooner are not told: for commands that mostly take a moment.
+    """
+
+    def __init__(self, console: Console | None = None, after_s: float = 0.0) -> None:
+        self.after_s = after_s
         self.console = console or Console(stderr=True)
         self._stages: dict[str, Stage] = {}
         self._now: Stage | None = None
@@ -103,8 +112,8 @@ class Progress:
         for stage in self._stages.values():
             if kind is None:
                 self._close(stage)
-            elif stage is self._now:
-                self._say(f"{stage.name}: broken off {stage.status()}")
+            elif stage is self._now and stage.told:
+                self._say(f"{stage.name}: broken off, {stage.status()}")
         if self._bars:
             self._draw()
             self._bars.stop()
@@ -137,9 +146,14 @@ class Progress:
         self._now = self._stages[stage.name] = stage
         if self._bars:
             stage.bar = self._bars.add_task(stage.name, total=stage.total or 1.0, status="")
+        if not self.after_s:
+            self._say_begins(stage)
+        return stage
+
+    def _say_begins(self, stage: Stage) -> None:
+        stage.told = True
         steps = f"{stage.total:g} to do" if stage.total and stage.total > 1 else "begins"
         self._say(f"{stage.name}: {steps}{f', {stage.resumed:g} of them done before' if stage.resumed else ''}")
-        return stage
 
     def _pause(self, stage: Stage) -> None:
         stage.pause()
@@ -152,15 +166,21 @@ class Progress:
         stage.pause()
         stage.done, stage.over = stage.total or 1.0, True
         self._now = None if self._now is stage else self._now
-        self._say(f"{stage.name}: {stage.status()}")
+        if stage.told:
+            self._say(f"{stage.name}: {stage.status()}")
 
     def _tell(self) -> None:
         """Until the end: the bars, or a line for who reads a log."""
-        while not self._over.wait(0.2 if self._bars else LINE_EVERY_S):
+        wait_s = REDRAWN_S if self._bars else self.after_s or LINE_EVERY_S
+        while not self._over.wait(wait_s):
+            stage = self._now
             if self._bars:
                 self._draw()
-            elif self._now is not None:
-                self._say(f"{self._now.name}: {self._now.status()}")
+            elif stage is not None and not stage.told:
+                self._say_begins(stage)
+            elif stage is not None:
+                self._say(f"{stage.name}: {stage.status()}")
+                wait_s = LINE_EVERY_S
 
     def _draw(self) -> None:
         assert self._bars is not None
@@ -174,6 +194,14 @@ class Progress:
             log.info(line)
         elif self._bars is None:
             self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def each(name: str, several: Sequence[T]) -> Iterator[T]:
+    """One after the other of several, as a stage; told if it takes more than a moment."""
+    with Progress(after_s=TELLS_S) as progress, progress.stage(name, len(several)) as going:
+        for one in several:
+            yield one
+            going.step()
 
 
 def duration(seconds: float) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,8 @@ def _html(results: Results, summary: Summary, tables: list[Table], figures: list
         certainty=certainty(summary),
         profile=profile_of(results),
         references=[label(name) for name in UNRANKED],
-        tables=tables,
+        # What the page says at its top is not said again below the first table.
+        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
         figures=figures,
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
         provenance=_provenance(results.manifest),

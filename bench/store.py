@@ -9,16 +9,18 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from data.errors import BadInput
 
 PARTIAL = ".part"
+log = logging.getLogger(__name__)
 
 
 def key_of(**axes: Any) -> str:
@@ -49,6 +51,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
             os.fsync(file.fileno())
         os.chmod(beside, 0o644)
         os.replace(beside, path)
+        log.info("wrote %s", path)
     except BaseException as error:
         if beside is not None:
             beside.unlink(missing_ok=True)
@@ -86,6 +89,22 @@ def sweep(out: Path) -> None:
             beside.unlink(missing_ok=True)
 
 
+@contextlib.contextmanager
+def reading(part: Path) -> Iterator[None]:
+    """Whatever goes wrong where a part is read, it is not what a run wrote.
+
+    Raises:
+        BadInput: one line that names the file.
+    """
+    try:
+        yield
+    except BadInput:
+        raise
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise BadInput(f"cannot use {part}: {why}; remove it, and twinbench run makes it again") from error
+
+
 class Store:
     """Parts under one folder."""
 
@@ -102,7 +121,7 @@ class Store:
         part = self.path(kind, key, suffix)
         done = part.with_name(".done")
         try:
-            return done.read_text() == _sha256(part)
+            return done.read_bytes() == _sha256(part).encode()
         except OSError:
             return False
 

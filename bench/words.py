@@ -116,12 +116,13 @@ def _against_prior(summary: Summary) -> list[str]:
     rows = rows[rows["low"].notna()]
     better, worse = list(rows.index[rows["high"] < 0]), list(rows.index[rows["low"] > 0])
     level = [e for e in rows.index if e not in (*better, *worse)]
-    found = {"Better": better, "Not told from it": level, "Worse": worse}
-    said = [f"{verb}: {_names(map(label, names))}." for verb, names in found.items() if names]
+    said = [f"Better by the paired 95 % interval: {_names(map(label, better)) if better else 'nobody'}."]
+    said += [f"Not told from it: {_names(map(label, level))}."] if level else []
+    said += [f"Worse: {_names(map(label, worse))}."] if worse else []
     prior = number(summary.value(PRIOR, PARAMETERS).mean)
     return [
-        f"Who looks at no measurement and always says that the machine is healthy errs by {prior} % in health. By the "
-        f"paired 95 % interval. {' '.join(said)}"
+        f"Who looks at no measurement and always says that the machine is healthy errs by {prior} % in health. "
+        f"{' '.join(said)}"
     ]
 
 

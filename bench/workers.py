@@ -6,6 +6,7 @@ import functools
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
@@ -50,8 +51,9 @@ def _in_worker(parent: int, work: Callable[..., Any], *arguments: Any) -> Any:
 
 @functools.cache
 def _settle_in(parent: int) -> None:
-    """Once in each worker: it works alone, leaves Ctrl-C to its parent and ends with it."""
+    """Once in each worker: it works alone, prints beside the results, leaves Ctrl-C to its parent and ends with it."""
     os.environ[VARIABLE] = "1"
+    sys.stdout = sys.stderr
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
 

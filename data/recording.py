@@ -131,7 +131,7 @@ def _name(path: Path) -> str:
     """
     name = stem(path)
     if not name.strip(". ") or name.startswith(".") or not name.isprintable():
-        raise BadInput(f"{path}: no result can be named after this; name it with letters, the first of them no point")
+        raise BadInput(f"{path}: no result can be named after this; rename it, printable, without a point in front")
     if len(name.encode(errors="surrogateescape")) > LONGEST_NAME:
         raise BadInput(f"{path}: results are named after it, and it is longer than {LONGEST_NAME} bytes; rename it")
     if _DEVICES.fullmatch(name):

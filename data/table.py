@@ -217,4 +217,4 @@ def _too_large(path: Path, rows: int, columns: int) -> BadInput:
 
 
 def _first(error: Exception) -> str:
-    return bare((str(error).splitlines() or [type(error).__name__])[0])
+    return printable((str(error).splitlines() or [type(error).__name__])[0])

@@ -55,7 +55,11 @@ def how_joined(
     machine.settle_step([stretch], floor)
     errors = []
     for place, track in enumerate((stretch, replace(stretch, linear=True))):
-        problem, z, _ = calibrated(machine, [track], floor, lambda share, at=place: advance(0.5 * (at + share)))
+
+        def half(share: float, place: int = place) -> None:
+            advance(0.5 * (place + share))
+
+        problem, z, _ = calibrated(machine, [track], floor, half)
         errors.append(track.y - problem.readings(0, z))
     seen = np.flatnonzero(np.isfinite(errors[0] + errors[1]).sum(axis=0) >= PIECES)
     if not len(seen):

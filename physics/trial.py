@@ -20,9 +20,12 @@ from multiprocessing.connection import Connection
 from typing import NoReturn
 
 CALL_S = 15.0
-"""Seconds that a file's import, or one call of a function in it, may take, compiling of what it calls included. A call
-of a simulator takes microseconds, and fits make a million; a file that imports torch takes some five seconds."""
-_GRACE_S = 2.0  # between the alarm that ends the child and the parent's own patience
+"""Seconds of computing that a file's import, or one call of a function in it, may take, compiling of what it calls
+included. A call of a simulator takes microseconds, and fits make a million; importing torch takes some five seconds."""
+IDLE_S = 10.0
+"""Seconds on the clock after which what computes next to nothing is given up: it waits for what never comes."""
+_NOTHING = 0.005  # of a processor; a process that has to share a busy one gets more
+_PATIENCE_S = 300.0  # on the clock, if neither of the two ended it
 
 _here = threading.local()  # its ``tell`` is who listens to a trial in this thread
 
@@ -52,7 +55,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
             child = os.fork()
-        except OSError:  # where no process may be started, as in the concealed engine's own, a thread must do
+        except OSError:  # where no process may be started, as in a sandbox, a thread must do
             receive.close()
             send.close()
             return _in_thread(work, where)
@@ -61,7 +64,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
     send.close()
     doing, refused, late = "loading it", "", False
     try:
-        while not (late := not receive.poll(CALL_S + _GRACE_S)):
+        while not (late := not receive.poll(_PATIENCE_S)):
             kind, text = receive.recv()
             doing, refused = (text, refused) if kind == "doing" else (doing, text)
     except EOFError:
@@ -73,14 +76,17 @@ def _in_child(work: Callable[[], object], where: str) -> None:
         receive.close()
     if refused:
         raise ValueError(refused)
-    if late or ended == -signal.SIGALRM:
+    if late or ended == -_OUT_OF_TIME:
         raise _endless(where, doing)
+    if ended == _IDLE:
+        raise _idle(where, doing)
     if ended != _DONE:
         how = f"signal {-ended}" if ended < 0 else f"exit status {ended}"
         raise ValueError(f"{where}: {doing} ends Python itself ({how}); mend it there")
 
 
-_DONE = 71  # an exit status that nothing else has
+_DONE, _IDLE = 71, 72  # exit statuses that nothing else has
+_OUT_OF_TIME = signal.SIGPROF if sys.platform == "linux" else 0
 
 
 def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
@@ -91,13 +97,26 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
             os.dup2(nowhere.fileno(), stream)
         sys.stdout = sys.stderr = nowhere
         faulthandler.disable()
-        for number in (signal.SIGALRM, signal.SIGINT, signal.SIGTERM):
+        for number in (_OUT_OF_TIME, signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
 
-        def tell(what: str) -> None:
-            send.send(("doing", what))
-            signal.setitimer(signal.ITIMER_REAL, CALL_S)  # ends this process, even if its parent is gone
+        computed_s = 0.0
 
+        def look(number: int, frame: object) -> None:
+            nonlocal computed_s
+            before_s, computed_s = computed_s, time.process_time()
+            if computed_s - before_s < _NOTHING * IDLE_S:
+                os._exit(_IDLE)
+
+        def tell(what: str) -> None:
+            nonlocal computed_s
+            send.send(("doing", what))
+            computed_s = time.process_time()
+            # Both end this process even if its parent is gone; the first whatever it does.
+            signal.setitimer(signal.ITIMER_PROF, CALL_S)
+            signal.setitimer(signal.ITIMER_REAL, IDLE_S, IDLE_S)
+
+        signal.signal(signal.SIGALRM, look)
         _here.tell = tell
         work()
         status = _DONE
@@ -137,4 +156,8 @@ def _said(error: BaseException) -> str:
 
 
 def _endless(where: str, doing: str) -> ValueError:
-    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s; mend the loop in it that does not end")
+    return ValueError(f"{where}: {doing} has not ended after {CALL_S:g} s of computing; mend the loop in it")
+
+
+def _idle(where: str, doing: str) -> ValueError:
+    return ValueError(f"{where}: {doing} has not ended after {IDLE_S:g} s and computes nothing; it must not wait")

@@ -268,3 +268,36 @@ def test_a_command_line_that_is_none_would_be_noticed(capsys):
     with pytest.raises(SystemExit):
         _parser().parse_args(["run", "--no-such-option"])
     assert "--no-such-option" in capsys.readouterr().err
+
+
+def test_the_readme_names_the_paper_first_and_how_the_command_is_found():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    first = " ".join(readme.split("\n\n")[1].split())
+    assert "DeepONet-Kalman Modeling for Real-Time Parameter Updating in Compressor Digital Twins" in first
+    assert all(author in first for author in ("Nathan Roux", "Clément Lambert", "Mathéo Masson"))
+    assert readme.index(". .venv/bin/activate") < readme.index("\ntwinbench ")
+
+
+def test_lines_that_work_as_they_stand_name_files_that_are_there_or_come_to_be():
+    day_to_day = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Day to day")[2]
+    lines = re.findall(r"```sh\n(.*?)```", day_to_day, re.DOTALL)[0].splitlines()
+    made = {"recordings/test-00.csv", "results/quick"}
+    files = [word for line in lines for word in shlex.split(line, comments=True) if "/" in word]
+    assert files
+    for name in files:
+        assert name in made or (ROOT / name).is_file(), name
+    assert "simulate --out recordings" in lines[next(i for i, line in enumerate(lines) if "recordings/" in line) - 1]
+
+
+def test_pythons_are_the_same_everywhere():
+    files = ("README.md", "Makefile", "pyproject.toml")
+    readme, makefile, project = ((ROOT / file).read_text(encoding="utf-8") for file in files)
+    assert 'requires-python = ">=3.11,<3.14"' in project
+    assert "Python 3.11, 3.12 or 3.13" in words("README.md")
+    assert "(3, 11) <= sys.version_info < (3, 14)" in makefile
+    assert "Python 3.11, 3.12 or 3.13" in makefile
+    assert readme.count("Python 3.1") == 1
+
+
+def test_setting_up_installs_what_export_needs():
+    assert "-e '.[export]'" in (ROOT / "Makefile").read_text(encoding="utf-8")

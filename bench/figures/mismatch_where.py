@@ -50,8 +50,8 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
             axes.axhline(0.0, color=MUTED, linewidth=0.6)
         grid[0, column].set_title(track.name, loc="left")
         grid[-1, column].set_xlabel(f"time, {unit}")
-        begins = {o.since_s for f in verdict.findings for o in f.onsets if o.recording == track.name}
-        for since_s in begins - {None}:
+        onsets = [o for f in verdict.findings for o in f.onsets if o.recording == track.name]
+        for since_s in {o.since_s for o in onsets if o.since_s is not None}:
             for axes in grid[:, column]:
                 axes.axvline(since_s / scale, color=INK, linewidth=1.2, linestyle=":")
     if located:

@@ -51,7 +51,7 @@ def _banded(names: list[str]) -> str:
 def state_trajectories(example: Example) -> Figure:
     """Fig. 3 on one test sequence: truth and estimates on the left, estimate minus truth on the right."""
     # The prior's states are a mean over all training: they would only stretch the axes.
-    names = [n for n in ordered(example.tracks) if n != PRIOR]
+    names = [n for n in ordered(example.tracks) if n != PRIOR] or [PRIOR]
     keep = thin(len(example.time_s), MOST_POINTS)
     minutes, true = example.time_s[keep] / 60.0, states(example.truth[keep])
     figure = canvas(PAGE_MM, 128.0)

@@ -88,7 +88,10 @@ def test_the_headline_says_no_more_than_the_tests(errors, forecasts, says):
 def test_everybody_is_held_against_who_never_looks():
     with_prior = {**CLEAR, PRIOR: 2.0 + wobble(7), REFERENCE: 0.5 + wobble(8)}
     (said,) = [p for p in answer(summarise(scores(with_prior), {})) if "looks at no measurement" in p]
-    assert "Better: Oracle (reference) and GRU + KF. Not told from it: DeepONet. Worse: LSTM + RLS." in said
+    assert "Better by the paired 95 % interval: Oracle (reference) and GRU + KF. Not told" in said
+    assert "Not told from it: DeepONet. Worse: LSTM + RLS." in said
+    nobody = {**CLEAR, PRIOR: 0.1 + wobble(7)}
+    assert any("interval: nobody. Worse: GRU + KF" in p for p in answer(summarise(scores(nobody), {})))
     assert not [p for p in answer(summarise(scores(CLEAR), {})) if "looks at no measurement" in p]
 
 

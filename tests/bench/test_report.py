@@ -143,6 +143,12 @@ def test_one_estimator_on_one_sequence_compares_nothing_and_says_so(alone: Path)
     assert (alone / "tables" / "comparison.csv").read_text().count("\n") == 2
 
 
+def test_a_run_of_the_prior_alone_has_its_report(tmp_path: Path) -> None:
+    write_report(write_run(tmp_path, {"always_prior": 1.0}, 2, seconds=300))
+    assert "Always at the prior" in html(tmp_path)
+    assert "Nothing to compare" in html(tmp_path)
+
+
 def test_drawn_again_it_is_the_same_to_the_byte_and_stale_figures_go(failed: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(failed, out)

@@ -53,7 +53,8 @@ def a_word_replaced(arguments: list[str], rng: np.random.Generator) -> list[str]
 
 @mutator(ORDERLY)
 def a_word_lost(arguments: list[str], rng: np.random.Generator) -> list[str]:
-    at = int(rng.integers(len(arguments)))
+    """But the command: what follows may be another."""
+    at = int(rng.integers(1, len(arguments)))
     return arguments[:at] + arguments[at + 1 :]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fuzz.cases import ORDERLY, REFUSED, SAME, Shelf, pick
+from fuzz.cases import ORDERLY, REFUSED, SAME, TOLD, Shelf, pick
 
 MINE = """
 import numpy as np
@@ -93,7 +93,7 @@ def no_estimator(text: str, rng: np.random.Generator) -> str:
     ))  # fmt: skip
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, check=TOLD)
 def a_name_that_is_none(text: str, rng: np.random.Generator) -> str:
     names = (
         '"oracle"',
