@@ -110,8 +110,9 @@ def _be_the_child(work: Callable[[], object], where: str, send: Connection) -> N
 
         def tell(what: str) -> None:
             nonlocal computed_s, doing
+            doing = what
             send.send(("doing", what))
-            doing, computed_s = what, time.process_time()
+            computed_s = time.process_time()
             # Both end this process even if its parent is gone; the first whatever it does.
             signal.setitimer(signal.ITIMER_PROF, CALL_S)
             signal.setitimer(signal.ITIMER_REAL, IDLE_S, IDLE_S)
@@ -121,7 +122,7 @@ def _be_the_child(work: Callable[[], object], where: str, send: Connection) -> N
         work()
         status = _DONE
     except BaseException as error:
-        send.send(("refused", _refusal(error, where, doing)))
+        send.send(("refused", _said(error, where, doing)))
     finally:
         os._exit(status)
 
@@ -146,15 +147,15 @@ def _in_thread(work: Callable[[], object], where: str) -> None:
         if time.monotonic() - since_s[0] > CALL_S:
             raise _endless(where, doing[0])
     if errors:
-        raise ValueError(_refusal(errors[0], where, doing[0])) from errors[0]
+        raise ValueError(_said(errors[0], where, doing[0])) from errors[0]
 
 
-def _refusal(error: BaseException, where: str, doing: str) -> str:
-    """A refusal's own words; of anything else what it is and where it came from."""
+def _said(error: BaseException, where: str, doing: str) -> str:
+    """A refusal's own words; of anything else its kind, and where it came from."""
     text = (str(error).splitlines() or [""])[0]
     if isinstance(error, ValueError):
         return text
-    return f"{where}: {doing} ends in {type(error).__name__}: {text}; mend it"
+    return f"{where}: {doing} raises {type(error).__name__}{': ' * bool(text)}{text}; mend it there"
 
 
 def _endless(where: str, doing: str) -> ValueError:
