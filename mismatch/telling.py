@@ -10,7 +10,7 @@ from mismatch import evidence
 from mismatch.evidence import OutputError
 from mismatch.findings import Finding, Value, variable_names
 from mismatch.walk import Diagnosis
-from mismatch.words import counted, interval, listed, number, sentence, with_unit
+from mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
@@ -130,7 +130,9 @@ def _several(findings: Sequence[Finding]) -> Iterator[str]:
     """What several findings are, before any number."""
     kinds = [f.kind for f in findings]
     if lacks := kinds.count("missing physics"):
-        yield f"the simulator lacks {counted(lacks, 'effect')}"
+        sure = sum(f.is_sure for f in findings if f.kind == "missing physics")
+        how_sure = "" if sure == lacks else f" ({count(sure) if sure else 'none'} of them sure by name)"
+        yield f"the simulator lacks {counted(lacks, 'effect')}{how_sure}"
     if faulty := kinds.count("sensor fault"):
         yield f"{counted(faulty, 'sensor or input is', 'sensors or inputs are')} at fault"
     if "unexplained" in kinds:

@@ -25,7 +25,7 @@ included. A call of a simulator takes microseconds, and fits make a million; imp
 IDLE_S = 10.0
 """Seconds on the clock after which what computes next to nothing is given up: it waits for what never comes."""
 _NOTHING = 0.005  # of a processor; a process that has to share a busy one gets more
-_PATIENCE_S = 300.0  # on the clock, if neither of the two ended it
+_PATIENCE_S = 60.0  # on the clock, for machines so busy that neither of the two has ended it
 
 _here = threading.local()  # its ``tell`` is who listens to a trial in this thread
 

@@ -11,7 +11,7 @@ from bench.figures.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, face, le
 from bench.roster import PROPOSED, UNRANKED, label, ordered
 from bench.scores import STATE_ERRORS
 from bench.summary import PARAMETERS, Summary
-from bench.tables import least
+from bench.tables import quickest
 from data.batch import SAMPLE_PERIOD_S
 
 PERCENTILES = ("p50_us", "p95_us", "p99_us", "max_us")
@@ -102,7 +102,7 @@ ACCURACY = {
 @styled
 def accuracy_and_time(summary: Summary, latency: pd.DataFrame) -> Figure:
     """Fig. 7c: error against the time of one update; a line joins those that none other beats in both."""
-    times = least(latency, "p50_us")
+    times = quickest(latency, "p50_us")
     names = [n for n in summary.estimators if n in times]
     figure = canvas(PAGE_MM, 0.85 * COLUMN_MM)
     for axes, (says, metrics) in zip(figure.subplots(1, len(ACCURACY)), ACCURACY.items(), strict=True):
