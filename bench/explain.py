@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,7 +45,8 @@ def explain(
 
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
     whole = whole_catalogue(simulator, own, period_s)
-    with _folder(out), Progress() as progress:
+    check_writable(out)
+    with Progress() as progress:
         verdict = diagnose(
             simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults,
             inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
@@ -56,17 +56,3 @@ def explain(
         model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)
         write_findings(verdict, model, out)
     return verdict
-
-
-@contextlib.contextmanager
-def _folder(out: Path) -> Iterator[None]:
-    """The folder, made and tried before the long part; gone again if nothing comes to be in it."""
-    made = [folder for folder in (out, *out.parents) if not folder.exists()]
-    check_writable(out)
-    try:
-        yield
-    except BaseException:
-        for folder in made:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise

@@ -15,14 +15,12 @@ from bench.mismatch_tables import build_listings, sizes
 from bench.page import render, write_bytes, write_figures
 from bench.store import write_text
 from data.errors import BadInput
-from mismatch.findings import Finding
+from mismatch.findings import Finding, probable
 from mismatch.verdict import Verdict
-from mismatch.words import listed, number, typeset
+from mismatch.words import listed, typeset
 
 OPENING = "fit_held_out"
 """The figure that the page begins with: before and after on what was held out."""
-NEARLY_SURE = 0.99
-"""Probabilities above it are not told apart: the weights are not known so well."""
 _WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # names of channels
 
 
@@ -94,14 +92,11 @@ def _html(verdict: Verdict, figures: list[dict[str, Any]]) -> str:
 
 def _facts(f: Finding) -> list[tuple[str, str]]:
     """A finding's fields as pairs to read; what it does not know is left out."""
-    weight = "not weighed: nothing else was fitted in its place"
-    if f.probability is not None:
-        weight = number(f.probability, 2) if f.probability < NEARLY_SURE else f"above {NEARLY_SURE}"
     pairs = [
         ("kind", f.kind),
         ("term", typeset(f.term)),
         ("port", f.port),
-        ("probability", weight if f.term and f.mechanism else ""),
+        ("probability", probable(f.probability) if f.term and f.mechanism else ""),
         ("where", typeset(f.regime)),
         ("cannot be told from", listed(f.candidates[1:]) if f.candidates else ""),
     ]

@@ -40,6 +40,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         CannotWrite: the folder cannot be written to, or the disk is full.
     """
     beside: Path | None = None
+    made: list[Path] = []
     try:
         made = [folder for folder in path.parents if not folder.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -72,14 +73,21 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder, and see that files can be made in it.
+    """See that files can be made in a folder, and leave nothing there: what comes next may refuse its input.
 
     Raises:
         CannotWrite: they cannot.
     """
-    probe = folder / ".writable"
-    write_text(probe, "")
-    probe.unlink()
+
+    def leave_nothing(beside: Path) -> None:
+        raise _Writable
+
+    with contextlib.suppress(_Writable):
+        write_atomically(folder / ".writable", leave_nothing)
+
+
+class _Writable(Exception):
+    """A file could be made."""
 
 
 def sweep(out: Path) -> None:

@@ -74,6 +74,7 @@ def tune(
     if trials < 1:
         raise BadInput(f"--trials is {trials}, must be at least 1")
     check_writable(out)
+    out.mkdir(parents=True, exist_ok=True)
     store = Store(out / "store")
     optuna.logging.set_verbosity(logging.WARNING)
     study = optuna.create_study(

@@ -132,7 +132,7 @@ def probabilities(d: Diagnosis) -> dict[str, float | None]:
     for name in d.chosen.names:
         rivalled = any(family_of[name] not in families and families - chosen for families, _ in weighed)
         weight = sum(w for families, w in weighed if family_of[name] in families)
-        found[name] = weight if rivalled else None
+        found[name] = min(weight, 1.0) if rivalled else None
     return found
 
 

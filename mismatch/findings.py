@@ -20,6 +20,9 @@ from physics.simulator import Array, Mechanism, Simulator
 
 Z90 = 1.645
 KINDS = {"physics": "missing physics"}
+SURE, NEARLY_SURE = 0.9, 0.99
+"""Probability from which a name counts as sure, and above which probabilities are not told apart: the weights are not
+known so well."""
 LARGEST_SET = 3
 """Things that a set may hold names for and still say something."""
 
@@ -71,6 +74,11 @@ class Finding:
     parameters: tuple[Value, ...]
     force: Value | None
     says: str
+
+    @property
+    def is_sure(self) -> bool:
+        """Is it a single name that everything else that was fitted leaves probable?"""
+        return len(self.candidates) == 1 and self.probability is not None and self.probability >= SURE
 
     def to_dict(self) -> dict[str, Any]:
         """Its part of ``verdict.json``."""
@@ -131,14 +139,14 @@ def named(d: Diagnosis, located: Located | None) -> Iterator[Finding]:
             KINDS.get(mechanism.kind, "sensor fault"), mechanism.name if single else None, formula(mechanism, values),
             weights[mechanism.name] if single else None, names[1:] if single else (), names, mechanism.port, ports,
             since_s, onsets, () if since_s is None else ((since_s, until_s),), where, values, force,
-            _says(d.simulator, mechanism, values, force, names, single, onsets, where),
+            _says(d.simulator, mechanism, values, force, names, single, weights[mechanism.name], onsets, where),
         )  # fmt: skip
         at += n
 
 
 def _says(
     simulator: Simulator, mechanism: Mechanism, values: tuple[Value, ...], force: Value | None,
-    names: tuple[str, ...], single: bool, onsets: tuple[Onset, ...], where: str,
+    names: tuple[str, ...], single: bool, weight: float | None, onsets: tuple[Onset, ...], where: str,
 ) -> str:  # fmt: skip
     said, known = [], variable_names(simulator)
     if single:
@@ -160,7 +168,16 @@ def _says(
         said.append(f"it acts mostly where {where}")
     if single and len(names) > 1:
         said.append(f"these recordings cannot tell it from {listed(names[1:])}")
+    if single:
+        said.append(f"its probability among all that was fitted is {probable(weight)}")
     return " ".join(sentence(text, known) for text in said)
+
+
+def probable(weight: float | None) -> str:
+    """A probability as it is told."""
+    if weight is None:
+        return "not known, for nothing else was fitted in its place"
+    return number(weight, 2) if weight <= NEARLY_SURE else f"above {number(NEARLY_SURE)}"
 
 
 def variable_names(simulator: Simulator) -> set[str]:

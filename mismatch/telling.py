@@ -10,7 +10,7 @@ from mismatch import evidence
 from mismatch.evidence import OutputError
 from mismatch.findings import Finding, Value, variable_names
 from mismatch.walk import Diagnosis
-from mismatch.words import counted, interval, listed, number, sentence, with_unit
+from mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
@@ -35,14 +35,18 @@ def headline(
     if not shown:
         return sentence(lead, variable_names(d.simulator))
     return sentence(
-        f"{lead}: on {_held_out(d)} {_error(furthest(shown), d.chosen is not None, len(shown))}",
+        f"{lead}: on {_held_out(d)} {_error(furthest(d, shown), d.chosen is not None, len(shown))}",
         variable_names(d.simulator),
     )
 
 
-def furthest(errors: Sequence[OutputError]) -> OutputError:
-    """The output that the calibrated simulator is furthest off, in noises of its sensor."""
-    return max(errors, key=lambda e: e.rmse_before / max(e.noise_sd, 1e-300))
+def furthest(d: Diagnosis, errors: Sequence[OutputError]) -> OutputError:
+    """The output that the calibrated simulator is furthest off, in noises of its sensor; first what it does not follow.
+
+    A column in a wrong order looks like noise, and its error like no more than that.
+    """
+    lost = {u.channel for u in d.unfollowed}
+    return max(errors, key=lambda e: (e.channel in lost, e.rmse_before / max(e.noise_sd, 1e-300)))
 
 
 def points(
@@ -57,7 +61,7 @@ def points(
     yield from (f.says for f in findings)
     shown = [e for e in errors if e.held_out]
     for e in shown:
-        if e is not furthest(shown):
+        if e is not furthest(d, shown):
             yield sentence(f"on {_held_out(d)} {_error(e, d.chosen is not None)}")
     yield from _not_followed(d)
     if changed:
@@ -121,6 +125,8 @@ def _one(d: Diagnosis, finding: Finding) -> str:
             return f"the simulator lacks one of {some}" if all(physics) else f"one of {some} is missing or at fault"
         says = {name: mechanism.says for name, mechanism in known.items()}
         return says.get(finding.mechanism, f"the sensor of {finding.port.partition(':')[2]} stands still")
+    if d.unfollowed and d.chosen is None:
+        return f"the simulator explains nothing of what {listed([u.channel for u in d.unfollowed])} does"
     if finding.candidates:
         return f"something is missing at {finding.port} that these recordings cannot name"
     return "something is wrong, and nothing that was looked for explains it"
@@ -130,7 +136,9 @@ def _several(findings: Sequence[Finding]) -> Iterator[str]:
     """What several findings are, before any number."""
     kinds = [f.kind for f in findings]
     if lacks := kinds.count("missing physics"):
-        yield f"the simulator lacks {counted(lacks, 'effect')}"
+        sure = sum(f.is_sure for f in findings if f.kind == "missing physics")
+        how_sure = "" if sure == lacks else f" ({count(sure) if sure else 'none'} of them sure by name)"
+        yield f"the simulator lacks {counted(lacks, 'effect')}{how_sure}"
     if faulty := kinds.count("sensor fault"):
         yield f"{counted(faulty, 'sensor or input is', 'sensors or inputs are')} at fault"
     if "unexplained" in kinds:

@@ -68,7 +68,12 @@ def listed(names: Sequence[str], most: int = 0) -> str:
 
 def counted(n: int, singular: str, plural: str = "") -> str:
     """``one effect``, ``12 effects``."""
-    return f"{COUNTS[n] if n < len(COUNTS) else n} {singular if n == 1 else plural or singular + 's'}"
+    return f"{count(n)} {singular if n == 1 else plural or singular + 's'}"
+
+
+def count(n: int) -> str:
+    """Small numbers in letters."""
+    return COUNTS[n] if n < len(COUNTS) else str(n)
 
 
 def sentence(text: str, names: Collection[str] = ()) -> str:

@@ -25,7 +25,7 @@ included. A call of a simulator takes microseconds, and fits make a million; imp
 IDLE_S = 10.0
 """Seconds on the clock after which what computes next to nothing is given up: it waits for what never comes."""
 _NOTHING = 0.005  # of a processor; a process that has to share a busy one gets more
-_PATIENCE_S = 300.0  # on the clock, if neither of the two ended it
+_PATIENCE_S = 60.0  # on the clock, for machines so busy that neither of the two has ended it
 
 _here = threading.local()  # its ``tell`` is who listens to a trial in this thread
 
@@ -60,7 +60,7 @@ def _in_child(work: Callable[[], object], where: str) -> None:
             send.close()
             return _in_thread(work, where)
     if child == 0:
-        _be_the_child(work, send)
+        _be_the_child(work, where, send)
     send.close()
     doing, refused, late = "loading it", "", False
     try:
@@ -89,8 +89,8 @@ _DONE, _IDLE = 71, 72  # exit statuses that nothing else has
 _OUT_OF_TIME = signal.SIGPROF if sys.platform == "linux" else 0
 
 
-def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
-    status = 1
+def _be_the_child(work: Callable[[], object], where: str, send: Connection) -> NoReturn:
+    status, doing = 1, "loading it"
     try:
         nowhere = open(os.devnull, "r+")  # what a file prints, it prints when it is loaded in earnest
         for stream in (0, 1, 2):
@@ -109,7 +109,8 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
                 os._exit(_IDLE)
 
         def tell(what: str) -> None:
-            nonlocal computed_s
+            nonlocal computed_s, doing
+            doing = what
             send.send(("doing", what))
             computed_s = time.process_time()
             # Both end this process even if its parent is gone; the first whatever it does.
@@ -121,7 +122,7 @@ def _be_the_child(work: Callable[[], object], send: Connection) -> NoReturn:
         work()
         status = _DONE
     except BaseException as error:
-        send.send(("refused", _said(error)))
+        send.send(("refused", _said(error, where, doing)))
     finally:
         os._exit(status)
 
@@ -146,13 +147,15 @@ def _in_thread(work: Callable[[], object], where: str) -> None:
         if time.monotonic() - since_s[0] > CALL_S:
             raise _endless(where, doing[0])
     if errors:
-        raise ValueError(_said(errors[0])) from errors[0]
+        raise ValueError(_said(errors[0], where, doing[0])) from errors[0]
 
 
-def _said(error: BaseException) -> str:
-    """A refusal's own words; of anything else its kind, too."""
+def _said(error: BaseException, where: str, doing: str) -> str:
+    """A refusal's own words; of anything else its kind, and where it came from."""
     text = (str(error).splitlines() or [""])[0]
-    return text if isinstance(error, ValueError) else f"{type(error).__name__}: {text}"
+    if isinstance(error, ValueError):
+        return text
+    return f"{where}: {doing} raises {type(error).__name__}{': ' * bool(text)}{text}; mend it there"
 
 
 def _endless(where: str, doing: str) -> ValueError:

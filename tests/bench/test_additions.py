@@ -97,7 +97,10 @@ def test_it_adds_to_a_folder_that_holds_the_tables_alone(two: SimpleNamespace, r
     assert rows(run, "tables/regimes.csv", "third")
     manifest = json.loads((run / "manifest.json").read_text())
     assert set(manifest["made"]) == {"fails", "steady", "third", "wrong"}
-    assert manifest["made"]["steady"]["commit"] == manifest["made"]["third"]["commit"]
+    earlier = json.loads((two.out / "manifest.json").read_text())
+    assert manifest["made"]["steady"]["commit"] == earlier["commit"]
+    assert manifest["made"]["steady"]["command"] == earlier["command"]
+    assert manifest["made"]["third"]["commit"] == manifest["commit"]
 
 
 @pytest.mark.parametrize(("more", "key", "says"), [

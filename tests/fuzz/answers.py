@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 import pandas as pd
 
+from bench.mismatch_status import STATUS
 from data.batch import ESTIMATED, HEALTH
 from fuzz.worker import Ended
 from physics.health import HIGH, LOW
@@ -138,13 +139,14 @@ def simulate(folder: Path, ended: Ended) -> Answer:
 
 
 AGREES = ("consistent", "parameter change")
-MISMATCH_STATUS = (0,)
 
 
 def mismatch(folder: Path, ended: Ended) -> Answer:
-    status(ended, *MISMATCH_STATUS)
+    status(ended, *STATUS.values())
     (path,) = folder.rglob("verdict.json")
     verdict = strict_json(path.read_text())
+    found = verdict["verdict"]
+    need(ended.status == STATUS[found], f"exit status {ended.status}, and the verdict is {found}")
     for f in verdict["findings"]:
         need(f["probability"] is None or 0.0 <= f["probability"] <= 1.0, f"a probability of {f['probability']}")
     need(path.with_name("model.toml").is_file() and path.with_name("report.html").is_file(), "files are missing")

@@ -34,8 +34,11 @@ def friction() -> Verdict:
 
 
 def weighed(losses: dict[frozenset[str], float], chosen: tuple[str, ...] = ("a",)):
-    ports = {"a": "balance:x", "b": "output:y", "c": "balance:x"}
-    candidates = [SimpleNamespace(name=n, mechanism=SimpleNamespace(port=port)) for n, port in ports.items()]
+    ports = {"a": "balance:x", "b": "output:y", "c": "balance:x", "a, unequal": "balance:x"}
+    candidates = [
+        SimpleNamespace(name=n, family=n.partition(",")[0], mechanism=SimpleNamespace(port=port))
+        for n, port in ports.items()
+    ]
     machine = SimpleNamespace(candidates=candidates)
     return SimpleNamespace(losses=losses, chosen=SimpleNamespace(names=chosen), machine=machine)
 
@@ -55,6 +58,12 @@ def test_what_was_never_weighed_against_another_has_no_probability():
     assert probabilities(weighed({frozenset("ab"): 0.0, a: 300.0, frozenset("b"): 300.0}, ("a", "b"))) == {
         "a": None, "b": None,
     }  # fmt: skip
+
+
+def test_what_contains_an_effect_is_no_rival_of_it():
+    a, general, b = frozenset(["a"]), frozenset(["a, unequal"]), frozenset(["b"])
+    assert probabilities(weighed({a: 0.0, general: 0.0})) == {"a": None}
+    assert probabilities(weighed({a: 0.0, general: 0.0, b: 0.0}))["a"] == pytest.approx(2.0 / 3.0)
 
 
 def test_ports_go_with_the_names():

@@ -22,6 +22,7 @@ def places(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).mkdir()
         write_python(tmp_path / name, RAN + TANK)
         write_python(tmp_path / name, RAN + SPILL, "spill.py")
+    write_python(tmp_path / "here", TANK, "tank_of_this_test.py")
     monkeypatch.chdir(tmp_path / "here")
     return tmp_path
 
@@ -43,7 +44,7 @@ def ran(folder: Path) -> bool:
     ("found/model.toml", "../tank.py", "../spill.py"),
     ("../there/model.toml", "tank.py", "spill.py"),
     ("../there/model.toml", "../here/tank.py", "spill.py"),
-    ("model.toml", "tank:TANK", ""),
+    ("model.toml", "tank_of_this_test:TANK", ""),
 ])  # fmt: skip
 def test_what_lies_in_its_folder_or_where_one_is_is_run_and_named(places, caplog, path, base, source):
     assert load_simulator(model(path, base, source)).name == "tank"

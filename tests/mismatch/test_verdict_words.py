@@ -158,3 +158,16 @@ def test_several_findings_are_a_count_and_a_list(friction):
     says = headline(friction.diagnosis, "missing physics", (one, one, fault), friction.fit, True)
     lead = "The simulator lacks two effects and one sensor or input is at fault, and that is not all: on day 3 the RMS"
     assert says.startswith(lead)
+    unsure = replace(one, probability=0.39)
+    says = headline(friction.diagnosis, "missing physics", (one, unsure, unsure), friction.fit, False)
+    assert says.startswith("The simulator lacks three effects (one of them sure by name): on day 3 the RMS")
+
+
+@pytest.mark.parametrize(("probability", "said"), [
+    (0.39, "0.39"), (0.9999, "above 0.99"), (None, "not known, for nothing else was fitted in its place"),
+])  # fmt: skip
+def test_a_name_has_its_probability_over_all_that_was_fitted(friction, monkeypatch, probability, said):
+    monkeypatch.setattr("mismatch.evidence.probabilities", lambda d: {"coulomb_friction@omega_rad_s": probability})
+    (finding,) = conclude(friction.diagnosis).findings
+    assert finding.says.endswith(f"Its probability among all that was fitted is {said}.")
+    assert finding.is_sure == (said == "above 0.99")

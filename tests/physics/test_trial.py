@@ -89,8 +89,9 @@ def test_an_endless_loop_in_compiled_code(tmp_path: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize(("line", "says"), [
     ("import os; os._exit(0)", "rhs(x, u, theta) ends Python itself (exit status 0)"),
     ("import os; os.abort()", "rhs(x, u, theta) ends Python itself (signal 6)"),
-    ("raise SystemExit(3)", "SystemExit: 3"),
-    ("raise KeyboardInterrupt", "KeyboardInterrupt"),
+    ("raise SystemExit(3)", "tank.py: simulator 'tank': rhs(x, u, theta) raises SystemExit: 3; mend it there"),
+    ("raise KeyboardInterrupt", "rhs(x, u, theta) raises KeyboardInterrupt"),
+    ("if x[0] == 0.0: raise SystemExit(0)", "rhs(x, u, theta) at values between its bounds raises SystemExit: 0"),
     ("return rhs(x, u, theta)", "fails in line 6: RecursionError"),
     ("return np.zeros(10**15)", "fails in line 6: "),
     ("return np.array([1j, 0.0])", "returns complex numbers"),
