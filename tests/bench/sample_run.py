@@ -111,6 +111,8 @@ def write_run(
         "data_key": "d0", "estimates_keys": keys, "commit": "0123abc", "uncommitted_changes": False,
         "python": "3.11.7", "versions": {"numpy": "2.4.6"}, "machine": {"processor": "some <processor>", "cores": 2},
         "wall_s": {"data": 12.0, "fit": 150.4},
+        "made": {e: {"command": f"twinbench run --only {'added' if e == 'oracle' else 'whole'}", "commit": "0123abc",
+                     "processor": "some"} for e in [*levels, *(f"deeponet_kalman:part_{i}" for i in range(22))]},
     }  # fmt: skip
     (out / "manifest.json").write_text(json.dumps(manifest))
     return out
