@@ -157,12 +157,16 @@ class Machine:
             values = np.concatenate((values, np.reshape(partly, (len(there), len(grid.u))).T), axis=1)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
-        loop = march if self._equations.native else march.py_func
-        loop(
-            self._rhs, as_argument(_state) if states else self._output, grid.u, grid.seconds, grid.samples,
-            np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values),
-            self.block_step_s if blocks else self.step_s, self.scheme if blocks else RUNGE_KUTTA, limit, y,
-        )  # fmt: skip
+        native = self._equations.native
+        loop = march if native else march.py_func
+        state = as_argument(_state) if native else _state
+        with np.errstate(all="ignore"):  # as in the compiled loop: a stretch without samples has no mean
+            loop(
+                self._rhs, state if states else self._output, grid.u, grid.seconds, grid.samples,
+                np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying,
+                np.ascontiguousarray(values), self.block_step_s if blocks else self.step_s,
+                self.scheme if blocks else RUNGE_KUTTA, limit, y,
+            )  # fmt: skip
         y = y[grid.samples > 0]
         return track.joined(y, grid) if blocks else y
 

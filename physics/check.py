@@ -113,6 +113,10 @@ def _check_records(simulator: Simulator, who: str) -> None:
             raise ValueError(f"{who}: {both[0]!r} is the name of one of its {other} and of its {kind}; rename one")
     for kind in kinds:
         for v in getattr(simulator, kind):
+            if not (isinstance(v.name, str) and isinstance(v.unit, str)):
+                raise ValueError(f"{who}: name and unit of {v.name!r} must be text; '1' is no unit")
+            if not (np.isfinite(v.scale) and v.scale > 0.0):
+                raise ValueError(f"{who}: scale of {v.name!r} is {v.scale}; give a typical size of change, above zero")
             if not np.isfinite(v.nominal):
                 raise ValueError(f"{who}: nominal of {v.name!r} is {v.nominal}; give a number")
 

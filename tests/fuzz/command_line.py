@@ -69,8 +69,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def indices(command: str, cases: int) -> list[int]:
-    """So many cases of a command; fewer than there are in the whole lie spread over it."""
-    return [i * CASES // cases for i in range(cases)] if cases < CASES else list(range(cases))
+    """So many cases of a command: fewer than it has mutators are spread over them."""
+    ways = len(WAYS[command])
+    return [i * ways // cases for i in range(cases)] if cases < ways else list(range(cases))
 
 
 def described(o: Outcome) -> str:

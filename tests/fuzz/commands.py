@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fuzz.arguments import ARGUMENTS
-from fuzz.cases import SAME, Case, Mutator, generator
+from fuzz.cases import REFUSED, SAME, Case, Mutator, generator
 from fuzz.estimators import ESTIMATORS, MINE
 from fuzz.finished_runs import RUNS
 from fuzz.models import MODEL, MODELS
@@ -20,7 +20,7 @@ from fuzz.recording_files import FILES
 from fuzz.recording_names import NAMES
 from fuzz.recording_time import CLOCK
 from fuzz.simulators import SIMULATORS, TANK
-from fuzz.world import ESTIMATOR, World
+from fuzz.world import ESTIMATOR, EXPORTED, World
 
 Made = tuple[list[str], tuple[str, ...]]
 """A command line, and the words of which a refusal has to hold one."""
@@ -62,7 +62,7 @@ def command_line(command: str, world: World, **spoilt: Any) -> list[str]:
         "check": ["check", "mine.py", "--json"],
         "run": ["run", "--profile", "tiny.toml", "--only", "mine.py", "--out", "out"],
         "report": ["report", "run"],
-        "export": ["export", "--out", "out", *trained, "--estimator", "deeponet_kalman"],
+        "export": ["export", "--out", "out", *trained, "--estimator", EXPORTED],
         "latency": ["latency", "--out", "out", *trained, "--estimator", ESTIMATOR, "--updates", "10", "--ticks", "0"],
         "tune": ["tune", "mine.py", "--profile", "tiny.toml", "--trials", "1", "--out", "out"],
     }[command]
@@ -115,6 +115,8 @@ def text_case(command: str, mutator: Mutator[Any], folder: Path, world: World, r
 def run_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rng: np.random.Generator) -> Made:
     with_recordings(folder, world, command)
     shutil.copytree(world.run, folder / "run")
+    if command != "report":  # what is trained is all that they need: what is spoilt is among that
+        shutil.rmtree(folder / "run" / "store" / "estimate")
     mutator.spoil(folder / "run", rng)
     return command_line(command, world, run="run"), ("run",)
 
@@ -142,6 +144,8 @@ def _all(maker: Maker, mutators: Any) -> list[tuple[Maker, Mutator[Any]]]:
 _RECORDINGS, _ARGUMENTS = _all(recording_case, RECORDINGS), _all(arguments_case, ARGUMENTS.mutators)
 _SIMULATORS = _all(text_case, (*SIMULATORS.mutators, *MODELS.mutators))
 _RUNS = _all(run_case, RUNS.mutators)
+_PARTS = [way for way in _RUNS if any(word in way[1].name for word in ("part", "seal", "store", "everything"))]
+_REFUSED = [way for way in _ARGUMENTS if way[1].otherwise == REFUSED]
 WAYS: dict[str, list[tuple[Maker, Mutator[Any]]]] = {
     "estimate": [*_RECORDINGS, *_RUNS, *_ARGUMENTS],
     "mismatch": [*_RECORDINGS, *_SIMULATORS, *_ARGUMENTS],
@@ -151,7 +155,7 @@ WAYS: dict[str, list[tuple[Maker, Mutator[Any]]]] = {
     "run": [*_all(text_case, (*PROFILES.mutators, *ESTIMATORS.mutators)), *_ARGUMENTS],
     "report": [*_RUNS, *_ARGUMENTS],
     "export": [*_RUNS, *_ARGUMENTS],
-    "latency": [*_RUNS, *_ARGUMENTS],
+    "latency": [*_PARTS, *_REFUSED],  # an answer takes it half a minute
     "tune": [*_all(text_case, PROFILES.mutators), *_ARGUMENTS],
 }
 """For each command, every mutator of what it reads; cases go round them."""

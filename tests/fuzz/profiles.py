@@ -22,6 +22,12 @@ origin_every_s = 20.0
 
 [latency]
 updates = 0
+
+[settings.deeponet_kalman]
+iterations = 20
+windows = 64
+copies = 1
+transitions = 3000
 """
 PROFILES: Shelf[str] = Shelf()
 mutator = PROFILES

@@ -272,10 +272,15 @@ def a_variable_of_wrong_fields(text: str, rng: np.random.Generator) -> str:
         'Variable("h_m", "m", 0.0, 2.0, None)',
         'Variable("h_m", "m", 0.0, 2.0, 0.5j)', 'Variable("h_m", "m", 0.0, 2.0, [0.5])',
         'Variable("h_m", "m", 0.0, 2.0, 0.5, colour=1)',
-        'Variable("h_m", None, 0.0, 2.0, 0.5)', 'Variable("h_m", "flurb", 0.0, 2.0, 0.5)',
-        'Variable("h_m", "10**10**10", 0.0, 2.0, 0.5)',
+        'Variable("h_m", None, 0.0, 2.0, 0.5)',
     )  # fmt: skip
     return text.replace('Variable("h_m", "m", 0.0, 2.0, 0.5)', pick(rng, wrong))
+
+
+@mutator(ORDERLY)
+def a_unit_nobody_knows(text: str, rng: np.random.Generator) -> str:
+    units = ("flurb", "10**10**10", "m**m", "(", "[red]", "$x$", "m/0", "", "µm", "m" * 3000)
+    return text.replace('"h_m", "m"', f'"h_m", "{pick(rng, units)}"')
 
 
 @mutator(REFUSED)

@@ -124,7 +124,7 @@ def spins(arguments):
     while True: pass
 for main in (fails, exits, waits, spins):
     bench.cli.main = main
-    ended = worker.run(("x",), Path({folder!r}), Path({folder!r}))
+    ended = worker.run(("x",), Path({folder!r}), Path({folder!r}), 3.0)
     print(main.__name__, ended.status, ended.hung, "Traceback" in ended.err, ended.out.strip())
 """
 
@@ -144,6 +144,7 @@ def world(tmp_path_factory) -> World:
     (folder / "tiny.toml").write_text("")
     tables = folder / "run" / "store" / "fit" / "k"
     tables.mkdir(parents=True)
+    (folder / "run" / "store" / "estimate").mkdir()
     for name in ("scores", "failures", "latency", "cost"):
         (folder / "run" / f"{name}.csv").write_text("estimator,sequence,metric,value\na,b,c,1.0\nd,e,f,2.0\n")
     (folder / "run" / "manifest.json").write_text('{"seeds": [0], "wall_s": {}}')

@@ -35,7 +35,7 @@ class Ended:
     seconds: float
 
 
-def run(arguments: tuple[str, ...], folder: Path, logs: Path) -> Ended:
+def run(arguments: tuple[str, ...], folder: Path, logs: Path, longest_s: float = LONGEST_S) -> Ended:
     """``twinbench`` with arguments in a folder, in a fork of this process, so that imports are paid for once.
 
     Args:
@@ -48,7 +48,7 @@ def run(arguments: tuple[str, ...], folder: Path, logs: Path) -> Ended:
     child = os.fork()
     if child == 0:
         _child(arguments, folder, files)
-    status, late = _wait(child)
+    status, late = _wait(child, longest_s)
     with contextlib.suppress(ProcessLookupError):
         os.killpg(child, signal.SIGKILL)  # workers of its own, if it left any
     out, err = (path.read_text(encoding="utf-8", errors="replace") for path in files)
@@ -56,7 +56,7 @@ def run(arguments: tuple[str, ...], folder: Path, logs: Path) -> Ended:
     return Ended(code, out, err, late, time.monotonic() - start)
 
 
-def _wait(child: int) -> tuple[int, bool]:
+def _wait(child: int, longest_s: float) -> tuple[int, bool]:
     """Its status, and whether it had to be ended."""
     pause, late, since, used = 0.002, False, time.monotonic(), 0.0
     while True:
@@ -66,7 +66,7 @@ def _wait(child: int) -> tuple[int, bool]:
         now_used = _processor_s(child) if pause > LONG_PAUSE_S else 0.0
         if now_used - used > NOTHING_S:
             since, used = time.monotonic(), now_used
-        if not late and (now_used > LONGEST_S or time.monotonic() - since > LONGEST_S):
+        if not late and (now_used > longest_s or time.monotonic() - since > LONGEST_S):
             os.killpg(child, signal.SIGKILL)
             late = True
         time.sleep(pause)

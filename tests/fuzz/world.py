@@ -15,6 +15,7 @@ from fuzz.profiles import PROFILE
 
 ESTIMATOR = "nominal_ekf"
 """The cheapest to train that corrects itself by every reading."""
+EXPORTED = "deeponet_kalman"
 SECONDS = 60.0
 """Of the compressor's recording."""
 TANK_SAMPLES, TANK_PERIOD_S = 160, 0.5
@@ -58,9 +59,22 @@ def build(folder: Path) -> World:
         failed += main(["simulate", "--profile", str(profile), "--out", str(folder / "good"), "--no-truth"])
     if failed:
         raise RuntimeError(f"the run that the cases start from failed; see {folder}")
+    _train(profile, run)
     compressor = pd.read_csv(min((folder / "good").glob("*.csv")))
     compressor = compressor[compressor[TIME] < compressor[TIME].iloc[0] + SECONDS].reset_index(drop=True)
     return World(folder, compressor, tank_recording(1, TANK_SAMPLES), tank_recording(2, TANK_SAMPLES // 2))
+
+
+def _train(profile: Path, run: Path) -> None:
+    """What export writes; nothing is estimated with it."""
+    from bench import cells
+    from bench.profile import load_profile
+    from bench.store import Store
+
+    whole = load_profile(str(profile))
+    outcome = cells.fit(Store(run / "store"), whole, cells.make_cell(EXPORTED, whole.seeds[0], whole))
+    if outcome.reason:
+        raise RuntimeError(f"{EXPORTED} could not be trained: {outcome.reason}")
 
 
 def tank_recording(seed: int, samples: int) -> pd.DataFrame:
