@@ -27,7 +27,7 @@ assert tuple(UNITS) == CHANNELS
 
 Limits = tuple[float, float, str]
 _IN_UNIT: dict[str, Limits] = {
-    "bar": (0.05, 60.0, "is it kPa, psi or MPa?"),
+    "bar": (0.05, 60.0, "is it barg, kPa, psi or MPa?"),
     "kelvin": (200.0, 1200.0, "is it degC or degF?"),
     "rpm": (30.0, 60_000.0, "is it Hz or rad/s?"),
     "dimensionless": (-0.05, 1.5, "is it per cent?"),
@@ -36,6 +36,17 @@ _IN_UNIT: dict[str, Limits] = {
 PLAUSIBLE = {channel: _IN_UNIT[unit] for channel, unit in UNITS.items()}
 """Where the median of each of the compressor's channels has to lie, and what it may be otherwise."""
 
+OTHERWISE = {
+    "bar": ("barg", "psi", "psig", "kPa", "kPag", "MPa", "mbar", "Pa"),
+    "kelvin": ("degC", "degF"),
+    "rpm": ("Hz", "rad/s"),
+    "dimensionless": ("percent",),
+    "kg/s": ("kg/h", "g/s", "kg/min", "lb/h", "t/h"),
+}
+"""What else a channel of each unit is often recorded in, the usual ones first."""
+ATMOSPHERE_BAR = 1.01325
+"""What a gauge leaves out: the standard atmosphere. Where the air is thinner, absolute readings come out too high."""
+_GAUGE = re.compile(r"(mbar|bar|kPa|MPa|Pa|psi)[ _]?\(?(g|a)\)?")
 LONGEST_UNIT = 60
 """Characters of a unit; W/(m**2*K) has ten."""
 # pint works out what it is given, 10**10**10 for as long as that takes. So it is given names of units with powers of
@@ -52,7 +63,12 @@ _TORQUE = re.compile(r"\b([kmM]?)Nm\b")
 def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    for unit in ("mbar", "bar", "kPa", "MPa", "Pa", "psi"):
+        bars = float(registry.Quantity(1.0, unit).to("bar").magnitude)
+        registry.define(f"{unit}a = {unit}")
+        registry.define(f"{unit}g = {bars!r} * bar; offset: {ATMOSPHERE_BAR}")
+    return registry
 
 
 def convert(values: Array, given: str, wanted: str, where: str) -> Array:
@@ -84,6 +100,8 @@ def _unit(text: str, where: str) -> Any:
     """pint's unit; ``m3`` and ``s-2`` are powers, ``Nm`` is a torque, nothing or a dash has no dimension."""
     if text in ("", "-"):
         return _registry().dimensionless
+    if gauge := _GAUGE.fullmatch(text):  # bar(g) is no bar gram
+        return _registry().parse_units("".join(gauge.groups()))
     torque = _TORQUE.sub(r"\1N*m", _spelt_plainly(text))
     for spelt in (torque, _POWER.sub("**", torque)):  # as it is first: cmH2O holds no power
         if not _SPELLING.fullmatch(spelt):
@@ -92,7 +110,7 @@ def _unit(text: str, where: str) -> Any:
             return _registry().parse_units(spelt)
         except Exception:  # pint lets its tokenizer's errors and bare assertions through
             continue
-    raise BadInput(f"{where}: unknown unit {shown(text)}; try bar, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
+    raise BadInput(f"{where}: unknown unit {shown(text)}; try bar, barg, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
 
 
 def is_unit(text: str) -> bool:
@@ -117,6 +135,15 @@ def _counts_turns(unit: Any) -> bool:
     return "radian" not in str(_registry().Quantity(1.0, unit).to_root_units().units)
 
 
+def likely_units(median: float, unit: str, low: float, high: float) -> list[str]:
+    """The units under which a median that was taken to be in ``unit`` would lie in [low, high], usual ones first."""
+    return [
+        other
+        for other in OTHERWISE.get(unit, ())
+        if low <= float(convert(np.array(median), other, unit, "")) <= high
+    ]
+
+
 def check_plausible(values: Array, limits: Limits, unit: str, where: str, column: str, channel: str) -> None:
     """Refuse a channel whose magnitude says that it is in another unit.
 
@@ -128,6 +155,8 @@ def check_plausible(values: Array, limits: Limits, unit: str, where: str, column
         return
     median = float(np.nanmedian(values))
     if not low <= median <= high:
+        if units := likely_units(median, unit, low, high):
+            hint = f"is it {' or '.join(units[:3])}?"
         raise BadInput(
             f"{where}: its median is {median:.4g} {unit}, which no such machine shows; {hint} "
             f"Say so with {as_map(column, 'UNIT', channel)}"
