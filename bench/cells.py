@@ -150,7 +150,7 @@ def attempt(
         store.put(stage, key, work(), suffix)
     except CannotWrite:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         return Outcome(cell, stage, one_line(error))
     write_text(_cost_file(store, stage, key), f"{time.process_time() - begun:.1f}")
     return Outcome(cell, stage)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, cast
 from data.benchmark import DesignConfig
 from data.corrupt import Corruption
 from data.errors import BadInput
+from data.toml_file import read_toml
 
 FOLDER = Path(__file__).parent / "profiles"
 
@@ -75,11 +75,9 @@ def load_profile(name: str) -> Profile:
         known = ", ".join(sorted(p.stem for p in FOLDER.glob("*.toml")))
         raise BadInput(f"no profile {name!r}; choose one of {known}, or give the path of a .toml file")
     try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"profile {path}: not TOML: {error}; mend it there") from error
-    except OSError as error:
-        raise BadInput(f"profile {path}: {error.strerror}; check the file and its permissions") from error
+        raw = read_toml(path)
+    except BadInput as error:
+        raise BadInput(f"profile {error}") from error
     try:
         return cast(Profile, _record(Profile(path.stem), raw, ""))
     except BadInput as error:

@@ -29,6 +29,7 @@ FRICTION = ("viscous_friction", "quadratic_friction", "cubic_friction", "coulomb
 LOSSES = ("linear_loss", "quadratic_loss", "cubic_loss", "constant_drop")
 DRAWS = 5
 """Points at which the equations are asked which state is whose rate."""
+_FASTEST_1_S = 1e12  # scales of a state in a second: faster is no machine, and overflows where it is squared
 _SLOWEST_S = 10.0  # a state that nothing seems to move: its scale in ten times this
 
 
@@ -53,8 +54,17 @@ def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None =
     Args:
         periods_s: least, typical and greatest of a periodic force; one, ten and a hundred times a state's own time
             if left out.
+
+    Raises:
+        ValueError: a state that moves faster than any does.
     """
     rates = typical_rates(simulator)
+    for v, rate in zip(simulator.states, rates, strict=True):
+        if not rate < _FASTEST_1_S * v.scale:
+            raise ValueError(
+                f"simulator {simulator.name!r}: {v.name} moves by {rate:.3g} {v.unit} a second near its nominal value; "
+                "mend its equation, or its unit"
+            )
     places = [Place(i, v, float(rates[i])) for i, v in enumerate(simulator.states)]
     positions = positions_of(simulator)
     found: list[Mechanism] = []

@@ -115,9 +115,13 @@ def whole_catalogue(
     """Everything that may be missing: what we know of machines of its kind, of any machine and sensor, and yours.
 
     What is switched on in the simulator already is not missing.
+
+    Raises:
+        BadInput: the simulator's equations move it at a rate that no machine has.
     """
     # What is known of this kind of machine says the same in its own words, and more exactly.
-    physics = load.builtin_catalogue(simulator) or generic(simulator)
+    with as_bad_input():
+        physics = load.builtin_catalogue(simulator) or generic(simulator)
     known = (*physics, *faults(simulator, sample_period_s), *own)
     there = {v.name for v in simulator.states + simulator.parameters}
     return tuple(m for m in known if m.name not in simulator.mechanisms and there.isdisjoint(_names(m)[1:]))
@@ -177,10 +181,18 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
         base = _read(Path(below), trust, (*above, path.resolve()))
     else:
         trust.check(below)
-        base = Model(load.load_simulator(below))
+        try:
+            base = Model(load.load_simulator(below))
+        except ValueError as error:
+            raise ValueError(f"{path}: base: {error}") from error
     simulator, known = base.simulator, list(base.faults)
     sources = {e["from"]: moved(e["from"], path.parent, Path.cwd()) for e in content["mechanisms"]}
-    shelves = {name: _shelf(source, simulator, trust) for name, source in sources.items()}
+    shelves = {}
+    for name, source in sources.items():
+        try:
+            shelves[name] = _shelf(source, simulator, trust)
+        except ValueError as error:
+            raise ValueError(f"{path}: from = {shown(name)}: {error}") from error
     terms = []
     for entry in content["mechanisms"]:
         offered = {m.name: m for m in shelves[entry["from"]]}

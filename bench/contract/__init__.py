@@ -45,5 +45,5 @@ def judge(name: str, subject: Subject) -> Result:
         return Result(name, "skip", str(reason))
     except Broken as fault:
         return Result(name, "fail", str(fault))
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # who ends Python keeps no promise either
         return Result(name, "fail", f"{type(error).__name__}: {error}".splitlines()[0])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from refusals import refused
-from tiny_run import twinbench, write_estimator
+from tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from physics import trial
 
@@ -38,3 +38,13 @@ def test_what_it_prints_stays_out_of_the_json(tmp_path, monkeypatch, capsys):
     out, err = capsys.readouterr()
     assert json.loads(out) == []
     assert "hello" in err
+
+
+def test_a_method_that_ends_python_fails_its_promises_and_its_cell(tmp_path, capsys):
+    path = write_estimator(tmp_path, "mine", fit="raise SystemExit(0)")
+    assert twinbench("check", path, "--json") == 1
+    details = [row["detail"] for row in json.loads(capsys.readouterr().out) if row["status"] == "fail"]
+    assert "SystemExit: 0" in details
+    arguments = run_arguments(write_profile(tmp_path), tmp_path / "out", [path])
+    assert twinbench(*arguments) == 1
+    assert "SystemExit: 0" in capsys.readouterr().out

@@ -255,7 +255,7 @@ def test_names_that_only_look_odd_are_read(tmp_path):
 @pytest.mark.parametrize(("content", "says"), [
     ("x = " + "[" * 100_000, "nested too deep"), ("x = " + "9" * 10_000, "not TOML"), ("x = 1\0", "not TOML"),
     ("#" + " " * MOST_BYTES, "bytes; it cannot be"),
-    ("[channels]\np_dis_bar = " + "1" + "0" * 400, "column and unit only"),
+    ("[channels]\np_dis_bar = " + "1" + "0" * 400, "63 bits at most"),
     ("[channels]\n" + "\n".join(f'a{k} = "x"' for k in range(1000)), "unknown channel 'a0'"),
     ('[channels]\np_dis_bar = { column = "p_dis_bar", unit = "10**10**10" }', "unknown unit '10**10**10'"),
 ])  # fmt: skip

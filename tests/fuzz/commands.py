@@ -93,7 +93,7 @@ def recording_case(command: str, mutator: Mutator[Any], folder: Path, world: Wor
     name = f"./{given.name}" if given.name.startswith("-") else given.name
     line = command_line(command, world, **{"held_out" if held else "recording": name})
     line += [f"--map={item}" for item in given.maps]
-    return line, (given.stem, "--map", ".toml")
+    return line, (given.stem, "day", "next", "--map", ".toml")
 
 
 def text_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rng: np.random.Generator) -> Made:
@@ -103,6 +103,8 @@ def text_case(command: str, mutator: Mutator[Any], folder: Path, world: World, r
     write(folder / name, mutator.spoil(text, rng))
     return command_line(command, world, **{part: name}), (
         name,
+        "tank.py",
+        "day.csv",
         "simulator",
         "mechanism",
         "mine",

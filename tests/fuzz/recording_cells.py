@@ -232,10 +232,11 @@ def single_precision(given: Given, rng: np.random.Generator) -> None:
 
 @mutator(ORDERLY)
 def whole_numbers(given: Given, rng: np.random.Generator) -> None:
-    given.frame[given.channel(rng)] = given.frame[given.channel(rng)].round().astype(int)
+    channel = given.channel(rng)
+    given.frame[channel] = given.frame[channel].round()
 
 
-@mutator(REFUSED)
+@mutator(TOLD, simulate=ORDERLY)
 def numbers_as_truth_values(given: Given, rng: np.random.Generator) -> None:
     channel = given.channel(rng)
     given.frame[channel] = given.frame[channel] > given.frame[channel].median()

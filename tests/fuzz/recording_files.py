@@ -207,11 +207,16 @@ def awkward_file_name(given: Given, rng: np.random.Generator) -> None:
         "-day",
         "day.1.2",
         "'day'",
-        "day\x1b[31m",
         "日",
         "%s{0}",
     )
     given.name = f"{pick(rng, stems)}.{pick(rng, ('csv', 'csv.gz', 'parquet'))}"
+
+
+@mutator(SAME_OR_REFUSED)
+def a_file_name_that_no_result_can_have(given: Given, rng: np.random.Generator) -> None:
+    stem = pick(rng, ("day\x1b[31m", ".day", "day\n", "day\u202e", "day" * 80))
+    given.name = f"{stem}.csv"
 
 
 @mutator(SAME)

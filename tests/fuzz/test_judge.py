@@ -155,6 +155,7 @@ def world(tmp_path_factory) -> World:
 
     rows = {c: 3.0 + np.sin(time_s + i) for i, c in enumerate(CHANNELS)}
     compressor = pd.DataFrame({"time_s": time_s, **rows})
+    compressor.iloc[::50, 1:] = np.nan  # sensors drop readings
     return World(folder, compressor, tank_recording(1, 100), tank_recording(2, 60))
 
 
