@@ -1,10 +1,10 @@
-"""A trained estimator over somebody's recordings: estimates with intervals, a figure, a summary."""
+"""A trained estimator over somebody's recordings: estimates with intervals, what they rest on, a figure."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +14,19 @@ import pandas as pd
 from bench import cells
 from bench.cells import Cell
 from bench.estimates import Estimates
-from bench.evaluate import run as evaluate
-from bench.figures.recording import estimate_figure
-from bench.profile import Evaluation, Profile, load_profile
+from bench.figures.recording import Readings, estimate_figure
+from bench.profile import Profile, load_profile
+from bench.quality import Quality, judge
+from bench.quality_words import told
+from bench.reference import References
 from bench.registry import discover, find
 from bench.results import load_results
 from bench.roster import axis_label, label, ordered
+from bench.sampling import joined, manner_of
 from bench.store import Store, write_atomically, write_text
 from bench.threads import pin_torch
 from bench.versions import code_version
+from bench.witness import watch
 from data.batch import ESTIMATED, HEALTH
 from data.errors import BadInput
 from data.recording import Recording, check_overlap, read_recording
@@ -88,30 +92,58 @@ def _flattened(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return flat
 
 
+@dataclass(frozen=True)
+class _Answer:
+    """One recording's estimates, and what they rest on."""
+
+    estimates: Estimates
+    readings: Readings
+    quality: Quality
+    summary: dict[str, Any]
+
+
 def apply(
-    name: str, paths: Sequence[Path], out: Path, profile_name: str, results: Path | None, mapping: Sequence[str]
+    name: str,
+    paths: Sequence[Path],
+    out: Path,
+    profile_name: str,
+    results: Path | None,
+    mapping: Sequence[str],
+    force: bool = False,
 ) -> list[dict[str, Any]]:
     """Write ``<recording>.estimates.csv``, ``.png`` and ``.summary.json`` into ``out`` for each recording.
 
-    Every recording is read and checked before anything is written. Long ones are thinned to some
+    Every recording is read, checked and estimated before anything is written. Long ones are thinned to some
     30,000 rows.
 
+    Args:
+        force: write those that are not usable, too.
+
     Returns:
-        One summary per recording: where it ended, with 95 % intervals, and in words.
+        One summary per recording: what the estimate rests on, whether it is ``usable``, where it ended, with 95 %
+        intervals, and in words.
     """
     recordings = _read(paths, mapping)
     store, (cell,) = trained_cells(profile_name, results, [name])
     pin_torch()
-    estimator = cells.load_fit(store, cell)
-    summaries = []
-    for recording in recordings:
-        batch = recording.to_batch()
-        every = max(1, batch.measured.shape[1] // MOST_ROWS)
-        estimates = evaluate(estimator, batch, Evaluation(stride=every, origin_every_s=1e9, leads_s=(1.0,)), cell.seed)
-        summary = _summarise(recording, label(cell.estimator), estimates)
-        _write(out, estimates, batch.measured[0, ::every], summary)
-        summaries.append(summary)
-    return summaries
+    references = References(store, cell, cells.load_fit(store, cell))
+    answers = [_answer(recording, references, label(cell.estimator)) for recording in recordings]
+    for answer in answers:
+        if answer.quality.usable or force:
+            _write(out, answer)
+    return [answer.summary for answer in answers]
+
+
+def _answer(recording: Recording, references: References, who: str) -> _Answer:
+    batch = recording.to_batch()
+    manner = manner_of(batch.measured[0])
+    every = max(1, batch.measured.shape[1] // MOST_ROWS)
+    filled = replace(batch, measured=joined(batch.measured, manner))
+    estimates, seen = watch(references.estimator, filled, every, references.cell.seed)
+    quality = judge(batch.measured[0], manner, estimates, seen, references, who)
+    warning = "" if quality.usable else f"not usable: {quality.verdict}"
+    readings = Readings(batch.time_s, batch.measured[0], seen.accepted[0], manner, *references.envelope, warning)
+    return _Answer(estimates, readings, quality, _summarise(recording, who, estimates, quality))
 
 
 def _read(paths: Sequence[Path], mapping: Sequence[str]) -> list[Recording]:
@@ -127,7 +159,7 @@ def _read(paths: Sequence[Path], mapping: Sequence[str]) -> list[Recording]:
     return recordings
 
 
-def _summarise(recording: Recording, who: str, estimates: Estimates) -> dict[str, Any]:
+def _summarise(recording: Recording, who: str, estimates: Estimates, quality: Quality) -> dict[str, Any]:
     final = {
         q: {key: float(getattr(estimates, field)[0, -1, i]) for key, field in BOUNDS.items()}
         for i, q in enumerate(ESTIMATED)
@@ -142,18 +174,22 @@ def _summarise(recording: Recording, who: str, estimates: Estimates) -> dict[str
         "estimator": who,
         "seconds": seconds,
         "missing_share": float(np.isnan(recording.values).mean()),
+        **quality.to_json(),
         "final": final,
         "says": f"{recording.name}: at the end of {seconds:.0f} s, {who} has {words}.",
+        "rests_on": told(recording.name, quality),
     }
 
 
-def _write(out: Path, estimates: Estimates, measured: np.ndarray, summary: dict[str, Any]) -> None:
+def _write(out: Path, answer: _Answer) -> None:
+    estimates = answer.estimates
     name, time_s = estimates.names[0], estimates.time_s
     mean, low, high = estimates.mean[0], estimates.low[0], estimates.high[0]
     columns = {"time_s": time_s}
     for i, q in enumerate(ESTIMATED):
         columns |= {q: mean[:, i], f"{q}_low": low[:, i], f"{q}_high": high[:, i]}
     table = pd.DataFrame(columns)
+    drawn = (time_s, mean, low, high, answer.readings)
     write_atomically(out / f"{name}.estimates.csv", lambda path: table.to_csv(path, index=False))
-    write_atomically(out / f"{name}.png", lambda path: estimate_figure(time_s, mean, low, high, measured, path))
-    write_text(out / f"{name}.summary.json", json.dumps(summary, indent=2) + "\n")
+    write_text(out / f"{name}.summary.json", json.dumps(answer.summary, indent=2) + "\n")
+    write_atomically(out / f"{name}.png", lambda path: estimate_figure(*drawn, path))

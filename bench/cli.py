@@ -27,8 +27,24 @@ EPILOG = """examples:
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
-exit status: 0 done, 1 a method or a check failed, 2 bad input"""
+exit status: 0 done, 1 a method or a check failed, 2 bad input, 3 an estimate is not usable"""
 _SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
+
+_ESTIMATE = """columns, a reading each 0.05 s (20 Hz, as in training), empty where missing:
+  time_s       s      time, increasing
+  p_suc_bar    bar    suction pressure, absolute
+  T_suc_K      K      suction temperature
+  N_rpm        rpm    speed
+  valve        -      command of the discharge valve, 0 to 1
+  p_dis_bar    bar    discharge pressure, absolute
+  T_dis_K      K      discharge temperature
+  m_flow_kg_s  kg/s   mass flow
+--map 'COLUMN[UNIT]=channel' converts other units: kPa, psi, degC, Hz, percent, kg/h, ...
+barg, mbarg, kPag, MPag, psig are gauge: 1.01325 bar is added to them.
+more seldom readings are refused below what the estimator bears; the line says the limit
+
+each result says what it rests on: readings used, innovations against what is expected, gaps, flags.
+exit status: 0 usable, 1 the method failed, 2 bad input, 3 not usable and not written (but with --force)"""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -114,8 +130,8 @@ def _parser() -> argparse.ArgumentParser:
     simulate.add_argument("--no-truth", action="store_true", help="sensor columns only")
 
     estimate = command(
-        "estimate", "run a trained estimator over your recordings",
-        "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'PT101[psi]=p_dis_bar'",
+        "estimate", "run a trained estimator over your recordings of a compressor like the built-in one",
+        "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'PT101[psig]=p_dis_bar'\n\n" + _ESTIMATE,
     )  # fmt: skip
     estimate.add_argument("estimator", metavar="NAME")
     estimate.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
@@ -123,6 +139,9 @@ def _parser() -> argparse.ArgumentParser:
     estimate.add_argument("--profile", default="quick", help="whose training (default: quick)")
     estimate.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
     estimate.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    estimate.add_argument(
+        "--force", action="store_true", help="write estimates that are not usable, too; the exit status stays 3"
+    )
     estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
 
     export = command(
@@ -379,13 +398,17 @@ def _simulate_benchmark(a: argparse.Namespace) -> int:
 def _estimate(a: argparse.Namespace) -> int:
     from bench.apply import apply
 
-    summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map)
+    summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map, a.force)
     if a.json:
         print(json.dumps(summaries, indent=2))
     else:
         for summary in summaries:
-            print(summary["says"])
-    return 0
+            print("\n".join(summary["rests_on"]))
+            if summary["usable"] or a.force:
+                print(summary["says"])
+            else:
+                print("nothing was written for it; --force writes it all the same")
+    return 0 if all(summary["usable"] for summary in summaries) else 3
 
 
 def _export(a: argparse.Namespace) -> int:

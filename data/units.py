@@ -25,7 +25,7 @@ assert tuple(UNITS) == CHANNELS
 
 Limits = tuple[float, float, str]
 _IN_UNIT: dict[str, Limits] = {
-    "bar": (0.05, 60.0, "is it kPa, psi or MPa?"),
+    "bar": (0.05, 60.0, "is it barg, kPa, psi or MPa?"),
     "kelvin": (200.0, 1200.0, "is it degC or degF?"),
     "rpm": (30.0, 60_000.0, "is it Hz or rad/s?"),
     "dimensionless": (-0.05, 1.5, "is it per cent?"),
@@ -34,6 +34,17 @@ _IN_UNIT: dict[str, Limits] = {
 PLAUSIBLE = {channel: _IN_UNIT[unit] for channel, unit in UNITS.items()}
 """Where the median of each of the compressor's channels has to lie, and what it may be otherwise."""
 
+OTHERWISE = {
+    "bar": ("barg", "psi", "psig", "kPa", "kPag", "MPa", "mbar", "Pa"),
+    "kelvin": ("degC", "degF"),
+    "rpm": ("Hz", "rad/s"),
+    "dimensionless": ("percent",),
+    "kg/s": ("kg/h", "g/s", "kg/min", "lb/h", "t/h"),
+}
+"""What else a channel of each unit is often recorded in, the usual ones first."""
+ATMOSPHERE_BAR = 1.01325
+"""What a gauge leaves out: the standard atmosphere. Where the air is thinner, absolute readings come out too high."""
+_GAUGE = re.compile(r"(mbar|bar|kPa|MPa|Pa|psi)[ _]?\(?(g|a)\)?")
 _POWER = re.compile(r"(?<=[A-Za-z])(?=\d)")
 _TORQUE = re.compile(r"\b([kmM]?)Nm\b")
 
@@ -42,7 +53,12 @@ _TORQUE = re.compile(r"\b([kmM]?)Nm\b")
 def _registry() -> Any:
     import pint
 
-    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    registry: Any = pint.UnitRegistry(autoconvert_offset_to_baseunit=True)
+    for unit in ("mbar", "bar", "kPa", "MPa", "Pa", "psi"):
+        bars = float(registry.Quantity(1.0, unit).to("bar").magnitude)
+        registry.define(f"{unit}a = {unit}")
+        registry.define(f"{unit}g = {bars!r} * bar; offset: {ATMOSPHERE_BAR}")
+    return registry
 
 
 def convert(values: Array, given: str, wanted: str, where: str) -> Array:
@@ -69,18 +85,29 @@ def _unit(text: str, where: str) -> Any:
     """pint's unit; ``m3`` and ``s2`` are powers, ``Nm`` is a torque, nothing or a dash has no dimension."""
     if text in ("", "-"):
         return _registry().dimensionless
+    if gauge := _GAUGE.fullmatch(text):  # bar(g) is no bar gram
+        return _registry().parse_units("".join(gauge.groups()))
     torque = _TORQUE.sub(r"\1N*m", text)
     for spelt in (torque, _POWER.sub("**", torque)):  # as it is first: cmH2O holds no power
         try:
             return _registry().parse_units(spelt)
         except Exception:  # pint lets its tokenizer's errors and bare assertions through
             continue
-    raise BadInput(f"{where}: unknown unit {text!r}; try bar, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
+    raise BadInput(f"{where}: unknown unit {text!r}; try bar, barg, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
 
 
 def _counts_turns(unit: Any) -> bool:
     """Hz and 1/min count turns; rpm and rad/s are angles over time."""
     return "radian" not in str(_registry().Quantity(1.0, unit).to_root_units().units)
+
+
+def likely_units(median: float, unit: str, low: float, high: float) -> list[str]:
+    """The units under which a median that was taken to be in ``unit`` would lie in [low, high], usual ones first."""
+    return [
+        other
+        for other in OTHERWISE.get(unit, ())
+        if low <= float(convert(np.array(median), other, unit, "")) <= high
+    ]
 
 
 def check_plausible(values: Array, limits: Limits, unit: str, where: str, column: str, channel: str) -> None:
@@ -94,6 +121,8 @@ def check_plausible(values: Array, limits: Limits, unit: str, where: str, column
         return
     median = float(np.nanmedian(values))
     if not low <= median <= high:
+        if units := likely_units(median, unit, low, high):
+            hint = f"is it {' or '.join(units[:3])}?"
         raise BadInput(
             f"{where}: its median is {median:.4g} {unit}, which no such machine shows; {hint} "
             f"Say so with --map '{column}[UNIT]={channel}'"
