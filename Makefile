@@ -28,7 +28,7 @@ clean:
 
 .venv/.ready: .venv/bin/python pyproject.toml constraints.txt
 	@echo "Setting up .venv (a minute or two, once)"
-	$(PIP) -e .
+	$(PIP) -e '.[export]'
 	@touch $@
 
 .venv/.ready-dev: .venv/.ready

@@ -3,8 +3,7 @@
 z = [the simulator's states, five health coordinates zeta, three coloured-noise states]. Jacobians
 are forward differences of one Runge-Kutta step; the noise of the measured inputs enters as process
 noise through the sensitivity to them. The slow drift that the pressure sensors share is not
-modelled: a state for it trades places with the temperature bias while a parameter ramps, and costs
-more than it gives (measured). With the exact plant this is the oracle, with the reduced-order model
+modelled. With the exact plant this is the oracle, with the reduced-order model
 the nominal EKF.
 """
 

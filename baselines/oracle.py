@@ -1,4 +1,7 @@
-"""The oracle: an extended Kalman filter that knows the exact plant and the exact noise. The floor."""
+"""The oracle: an extended Kalman filter that knows the exact plant and the data sheet's noise. The reference.
+
+It is no bound: it does not know the slow drift that the pressure sensors share.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,10 @@ from physics.simulator import Simulator
 
 @register
 class Oracle(ModelEKF):
-    """How good a random-walk filter can be on this plant."""
+    """How good this random-walk filter is with the plant's own equations."""
 
     name = "oracle"
-    says = "extended Kalman filter with the exact plant and noise (the floor)"
+    says = "extended Kalman filter with the exact plant and the data sheet's noise (the reference)"
 
     settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "health_walk": 1.351, "state_walk": 0.2363}
 

@@ -15,7 +15,8 @@ from bench import cells
 from bench.cells import Cell
 from bench.estimates import Estimates
 from bench.figures.recording import Readings, estimate_figure
-from bench.profile import Profile, load_profile
+from bench.profile import Profile, flattened, load_profile
+from bench.progress import each
 from bench.quality import Quality, judge
 from bench.quality_words import told
 from bench.reference import References
@@ -74,7 +75,7 @@ def _what_differs(results: Path, name: str, profile: Profile) -> str:
     except BadInput:
         return ""
     kind = find(name)
-    now, then = (_flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
+    now, then = (flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
     trained = [key for key in now if key.startswith(("seeds", "data.", "corruption.", f"settings.{kind.name}."))]
     for key in trained:
         if then.get(key) != now[key]:
@@ -82,14 +83,6 @@ def _what_differs(results: Path, name: str, profile: Profile) -> str:
     if manifest.get("code", {}).get(kind.name) not in (None, code_version(kind.__module__)):
         return f" (the code of {kind.name}, or what it imports, has changed since)"
     return ""
-
-
-def _flattened(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested tables as one, with keys joined by dots."""
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        flat |= _flattened(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
 
 
 @dataclass(frozen=True)
@@ -127,7 +120,7 @@ def apply(
     store, (cell,) = trained_cells(profile_name, results, [name])
     pin_torch()
     references = References(store, cell, cells.load_fit(store, cell))
-    answers = [_answer(recording, references, label(cell.estimator)) for recording in recordings]
+    answers = [_answer(recording, references, label(cell.estimator)) for recording in each("estimate", recordings)]
     for answer in answers:
         if answer.quality.usable or force:
             _write(out, answer)

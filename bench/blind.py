@@ -20,6 +20,8 @@ from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import Any
 
+from bench.orphans import end_with_parent
+
 _CONCEALED = "bench.prove"
 _HERE = Path(__file__).resolve().parent
 _PROCESSES = {
@@ -105,5 +107,6 @@ def serve() -> None:
 
 
 if __name__ == "__main__":
+    end_with_parent()
     conceal([Path(argument) for argument in sys.argv[1:]])
     serve()

@@ -1,4 +1,4 @@
-"""A metric over the sequences: means, paired differences, multiples of the floor; 95 % intervals.
+"""A metric over the sequences: means, paired differences, multiples of the reference; 95 % intervals.
 
 The sequence is the block: seeds are averaged inside it, and every interval comes from resampling whole
 sequences, the same ones for every estimator, so that differences and ratios stay paired.
@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm, t
 
-from bench.roster import FLOOR, ordered
+from bench.roster import REFERENCE, ordered
 from data.batch import Array
 
 RESAMPLES = 10_000
 SEED = 2_024
 LEVEL = 0.95
-NEED_A_CHANGE = ("delay_s", "recovery_s")
+NEED_A_CHANGE = ("delay_s", "recovery_s", "recovery_limit_s")
 """Metrics that have no value in a sequence whose health does not change."""
 
 
@@ -130,15 +130,15 @@ def differences(table: SequenceScores, reference: str) -> pd.DataFrame:
     return _without(frame, reference, table)
 
 
-def ratios(table: SequenceScores, floor: str = FLOOR) -> pd.DataFrame:
-    """Times above the floor: mean of the estimator over mean of ``floor``, on the same sequences.
+def ratios(table: SequenceScores, reference: str = REFERENCE) -> pd.DataFrame:
+    """Multiples of the reference: mean of the estimator over mean of ``reference``, on the same sequences.
 
     Returns:
-        Columns ``estimator, ratio, low, high, n_sequences, reason``, without the floor. Infinite
-        where the floor is zero.
+        Columns ``estimator, ratio, low, high, n_sequences, reason``, without the reference. Infinite
+        where the reference is zero.
     """
-    frame = _over_sequences(table, "ratio", table.row(floor), _ratio)
-    return _without(frame, floor, table)
+    frame = _over_sequences(table, "ratio", table.row(reference), _ratio)
+    return _without(frame, reference, table)
 
 
 def _ratio(weights: Array, values: Array, others: Array) -> Array:

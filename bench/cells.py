@@ -16,10 +16,10 @@ from bench.evaluate import run as evaluate
 from bench.profile import Profile
 from bench.registry import find, one_line
 from bench.roster import is_ablation
-from bench.store import CannotWrite, Store, key_of, write_text
+from bench.store import CannotWrite, Store, key_of, reading, write_text
 from bench.threads import pin_torch
 from bench.versions import code_version
-from data.batch import Batch, Truth
+from data.batch import CHANNELS, HEALTH, INPUTS, OUTPUTS, Batch, Truth
 from data.benchmark import PARTS, Split, simulate_benchmark
 from methods.estimator import Estimator
 
@@ -116,7 +116,9 @@ def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
 def load_fit(store: Store, cell: Cell) -> Estimator:
     """A trained estimator from the store."""
-    return find(cell.spec).load(store.path("fit", cell.fit), **online(cell))
+    path = store.path("fit", cell.fit)
+    with reading(path):
+        return find(cell.spec).load(path, **online(cell))
 
 
 def online(cell: Cell) -> dict[str, Any]:
@@ -191,16 +193,34 @@ def save_batches(batches: Mapping[str, Batch], path: Path) -> None:
 
 def load_split(store: Store, key: str) -> Split:
     """The simulated sequences from the store."""
-    return Split(**load_batches(store.path("data", key)))
+    path = store.path("data", key)
+    with reading(path):
+        return Split(**load_batches(path))
 
 
 @functools.lru_cache(maxsize=1)
 def load_batches(path: Path) -> dict[str, Batch]:
     """Read what ``save_batches`` wrote; the last ones loaded stay in memory."""
-    with np.load(path, allow_pickle=False) as stored:
+    with reading(path), open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
         batches = {}
         for part in dict.fromkeys(name.partition(".")[0] for name in stored.files):
             fields = (stored[f"{part}.{name}"] for name in ("states", "health", "outputs", "inputs"))
             names = tuple(str(n) for n in stored[f"{part}.names"])
-            batches[part] = Batch(names, stored[f"{part}.time_s"], stored[f"{part}.measured"], Truth(*fields))
+            batch = Batch(names, stored[f"{part}.time_s"], stored[f"{part}.measured"], Truth(*fields))
+            batches[part] = _whole(batch)
     return batches
+
+
+def _whole(batch: Batch) -> Batch:
+    """The sequences, if their arrays have the shapes that belong together."""
+    assert batch.truth is not None
+    leading = (len(batch.names), len(batch.time_s))
+    shapes = {
+        "measured": (batch.measured, len(CHANNELS)), "health": (batch.truth.health, len(HEALTH)),
+        "outputs": (batch.truth.outputs, len(OUTPUTS)), "inputs": (batch.truth.inputs, len(INPUTS)),
+        "states": (batch.truth.states, batch.truth.states.shape[-1]),
+    }  # fmt: skip
+    for name, (array, width) in shapes.items():
+        if array.shape != (*leading, width):
+            raise ValueError(f"{name} has shape {array.shape}, must have {(*leading, width)}")
+    return batch

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import logging
 import shlex
+import signal
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from bench.mismatch_status import SAYS
 from bench.threads import pin
 
 pin()
@@ -27,8 +32,34 @@ EPILOG = """examples:
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
-exit status: 0 done, 1 a method or a check failed, 2 bad input, 3 an estimate is not usable"""
+exit status:
+    0  done
+    1  a method, a check or a worker process failed; what was finished is kept
+    2  bad input: one line says what and where, and nothing is written
+    3  estimate: a result is not usable and was not written
+   10  mismatch: something is wrong and has a name; 11: and has none, or not in full
+  130  stopped with Ctrl-C, 143 by SIGTERM; run the same command again to go on
+completion: eval "$(twinbench completion bash)", or zsh; twinbench completion fish | source"""
+_PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check")
+_LOGGED = ("physics", "data", "methods", "baselines", "mismatch", "bench")
+_VERBOSE = "say on stderr what is done, with times; twice: more"
+log = logging.getLogger(__name__)
 _SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
+_TRUST_HELP = "run the Python that a model.toml names though it lies outside its folder and the one you are in"
+
+
+class _Version(argparse.Action):
+    """The version, and in a checkout the commit: asked for only when somebody asks."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from bench.versions import version
+
+        print(f"twinbench {version()}")
+        parser.exit()
+
+
+class _Terminated(BaseException):
+    """SIGTERM came."""
 
 _ESTIMATE = """columns, a reading each 0.05 s (20 Hz, as in training), empty where missing:
   time_s       s      time, increasing
@@ -51,7 +82,9 @@ class _Parser(argparse.ArgumentParser):
     """Usage errors in one line, as all bad input."""
 
     def error(self, message: str) -> NoReturn:
-        print(f"{self.prog}: {message}; see {self.prog} --help", file=sys.stderr)
+        from data.shown import printable
+
+        print(f"{self.prog}: {printable(message)}; see {self.prog} --help", file=sys.stderr)
         raise SystemExit(2)
 
 
@@ -62,6 +95,8 @@ def _parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", nargs=0, action=_Version, help="the version, and the commit in a checkout")
+    parser.add_argument("-v", "--verbose", action="count", default=0, help=_VERBOSE)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
 
     def command(name: str, says: str, example: str) -> argparse.ArgumentParser:
@@ -75,7 +110,10 @@ def _parser() -> argparse.ArgumentParser:
 
     run = command("run", "simulate, train, evaluate, compare, report", "twinbench run --only oracle gru_kf")
     run.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
-    run.add_argument("--only", nargs="+", default=(), metavar="NAME", help="estimators by name or by path/to/file.py")
+    run.add_argument(
+        "--only", nargs="+", default=(), metavar="NAME",
+        help="estimators by name or by path/to/file.py; those that are in --out already keep their rows beside them",
+    )  # fmt: skip
     run.add_argument(
         "--ablations", action="store_true",
         help="besides, each of the estimators without each of its parts (twinbench list ablations)",
@@ -87,7 +125,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
     run.add_argument(
         "--resume", action=argparse.BooleanOptionalAction, default=True,
-        help="keep what an earlier run finished (default); --no-resume starts over",
+        help="keep what an earlier run finished (default); --no-resume does over what it runs",
     )  # fmt: skip
     run.add_argument("--backend", choices=("local", "dask"), default="local", help="where the cells run")
     run.add_argument("--scheduler", default="", metavar="ADDRESS", help="the Dask scheduler, tcp://host:port")
@@ -97,11 +135,10 @@ def _parser() -> argparse.ArgumentParser:
     listing.add_argument(
         "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {_SIMULATOR_HELP}"
     )
-    listing.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
+    listing.add_argument("--trust", action="store_true", help=_TRUST_HELP)
 
     check = command("check", "run the contract battery on an estimator", "twinbench check my_baseline.py")
     check.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
-    check.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
 
     tuning = command(
         "tune", "choose an estimator's settings on the validation sequences", "twinbench tune gru_kf --trials 20"
@@ -119,6 +156,7 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     simulate.add_argument("--out", type=Path, required=True, metavar="DIR")
     simulate.add_argument("--simulator", metavar="SIMULATOR", help=_SIMULATOR_HELP)
+    simulate.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     simulate.add_argument(
         "--inputs", nargs="+", default=(), type=Path, metavar="RECORDING",
         help="recordings whose inputs drive --simulator; it starts from their first readings",
@@ -142,7 +180,6 @@ def _parser() -> argparse.ArgumentParser:
     estimate.add_argument(
         "--force", action="store_true", help="write estimates that are not usable, too; the exit status stays 3"
     )
-    estimate.add_argument("--json", action="store_true", help="the summary as JSON, alone on stdout")
 
     export = command(
         "export", "write a trained DeepONet-Kalman as an ONNX graph and arrays, for machines without this package",
@@ -160,21 +197,26 @@ def _parser() -> argparse.ArgumentParser:
     mismatch = command(
         "mismatch", "find what a simulator leaves out, name it, model it, and prove it on held-out recordings",
         "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
-        "writes verdict.json, report.html and model.toml, the mended simulator, into DIR",
+        "writes verdict.json, report.html and model.toml, the mended simulator, into DIR\n"
+        "exit status: " + "; ".join(f"{status} {says}" for status, says in SAYS.items()) + "; 2 bad input",
     )  # fmt: skip
     mismatch.add_argument("simulator", metavar="SIMULATOR", help=_SIMULATOR_HELP)
     mismatch.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
     mismatch.add_argument("--out", type=Path, required=True, metavar="DIR")
     mismatch.add_argument(
         "--hold-out", nargs="+", default=(), type=Path, metavar="RECORDING",
-        help="recordings for the proof alone, best in another regime; never fitted",
+        help="recordings for the proof, best of another regime: no parameter is learnt from them",
     )  # fmt: skip
     mismatch.add_argument(
         "--catalogue", default="", metavar="FILE",
         help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
     )  # fmt: skip
+    mismatch.add_argument(
+        "--inputs", choices=("auto", "held", "linear"), default="auto",
+        help="between samples: each value holds until the next, or lines join them; auto (default) tries both",
+    )  # fmt: skip
+    mismatch.add_argument("--trust", action="store_true", help=_TRUST_HELP)
     mismatch.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
-    mismatch.add_argument("--json", action="store_true", help="the verdict as JSON, alone on stdout")
 
     prove = command(
         "prove", "hide effects in simulated machines and see whether mismatch finds them",
@@ -221,6 +263,21 @@ def _parser() -> argparse.ArgumentParser:
         "--ticks", type=int, default=200, metavar="N", help="of each, at 20 Hz; 0: none (default: 200, ten seconds)"
     )
     latency.add_argument("--out", type=Path, metavar="DIR", help="where tables and figures go (results/latency)")
+
+    completion = command(
+        "completion", "print a script that completes commands, options and names in your shell",
+        'eval "$(twinbench completion bash)"\n\n'
+        "best as a line of ~/.bashrc, or with zsh of ~/.zshrc; fish: twinbench completion fish | source",
+    )  # fmt: skip
+    completion.add_argument("shell", choices=("bash", "zsh", "fish"))
+    for name, added in commands.choices.items():
+        if name in _PARALLEL:
+            says = "at most so many at once (default: one per core; fewer need less memory)"
+            added.add_argument("--jobs", type=int, metavar="N", help=says)
+        if added is not completion:
+            added.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
+        # After the command's name it must not undo what stands before it.
+        added.add_argument("-v", "--verbose", action="count", default=argparse.SUPPRESS, help=_VERBOSE)
     return parser
 
 
@@ -228,20 +285,112 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; the exit status."""
     arguments = _parser().parse_args(argv)
     from data.errors import BadInput
+    from data.shown import printable
 
     try:
-        return int(_COMMANDS[arguments.command](arguments))
+        with _surroundings(arguments):
+            return int(_COMMANDS[arguments.command](arguments))
     except BadInput as error:
-        print(f"twinbench: {error}", file=sys.stderr)
+        print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 2
     except FloatingPointError as error:
-        print(f"twinbench: {error}", file=sys.stderr)
+        print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
-        return 130
+        return _stopped(130)
+    except _Terminated:
+        return _stopped(143)
     except BrokenPipeError:
         return 0
+    except RuntimeError as error:
+        workers = sys.modules.get("bench.workers")
+        if workers is None or not isinstance(error, workers.WorkerKilled):
+            raise
+        print(f"twinbench: {error}", file=sys.stderr)
+        return 1
+
+
+def _stopped(status: int) -> int:
+    """End what works for this process, and say how to go on."""
+    if workers := sys.modules.get("bench.workers"):
+        workers.end_workers()
+    print("twinbench: stopped; run the same command again to go on", file=sys.stderr)
+    return status
+
+
+@contextlib.contextmanager
+def _surroundings(a: argparse.Namespace) -> Iterator[None]:
+    """What holds for every command: logging, the number of jobs, where output goes, what SIGTERM does."""
+    from data.jobs import at_most
+
+    a.stdout = sys.stdout
+    with contextlib.ExitStack() as stack:
+        if getattr(a, "json", False):
+            # What a plug-in prints must not stand between what a program reads.
+            stack.enter_context(contextlib.redirect_stdout(sys.stderr))
+        stack.enter_context(at_most(getattr(a, "jobs", None)))
+        stack.enter_context(_logging(a.verbose))
+        stack.enter_context(_sigterm())
+        begun = time.monotonic()
+        log.info("twinbench %s begins", a.command)
+        yield
+        log.info("twinbench %s ends after %.1f s", a.command, time.monotonic() - begun)
+
+
+@contextlib.contextmanager
+def _logging(verbose: int) -> Iterator[None]:
+    """With --verbose: what this package does, with times, on stderr; twice: details as well."""
+    if not verbose:
+        yield
+        return
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(name)s: %(message)s"))
+    loggers = [logging.getLogger(name) for name in _LOGGED]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.DEBUG if verbose > 1 else logging.INFO)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.removeHandler(handler)
+            logger.setLevel(level)
+
+
+@contextlib.contextmanager
+def _sigterm() -> Iterator[None]:
+    """SIGTERM unwinds this process as Ctrl-C does, where it is the main thread's to decide."""
+
+    def stop(*_: object) -> NoReturn:
+        raise _Terminated
+
+    try:
+        before = signal.signal(signal.SIGTERM, stop)
+    except ValueError:  # a program runs the command in another thread
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _tell(a: argparse.Namespace, value: Any) -> None:
+    """One JSON value on stdout."""
+    print(json.dumps(value, indent=2, allow_nan=False), file=a.stdout)
+
+
+def _rows(frame: Any) -> list[dict[str, Any]]:
+    """A table as records; null where there is no number."""
+    return list(json.loads(frame.to_json(orient="records", double_precision=15)))
+
+
+def _failed(outcomes: Any) -> list[dict[str, Any]]:
+    """Cells that failed."""
+    return [
+        {"estimator": o.cell.estimator, "seed": o.cell.seed, "stage": o.stage, "reason": o.reason} for o in outcomes
+    ]
 
 
 def _run(a: argparse.Namespace) -> int:
@@ -255,6 +404,11 @@ def _run(a: argparse.Namespace) -> int:
     out = a.out or Path("results") / profile.name
     command = "twinbench " + shlex.join(sys.argv[1:])
     finished = run(profile, out, tuple(a.only), a.ablations, a.robustness, a.resume, a.backend, a.scheduler, command)
+    if a.json:
+        page = str((out / "report.html").resolve())
+        rows = _rows(finished.comparison.frame)
+        _tell(a, {"comparison": rows, "failed": _failed(finished.failed), "report": page})
+        return 1 if finished.failed else 0
     print(to_text(finished.comparison, get_terminal_size().columns))
     for outcome in finished.failed:
         print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")
@@ -267,9 +421,9 @@ def _list(a: argparse.Namespace) -> int:
 
     if a.simulator and a.what != "mechanisms":
         raise BadInput(f"list {a.what}: --simulator goes with mechanisms only; leave it out")
-    rows = _mechanisms(a.simulator) if a.what == "mechanisms" else _LISTS[a.what]()
+    rows = _mechanisms(a.simulator, a.trust) if a.what == "mechanisms" else _LISTS[a.what]()
     if a.json:
-        print(json.dumps(rows, indent=2))
+        _tell(a, rows)
         return 0
     from rich.console import Console
     from rich.markup import escape
@@ -302,11 +456,11 @@ def _ablations() -> list[dict[str, Any]]:
     ]
 
 
-def _mechanisms(spec: str | None = None) -> list[dict[str, Any]]:
+def _mechanisms(spec: str | None = None, trust: bool = False) -> list[dict[str, Any]]:
     from mismatch.model import load_simulator, whole_catalogue
     from physics.mechanisms import CATALOGUE
 
-    mechanisms = whole_catalogue(load_simulator(spec)) if spec else CATALOGUE
+    mechanisms = whole_catalogue(load_simulator(spec, trust)) if spec else CATALOGUE
     return [
         {
             "name": m.name,
@@ -335,7 +489,7 @@ def _check(a: argparse.Namespace) -> int:
     results = run_battery(find(a.estimator))
     failed = sum(r.status == "fail" for r in results)
     if a.json:
-        print(json.dumps([{"name": r.name, "status": r.status, "detail": r.detail} for r in results], indent=2))
+        _tell(a, [{"name": r.name, "status": r.status, "detail": r.detail} for r in results])
         return 1 if failed else 0
     from rich.console import Console
     from rich.markup import escape
@@ -350,6 +504,8 @@ def _check(a: argparse.Namespace) -> int:
 
 
 def _tune(a: argparse.Namespace) -> int:
+    import tomllib
+
     from rich.console import Console
 
     from bench.profile import load_profile
@@ -357,8 +513,12 @@ def _tune(a: argparse.Namespace) -> int:
 
     command = "twinbench " + shlex.join(sys.argv[1:])
     profile = load_profile(a.profile)
-    for spec in a.estimators:
-        print(tune(spec, profile, a.out, a.trials, Console(stderr=True), command, a.online), end="")
+    console = Console(stderr=True)
+    chosen = [tune(spec, profile, a.out, a.trials, console, command, a.online) for spec in a.estimators]
+    if a.json:
+        _tell(a, [tomllib.loads(section)["settings"] for section in chosen])
+    else:
+        print("".join(chosen), end="")
     return 0
 
 
@@ -370,8 +530,7 @@ def _simulate(a: argparse.Namespace) -> int:
     if a.simulator:
         from bench.replay import replay
 
-        for path in replay(a.simulator, a.inputs, a.out, a.map, a.format):
-            print(path)
+        _tell_files(a, replay(a.simulator, a.inputs, a.out, a.map, a.format, a.trust))
         return 0
     return _simulate_benchmark(a)
 
@@ -391,8 +550,19 @@ def _simulate_benchmark(a: argparse.Namespace) -> int:
         table = truth_table(batch.without_truth() if a.no_truth else batch, 0)
         write = table.to_csv if a.format == "csv" else table.to_parquet
         write_atomically(a.out / f"{scenario.name}.{a.format}", partial(write, index=False))
-    print(f"{len(scenarios)} recordings in {a.out}")
+    if a.json:
+        _tell_files(a, [a.out / f"{scenario.name}.{a.format}" for scenario in scenarios])
+    else:
+        print(f"{len(scenarios)} recordings in {a.out}")
     return 0
+
+
+def _tell_files(a: argparse.Namespace, paths: Sequence[Path]) -> None:
+    """The files that were written, a line each."""
+    if a.json:
+        _tell(a, {"files": [str(path) for path in paths]})
+    else:
+        print("\n".join(map(str, paths)))
 
 
 def _estimate(a: argparse.Namespace) -> int:
@@ -400,7 +570,7 @@ def _estimate(a: argparse.Namespace) -> int:
 
     summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map, a.force)
     if a.json:
-        print(json.dumps(summaries, indent=2))
+        _tell(a, summaries)
     else:
         for summary in summaries:
             print("\n".join(summary["rests_on"]))
@@ -414,26 +584,31 @@ def _estimate(a: argparse.Namespace) -> int:
 def _export(a: argparse.Namespace) -> int:
     from bench.export import export
 
-    for path in export(a.estimator, a.out, a.profile, a.results):
-        print(path)
+    _tell_files(a, export(a.estimator, a.out, a.profile, a.results))
     return 0
 
 
 def _mismatch(a: argparse.Namespace) -> int:
+    from shutil import get_terminal_size
+
     from bench.explain import explain
 
-    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map)
-    if a.json:
-        from bench.mismatch_report import to_json
+    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust, a.inputs)
+    # What was found is told before it is drawn: drawing takes a while, and may fail.
+    from bench.mismatch_report import to_json, to_text, write_page
+    from bench.mismatch_status import STATUS
 
-        print(to_json(verdict))
-    else:
-        print(verdict.says)
-        print(f"report: {(a.out / 'report.html').resolve()}")
-    return 0
+    told = to_json(verdict) if a.json else to_text(verdict, get_terminal_size().columns)
+    print(told, file=a.stdout if a.json else None, flush=True)
+    write_page(verdict, a.out)
+    if not a.json:
+        for name, says in (("report.html", "report"), ("verdict.json", "for programs"), ("model.toml", "mended model")):
+            print(f"{says}: {(a.out / name).resolve()}")
+    return STATUS[verdict.verdict]
 
 
 def _prove(a: argparse.Namespace) -> int:
+    import pandas as pd
     from rich.console import Console
 
     from bench.prove.engines import chosen
@@ -444,6 +619,10 @@ def _prove(a: argparse.Namespace) -> int:
     command = "twinbench " + shlex.join(sys.argv[1:])
     console = Console(stderr=True)
     gates = run(a.cases, a.seed, a.out, console, engines, opponent_cases=a.opponent_cases, command=command)
+    if a.json:
+        compared = _rows(pd.read_csv(a.out / "engines.csv"))
+        _tell(a, {"gates": _rows(gates), "engines": compared, "out": str(a.out.resolve())})
+        return 0
     print(as_markdown(gates))
     if len(engines) > 1:
         print((a.out / "engines.md").read_text())
@@ -458,7 +637,11 @@ def _flagship(a: argparse.Namespace) -> int:
 
     command = "twinbench " + shlex.join(sys.argv[1:])
     engines = ENGINES if a.told else ENGINES[:1]
-    print(as_markdown(run(a.draws, a.seed, a.out, Console(stderr=True), engines, command=command)))
+    gates = run(a.draws, a.seed, a.out, Console(stderr=True), engines, command=command)
+    if a.json:
+        _tell(a, {"gates": _rows(gates), "out": str(a.out.resolve())})
+    else:
+        print(as_markdown(gates))
     return 0
 
 
@@ -468,8 +651,12 @@ def _report(a: argparse.Namespace) -> int:
 
     if not (a.results / "manifest.json").is_file():
         raise BadInput(f"{a.results} holds no run (no manifest.json); make one with: twinbench run --out {a.results}")
-    write_report(a.results)
-    print(f"report: {(a.results / 'report.html').resolve()}")
+    comparison = write_report(a.results)
+    page = (a.results / "report.html").resolve()
+    if a.json:
+        _tell(a, {"comparison": _rows(comparison.frame), "report": str(page)})
+    else:
+        print(f"report: {page}")
     return 0
 
 
@@ -489,11 +676,21 @@ def _latency(a: argparse.Namespace) -> int:
     out = a.out or Path("results/latency")
     console = Console(stderr=True)
     table, failed = run(a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, console)
+    if a.json:
+        _tell(a, {"latency": _rows(table.frame), "failed": _failed(failed), "out": str(out.resolve())})
+        return 1 if failed else 0
     print(to_text(table, get_terminal_size().columns))
     for outcome in failed:
         print(f"failed: {outcome.cell.estimator}: {outcome.reason}")
     print(f"tables and figures: {out.resolve()}")
     return 1 if failed else 0
+
+
+def _completion(a: argparse.Namespace) -> int:
+    from bench.completion import script
+
+    print(script(_parser(), a.shell), end="")
+    return 0
 
 
 _LISTS = {
@@ -515,4 +712,5 @@ _COMMANDS = {
     "flagship": _flagship,
     "report": _report,
     "latency": _latency,
+    "completion": _completion,
 }

@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.store import reading
+from data.batch import ESTIMATED, OUTPUTS
+
 
 @dataclass(frozen=True)
 class Estimates:
@@ -56,8 +59,28 @@ class Estimates:
 
     @classmethod
     def load(cls, path: Path) -> Estimates:
-        """Read what ``save`` wrote."""
-        with np.load(path, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in stored.files}
-        about = json.loads(arrays.pop("about").tobytes())
-        return cls(about["estimator"], about["seed"], tuple(about["names"]), **arrays)
+        """Read what ``save`` wrote.
+
+        Raises:
+            BadInput: it is not that.
+        """
+        with reading(path):
+            # What is no archive, NumPy would leave open.
+            with open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+                arrays = {name: stored[name] for name in stored.files}
+            about = json.loads(arrays.pop("about").tobytes())
+            loaded = cls(about["estimator"], about["seed"], tuple(about["names"]), **arrays)
+            loaded._check_shapes()
+        return loaded
+
+    def _check_shapes(self) -> None:
+        ticks, n = (len(self.names), len(self.time_s)), len(ESTIMATED)
+        origins = (len(self.names), len(self.forecast_time_s))
+        shapes = {
+            "mean": (*ticks, n), "low": (*ticks, n), "high": (*ticks, n), "nis": ticks, "nis_dof": ticks,
+            "flags": ticks, "forecast": (*origins, len(self.leads_s), len(OUTPUTS)), "mean_at_origin": (*origins, n),
+            "cov_at_origin": (*origins, n, n),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, must have {shape}")

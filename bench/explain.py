@@ -2,88 +2,57 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
 
-from bench.store import check_writable, write_text
+from bench.progress import Progress
+from bench.store import check_writable
 from mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
 from mismatch.recordings import check_excited, check_measured, read
 
 if TYPE_CHECKING:
     from mismatch import Verdict
 
-Progress = Callable[[str, float], None]
-
 
 def explain(
-    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str]
-) -> Verdict:
-    """Diagnose, and write ``verdict.json``, ``report.html`` and ``model.toml`` into ``out``.
+    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
+    trust: bool = False, inputs: str = "auto",
+) -> Verdict:  # fmt: skip
+    """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Args:
-        hold_out: recordings for the proof alone.
+        hold_out: recordings that nothing is learnt from.
         catalogue: the file of a user's own mechanisms, or nothing.
+        trust: run the Python that a ``model.toml`` names wherever it lies.
+        inputs: between samples "held" or "linear"; "auto" is what a ``model.toml`` says, or else a fit.
 
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
     """
-    given = load_model(spec)
+    given = load_model(spec, trust)
     simulator = given.simulator
     own = load_catalogue(catalogue, simulator) if catalogue else ()
     recordings = read([*paths, *hold_out], simulator, mapping)
     fitted, held_out = recordings[: len(paths)], recordings[len(paths) :]
     check_measured(recordings, simulator)
     check_excited(fitted, simulator)
-    # Now that the input is good: engine and figures take seconds to import.
-    from bench.mismatch_report import write
+    # Now that the input is good: the engine takes seconds to import.
+    from bench.mismatch_report import write_findings
     from mismatch import diagnose
 
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
     whole = whole_catalogue(simulator, own, period_s)
-    with _folder(out), _progress() as progress:
-        verdict = diagnose(
-            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress, faults=given.faults
-        )
-        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue)
-        write(verdict, out)
-        write_text(out / "model.toml", model)
-    return verdict
-
-
-@contextlib.contextmanager
-def _folder(out: Path) -> Iterator[None]:
-    """The folder, made and tried before the long part; gone again if nothing comes to be in it."""
-    made = [folder for folder in (out, *out.parents) if not folder.exists()]
     check_writable(out)
-    try:
-        yield
-    except BaseException:
-        for folder in made:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
-
-
-@contextlib.contextmanager
-def _progress() -> Iterator[Progress]:
-    """Told a stage and the share of it that is done, it draws a bar per stage where somebody is looking."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield lambda stage, share: None
-        return
-    from bench.runner import bars
-
-    with bars(console) as progress:
-        tasks = {}
-
-        def report(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=100)
-            progress.update(tasks[stage], completed=round(100 * share))
-
-        yield report
+    with Progress() as progress:
+        verdict = diagnose(
+            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults,
+            inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
+        )  # fmt: skip
+        joined = verdict.diagnosis.joined.inputs
+        said = joined if given.inputs or joined == "linear" else ""
+        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)
+        write_findings(verdict, model, out)
+    return verdict

@@ -1,36 +1,65 @@
-"""What ``twinbench mismatch`` found, as a file for programs and a page for people."""
+"""What ``twinbench mismatch`` found, as files for programs and a page for people: the findings first, then the page."""
 
 from __future__ import annotations
 
 import json
 import math
-import re
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
-from bench.figures.mismatch import draw
+from bench.figures.mismatch import draw, failed
 from bench.mismatch_tables import build_listings, sizes
 from bench.page import render, write_bytes, write_figures
 from bench.store import write_text
-from mismatch.verdict import Finding, Verdict
+from data.errors import BadInput
+from mismatch.findings import Finding, probable
+from mismatch.verdict import Verdict
+from mismatch.words import listed, typeset
+
+OPENING = "fit_held_out"
+"""The figure that the page begins with: before and after on what was held out."""
+_WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # names of channels
 
 
-def write(verdict: Verdict, out: Path) -> None:
-    """Write ``verdict.json``, ``figures/`` and ``report.html`` into a folder.
+def write_findings(verdict: Verdict, model: str, out: Path) -> None:
+    """Write ``verdict.json`` and ``model.toml`` into a folder.
 
     Raises:
         CannotWrite: the folder cannot be written to.
     """
     write_text(out / "verdict.json", to_json(verdict) + "\n")
-    figures = write_figures(out / "figures", draw(verdict))
+    write_text(out / "model.toml", model)
+
+
+def write_page(verdict: Verdict, out: Path) -> None:
+    """Draw ``figures/`` and write ``report.html`` into a folder; a figure that fails is said to be missing.
+
+    Raises:
+        CannotWrite: the folder cannot be written to.
+    """
+    figures = []
+    for drawing in draw(verdict):
+        try:
+            figures += write_figures(out / "figures", [drawing])
+        except BadInput:
+            raise
+        except Exception as error:
+            figures += write_figures(out / "figures", [drawing._replace(figure=None, missing=failed(error))])
     write_bytes(out / "report.html", _html(verdict, figures).encode())
 
 
 def to_json(verdict: Verdict) -> str:
     """``verdict.json``: strict JSON, with null for what is no finite number."""
     return json.dumps(_plain(verdict.to_dict()), indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def to_text(verdict: Verdict, width: int = 80) -> str:
+    """The verdict for a terminal: the sentence, then its points."""
+    points = [fill(p, width, initial_indent="- ", subsequent_indent="  ", **_WHOLE) for p in verdict.points]
+    return "\n".join([fill(verdict.says, width, **_WHOLE), "", *points, ""])
 
 
 def _plain(value: Any) -> Any:
@@ -47,40 +76,29 @@ def _plain(value: Any) -> Any:
 
 def _html(verdict: Verdict, figures: list[dict[str, Any]]) -> str:
     d = verdict.diagnosis
-    headline, answer = _headed(verdict.says)
     return render(
         "mismatch.html.j2",
         simulator=d.simulator,
         verdict=verdict,
-        headline=headline,
-        answer=answer,
+        headline=verdict.says.rstrip("."),
         findings=[(f, _facts(f), sizes(f)) for f in verdict.findings],
-        figures=figures,
+        opening=next(f for f in figures if f["name"] == OPENING),
+        figures=[f for f in figures if f["name"] != OPENING],
         listings=build_listings(verdict),
         remarks=d.remarks,
         provenance=_provenance(verdict),
     )
 
 
-def _headed(says: str) -> tuple[str, list[str]]:
-    """The first clause of the verdict for the large type, and the rest as paragraphs."""
-    head, *rest = re.split(r"[:;] |\.(?: (?=[A-Z])|$)", says, maxsplit=1)
-    answer = rest[0].strip() if rest else ""
-    if answer.split(" ")[0].isalpha():  # else it is a number or a name
-        answer = answer[:1].upper() + answer[1:]
-    return head, [answer] if answer else []
-
-
 def _facts(f: Finding) -> list[tuple[str, str]]:
     """A finding's fields as pairs to read; what it does not know is left out."""
     pairs = [
         ("kind", f.kind),
-        ("term", f.term),
+        ("term", typeset(f.term)),
         ("port", f.port),
-        ("probability", f"{f.probability:.2f}" if f.mechanism else ""),
-        ("since", f"about {f.since_s:.0f} s" if f.since_s is not None else ""),
-        ("where", f.regime),
-        ("cannot be told from", ", ".join(f.indistinguishable_from)),
+        ("probability", probable(f.probability) if f.term and f.mechanism else ""),
+        ("where", typeset(f.regime)),
+        ("cannot be told from", listed(f.candidates[1:]) if f.candidates else ""),
     ]
     return [(name, text) for name, text in pairs if text]
 
@@ -91,10 +109,12 @@ def _provenance(verdict: Verdict) -> list[tuple[str, str]]:
     def named(tracks: Any) -> str:
         return ", ".join(f"{t.name} ({len(t.time_s):,} samples, {t.time_s[-1] - t.time_s[0]:,.0f} s)" for t in tracks)
 
+    joined = {"held": "held from one sample to the next", "linear": "joined by lines between samples"}
     pairs = [
         ("simulator", f"{d.simulator.name}: {d.simulator.says}"),
         ("learnt from", named(d.tracks)),
         ("held out", named(d.held)),
+        ("inputs", joined[d.joined.inputs]),
         ("looked for", f"{len(d.machine.candidates)} mechanisms and faults"),
         ("threshold", f"{d.threshold:.3g} log-likelihood units (twice) per effect"),
         ("also written", "verdict.json, model.toml (the mended simulator), figures/"),

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from bench.ranking import ranking
-from bench.table_formats import number
+from mismatch.evidence import OutputError
+from mismatch.findings import Finding, Value
 from mismatch.picture import typical
-from mismatch.verdict import Finding, Fit, Value, Verdict, smallest_seen
+from mismatch.telling import smallest_seen
+from mismatch.verdict import Verdict
 from mismatch.walk import Diagnosis
+from mismatch.words import digits_worth, interval, number, spoken, typeset, with_unit
 
 SIGNIFICANT = 0.05
 LEAST_P = 1e-6
@@ -39,59 +40,50 @@ class Listing(NamedTuple):
 def build_listings(verdict: Verdict) -> list[Listing]:
     """All tables below the findings, in the order of the page."""
     d = verdict.diagnosis
-    return [_fit(verdict.fit), _parameters(verdict), _rivals(d), _tests(d), _explanations(d), _looked_for(d)]
+    return [_errors(verdict.fit), _parameters(verdict), _rivals(d), _tests(d), _explanations(d), _looked_for(d)]
 
 
 def sizes(finding: Finding) -> Listing:
-    """What a finding's parameters came out as."""
-    rows = tuple((v.name, *_texts(v), v.unit) for v in finding.parameters)
-    return Listing("sizes", "", ("parameter", "value", "90 % interval", "unit"), ("unit",), rows)
+    """What a finding's parameters came out as, and its size as a force."""
+    values = (*finding.parameters, *([finding.force] if finding.force else []))
+    rows = tuple((v.name, v.says, *_texts(v), spoken(v.unit)) for v in values)
+    heads = ("parameter", "what it is", "value", "90 % interval", "unit")
+    return Listing("sizes", "", heads, ("what it is", "unit"), rows)
 
 
 def _texts(v: Value) -> tuple[str, str]:
     """A value and its interval, with as many digits as the interval is worth."""
-    width, largest = v.high - v.low, max(abs(v.low), abs(v.high), abs(v.value))
-    digits = 3
-    if np.isfinite(width) and 0.0 < width < largest:
-        digits = min(max(3, int(np.ceil(np.log10(largest / width))) + 2), 6)
-    return _number(v.value, digits), f"{_number(v.low, digits)} to {_number(v.high, digits)}"
+    digits = digits_worth(v.value, v.low, v.high)
+    return number(v.value, digits), interval(v.low, v.high, digits)
 
 
-def _number(value: float, digits: int = 3) -> str:
-    """Plain, unless it would be mostly zeros."""
-    return f"{value:.{digits}g}" if 0.0 < abs(value) < 1e-3 else number(value, digits)
-
-
-def _fit(fits: Sequence[Fit]) -> Listing:
+def _errors(errors: Sequence[OutputError]) -> Listing:
     rows = tuple(
         (
-            f.channel, "held out" if f.held_out else "learnt from", _number(f.rmse_before), _number(f.rmse_after),
-            _number(f.noise_floor), f.unit, _reduction(f),
+            e.channel, "held out" if e.held_out else "learnt from", number(e.rmse_before), number(e.rmse_after),
+            "–" if e.rmse_after == e.rmse_before else interval(e.change_low, e.change_high), number(e.noise_sd),
+            spoken(e.unit),
         )
-        for f in sorted(fits, key=lambda f: not f.held_out)
+        for e in sorted(errors, key=lambda e: not e.held_out)
     )  # fmt: skip
     return Listing(
-        "fit", "Fit per channel",
-        ("channel", "recordings", "error before", "error after", "where it learnt", "unit",
-         "error reduced by, 90 % interval"),
+        "errors", "Error of each output",
+        ("output", "recordings", "before", "after", "change, 90 % interval", "sensor's scatter", "unit"),
         ("recordings", "unit"), rows,
-        ("Error: root mean square of measured minus simulated, open loop. Before: the calibrated simulator, so the "
-         "reduction is what was found, not the parameters. Where it learnt: the error after there, "
-         "which is the sensor's noise if nothing is missing any more.",),
+        ("Error: root mean square of measured minus simulated, open loop, reading by reading.",
+         "Before: the simulator with its own parameters fitted. After: with what was found added. So the change is "
+         "what was found, not what was merely set wrong.",
+         "Sensor's scatter: its noise from reading to reading. Slow noise does not show in that, so all its noise is "
+         "this or more."),
         "No output was measured.",
     )  # fmt: skip
-
-
-def _reduction(f: Fit) -> str:
-    if f.rmse_after == f.rmse_before:
-        return "–"
-    return f"{100.0 * f.reduction_low:.0f} % to {100.0 * f.reduction_high:.0f} %"
 
 
 def _parameters(verdict: Verdict) -> Listing:
     known = {v.name: v.says for v in verdict.diagnosis.simulator.parameters}
     rows = tuple(
-        (v.name, known.get(v.name, ""), _number(np.nan if v.before is None else v.before), *_texts(v), v.unit)
+        (v.name, known.get(v.name, ""), number(v.before if v.before is not None else float("nan")), *_texts(v),
+         spoken(v.unit))
         for v in verdict.parameters
     )  # fmt: skip
     return Listing(
@@ -110,7 +102,7 @@ def _rivals(d: Diagnosis) -> Listing:
         for name, others in zip(best.names, d.rivals, strict=True):
             for other in others.names:
                 instead = ranked.get(frozenset(best.names) - {name} | {other})
-                rows.append((name, other, _number(own - instead.gain) if instead else "–", _number(own)))
+                rows.append((name, other, number(own - instead.gain) if instead else "–", number(own)))
     return Listing(
         "rivals", "What these recordings cannot tell apart",
         ("found", "could as well be", "which gains less by", "out of"), ("could as well be",), tuple(rows), (),
@@ -121,9 +113,12 @@ def _rivals(d: Diagnosis) -> Listing:
 def _tests(d: Diagnosis) -> Listing:
     failed = sorted((t for t in d.tests if t.p < SIGNIFICANT), key=lambda t: t.p)
     rows = tuple(
-        (t.recording, t.channel, t.says, _number(t.statistic), f"{t.p:.1g}" if t.p >= LEAST_P else f"below {LEAST_P:g}")
+        (
+            t.recording, t.channel, typeset(t.says), number(t.statistic),
+            number(t.p, 1) if t.p >= LEAST_P else f"below {number(LEAST_P, 1)}",
+        )
         for t in failed
-    )
+    )  # fmt: skip
     return Listing(
         "tests", "Residual tests of the calibrated simulator that failed",
         ("recording", "channel", "what is wrong", "statistic", "p"), ("channel", "what is wrong"), rows,
@@ -134,7 +129,7 @@ def _tests(d: Diagnosis) -> Listing:
 
 def _explanations(d: Diagnosis) -> Listing:
     rows = tuple(
-        (" + ".join(e.names), str(len(e.names)), _number(e.gain, 4), _number(e.needed), e.standing) for e in ranking(d)
+        (" + ".join(e.names), str(len(e.names)), number(e.gain, 4), number(e.needed), e.standing) for e in ranking(d)
     )
     return Listing(
         "explanations-fitted", "Explanations fitted in full",
@@ -154,8 +149,8 @@ def _looked_for(d: Diagnosis) -> Listing:
         seen = size * abs(typical(c))
         beyond = seen > max(abs(v.low - c.null[0]), abs(v.high - c.null[0]))
         rows.append((
-            name, c.mechanism.says, c.mechanism.port, f"{_number(seen)} {v.unit}".strip() if not beyond else "hidden",
-            _number(size) if not beyond else "–",
+            name, c.mechanism.says, c.mechanism.port, with_unit(seen, v.unit) if not beyond else "hidden",
+            number(size) if not beyond else "–",
         ))  # fmt: skip
     return Listing(
         "looked-for", "All that was looked for, and the least of it that would have been seen",

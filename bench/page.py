@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import jinja2
 from markupsafe import Markup
 
-from bench.figures import Drawing
+from bench.figures import FROM_ESTIMATES, Drawing
 from bench.figures.style import FAINT, INK, MUTED, PAPER, png, settle, svg
+from bench.roster import label
 from bench.store import write_atomically
 
 THEMED = {INK: "var(--ink)", MUTED: "var(--muted)", FAINT: "var(--rule)", PAPER: "var(--paper)"}
 """Colours of the figures that follow the reader's light or dark setting; the data's own do not."""
+
+
+PX_PER_PT = 4 / 3
 
 
 def render(template: str, **values: Any) -> str:
@@ -27,25 +32,52 @@ def render(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values)
 
 
-def write_figures(folder: Path, drawings: Iterable[Drawing]) -> list[dict[str, Any]]:
-    """Write each figure as PNG and SVG, and return what a page shows of it: name, caption, svg, missing.
+def write_figures(folder: Path, drawings: Iterable[Drawing], gone: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """Write each figure as PNG and SVG, and return what a page shows of it: name, title, caption, svg, missing.
 
     Files of a figure that could not be drawn this time are removed.
+
+    Args:
+        gone: estimators whose estimates are no longer in the store; an earlier drawing of figures that show
+            estimates is kept then.
     """
-    shown = []
-    for name, caption, figure, missing in drawings:
+    shown: list[dict[str, Any]] = []
+    for name, caption, figure, missing, title in drawings:
+        about = {"name": name, "title": title or name.replace("_", " ").capitalize(), "caption": caption}
+        if gone and name in FROM_ESTIMATES:
+            kept = kept_figure(folder, about, gone)
+            if kept["svg"] or figure is not None or missing:
+                shown.append(kept)
+            continue
         files = {suffix: folder / f"{name}.{suffix}" for suffix in ("png", "svg")}
         if figure is None:
             for path in files.values():
                 path.unlink(missing_ok=True)
-            shown.append({"name": name, "caption": caption, "svg": None, "missing": missing})
+            if missing:
+                shown.append({**about, "svg": None, "missing": missing})
             continue
         settle(figure)
         drawn = svg(figure)
         write_bytes(files["png"], png(figure))
         write_bytes(files["svg"], drawn.encode())
-        shown.append({"name": name, "caption": caption, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
+        shown.append({**about, "svg": Markup(inline_svg(drawn, name)), "missing": ""})
     return shown
+
+
+def kept_figure(folder: Path, about: dict[str, Any], gone: Sequence[str]) -> dict[str, Any]:
+    """An earlier drawing as a page shows it; ``about`` holds its name, title and caption."""
+    name = about["name"]
+    lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
+    vector, raster = (folder / f"{name}.{suffix}" for suffix in ("svg", "png"))
+    if vector.is_file():
+        svg = Markup(inline_svg(vector.read_text(encoding="utf-8"), name))
+    elif raster.is_file():
+        picture = base64.b64encode(raster.read_bytes()).decode()
+        svg = Markup('<img alt="{}" src="data:image/png;base64,{}">').format(name, picture)
+    else:
+        return {**about, "svg": None, "missing": lacks}
+    caption = f"{about['caption']} Drawn by an earlier run, and nothing newer is in it: {lacks}."
+    return {**about, "caption": caption, "svg": svg, "missing": ""}
 
 
 def inline_svg(drawn: str, name: str) -> str:
@@ -56,10 +88,12 @@ def inline_svg(drawn: str, name: str) -> str:
     drawn = re.sub(r'((?:xlink:href="|url\()#)', rf"\g<1>{name}-", drawn)
     for colour, themed in THEMED.items():
         drawn = drawn.replace(colour, themed)
-    # Sized by the page, not by the paper.
+    # Sized by the page's style, which is told how large its type is right.
     width = re.search(r'\bwidth="([\d.]+)pt"', drawn)
     drawn = re.sub(r'\b(?:width|height)="[\d.]+pt" ?', "", drawn, count=2)
-    size = f'style="width: {float(width.group(1)) * 4 / 3:.0f}px" ' if width else ""
+    size = ""
+    if width:
+        size = f'style="--px: {float(width.group(1)) * PX_PER_PT:.0f}px" '
     return drawn.replace("<svg ", f'<svg {size}role="img" aria-labelledby="{name}-caption" ', 1)
 
 

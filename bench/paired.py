@@ -12,7 +12,7 @@ from bench.bootstrap import differences, sequence_scores
 from bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
 from bench.scores import DEFINITIONS, IDEAL
 from bench.summary import PARAMETERS
-from bench.table_formats import Cell, Column, Table, number
+from bench.table_formats import Cell, Column, Table, number, span
 
 METRICS = {
     "p_nrmse_pct": ("p", "filtered, %"),
@@ -86,4 +86,4 @@ def _cell(line: Mapping[str, Any], metric: str) -> Cell:
     if not np.isfinite(value):
         return Cell("failed" if line["failed"] else "–")
     sure = metric not in IDEAL and bool(low > 0.0 or high < 0.0)
-    return Cell(f"{'+' if value > 0 else ''}{number(value)}", f"{number(low)}–{number(high)}", best=sure)
+    return Cell(f"{'+' if value > 0 else ''}{number(value)}", span(low, high), best=sure)

@@ -28,7 +28,7 @@ def ranking(d: Diagnosis) -> list[Ranked]:
     """Each set of names once, at its best; best first by gain beyond what is needed."""
     best = d.chosen or d.best
     gains: dict[frozenset[str], tuple[float, tuple[str, ...]]] = {}
-    for e in (*([best] if best else []), *d.tried):
+    for e in (*([best] if best else []), *d.fitted):
         names, gain = frozenset(e.names), d.before.cost - e.cost
         if names not in gains or gain > gains[names][0]:
             gains[names] = gain, e.names

@@ -6,6 +6,7 @@ Demsar (2006), Statistical comparisons of classifiers over multiple data sets, J
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +19,8 @@ from bench.scores import IDEAL
 from data.batch import Array
 
 POWER = 0.8
+MOST_SIGNS = 13
+"""Tied pairs up to which all signs are gone through, 2 to the power of it; beyond that scipy's normal approximation."""
 
 
 @dataclass(frozen=True)
@@ -161,11 +164,25 @@ def compare_pairs(names: tuple[str, ...], scores: Array, mean_ranks: Array, alph
 def wilcoxon_p(difference: Array) -> float:
     """Two-sided p-value of Wilcoxon's signed-rank test of paired differences (n,); 1 if all are zero.
 
-    Exact, by scipy, up to 50 pairs without ties or 13 with.
+    Exact up to 50 pairs without ties, by scipy, or ``MOST_SIGNS`` with, by going through all signs.
     """
-    if not difference.any():
+    moved = difference[difference != 0]
+    if not len(moved):
         return 1.0
-    return float(stats.wilcoxon(difference).pvalue)
+    ranks = stats.rankdata(np.abs(moved))
+    tied = len(moved) < len(difference) or len(np.unique(ranks)) < len(ranks)
+    if not tied or len(moved) > MOST_SIGNS:
+        return float(stats.wilcoxon(difference).pvalue)
+    # scipy does the same, 400 times slower.
+    sums = _signs(len(moved)) @ ranks
+    seen = ranks[moved > 0].sum()
+    return float(min(1.0, 2.0 * min(np.mean(sums <= seen), np.mean(sums >= seen))))
+
+
+@lru_cache
+def _signs(n: int) -> Array:
+    """(2^n, n): which of n differences are positive, every way there is."""
+    return ((np.arange(2**n)[:, None] >> np.arange(n)) & 1).astype(float)
 
 
 def holm(p: Array) -> Array:

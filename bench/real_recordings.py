@@ -123,7 +123,8 @@ def filled(page: str, results: Path) -> str:
         verdict = json.loads((results / name / "verdict.json").read_text())
         rows = to_markdown(table[table["case"] == name])
         figure = f"![{name}: measured and simulated](../results/real_recordings/{name}/fit_held_out.png)"
-        text = f"> {verdict['says']}\n\n{rows}\n{figure}"
+        points = "\n".join(f"> - {point}" for point in verdict["points"])
+        text = f"> {verdict['says']}\n>\n{points}\n\n{rows}\n{figure}"
         text += f"\n\nVerdict: {verdict['verdict']}, after {cases.loc[name, 'seconds']:.0f} s."
         head, mark, rest = page.partition(f"<!-- {name} -->\n")
         page = f"{head}{mark}{text}\n<!-- end -->{rest.partition('<!-- end -->')[2]}"

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
+import functools
 import importlib
 import importlib.metadata
 import importlib.util
 import pkgutil
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from bench.roster import LABELS
 from data.errors import BadInput
 from methods.estimator import REGISTRY, Estimator, ablated
+from physics.filespec import split_spec
+from physics.trial import about_to, tried
 
 GROUP = "twinbench.estimators"
 
@@ -45,13 +50,14 @@ def find(name: str) -> type[Estimator]:
     Raises:
         BadInput: no such name, ablation, file or class, or the file fails to import.
     """
-    file, _, wanted = name.partition(":")
+    file, wanted = split_spec(name)
     if file.endswith(".py"):
         wanted, _, part = wanted.partition(":")
         return _without(_from_file(Path(file), wanted), part)
     known = discover()
-    if file in known:
-        return _without(known[file], wanted)
+    own, _, part = name.partition(":")
+    if own in known:
+        return _without(known[own], part)
     near = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {near[0]!r}?" if near else "give a path ending in .py for one of your own"
     raise BadInput(f"no estimator {name!r}; {hint} Known: {', '.join(sorted(known))}")
@@ -66,23 +72,44 @@ def _without(kind: type[Estimator], part: str) -> type[Estimator]:
 def _from_file(path: Path, wanted: str) -> type[Estimator]:
     if not path.is_file():
         raise BadInput(f"no file {path}; give the path of a .py file with a registered Estimator")
+    try:
+        _try(path, path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise BadInput(str(error)) from error
+    return _estimator_in(_imported(path), path, wanted)
+
+
+@functools.cache
+def _try(path: Path, content: bytes) -> None:
+    """Import it elsewhere first, once for each content: whatever it does, this process goes on."""
+    tried(lambda: _imported(path), f"plug-in {path}")
+
+
+def _imported(path: Path) -> ModuleType:
+    """The file as a module. Its estimators are known by it, read anew each time, and never join the registry."""
     module_name = f"twinbench_plugin_{path.stem}"
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:
         raise BadInput(f"plug-in {path} is no Python module; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
-    # A file's estimator is known by its file, read anew each time, and never joins the registry.
     ours = dict(REGISTRY)
     REGISTRY.clear()
+    about_to("importing it")
     try:
-        spec.loader.exec_module(module)
+        with contextlib.redirect_stdout(sys.stderr):  # what a file prints must not get into our output
+            spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:
         del sys.modules[module_name]
         raise BadInput(f"plug-in {path} fails to import: {one_line(error)}; mend the file") from error
     finally:
         REGISTRY.clear()
         REGISTRY.update(ours)
+    return module
+
+
+def _estimator_in(module: ModuleType, path: Path, wanted: str) -> type[Estimator]:
+    module_name = module.__name__
     found = {c.__name__: c for c in vars(module).values() if _is_estimator(c) and c.__module__ == module_name}
     if wanted and wanted not in found:
         raise BadInput(f"plug-in {path} has no Estimator class {wanted!r}; it has: {', '.join(found) or 'none'}")

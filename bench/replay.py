@@ -21,7 +21,9 @@ _ACCURACY = 0.02
 """The integration step is halved until it moves readings by less than a twentieth of this share of their scale."""
 
 
-def replay(spec: str, paths: Sequence[Path], out: Path, mapping: Sequence[str], kind: str) -> list[Path]:
+def replay(
+    spec: str, paths: Sequence[Path], out: Path, mapping: Sequence[str], kind: str, trust: bool = False
+) -> list[Path]:
     """Write ``<recording>.simulated.<kind>`` into ``out``: time, the recorded inputs, the simulated outputs.
 
     Open loop from the first readings, or from the simulator's nominal ones where none were recorded;
@@ -29,12 +31,13 @@ def replay(spec: str, paths: Sequence[Path], out: Path, mapping: Sequence[str], 
 
     Args:
         kind: ``csv`` or ``parquet``.
+        trust: run the Python that a ``model.toml`` names wherever it lies.
 
     Raises:
         BadInput: the simulator or a recording cannot be used, or the simulator diverges; nothing is written.
     """
-    model = load_model(spec)
-    tracks = prepare(read(paths, model.simulator, mapping), model.simulator)
+    model = load_model(spec, trust)
+    tracks = prepare(read(paths, model.simulator, mapping), model.simulator, linear=model.inputs == "linear")
     tables = _run(model, tracks)
     written = []
     for track, table in zip(tracks, tables, strict=True):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bench import kept
 from bench.claims import claims, claims_table
 from bench.evidence import Evidence, add_scenes, gather
 from bench.figures import draw
@@ -12,7 +14,7 @@ from bench.page import render, write_bytes, write_figures
 from bench.paired import ablation_table, rivals_table
 from bench.results import Results, load_results
 from bench.robustness_tables import robustness_tables
-from bench.roster import FLOOR, PROPOSED, is_ablation, label
+from bench.roster import PROPOSED, UNRANKED, is_ablation, label, ordered
 from bench.summary import Summary, summarise
 from bench.table_formats import Table, to_csv, to_markdown, to_tex
 from bench.tables import build_tables
@@ -35,21 +37,28 @@ def write_report(out: Path) -> Table:
     failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
     summary = summarise(results.scores[whole], failures)
     evidence = _evidence(results)
-    tables = build_tables(summary, evidence.coverage, results.latency, results.cost)
+    gone = kept.lacking(summary, evidence)
+    evidence.coverage = kept.with_earlier_regimes(evidence.coverage, out / "tables", gone)
+    tables = build_tables(summary, evidence.coverage, results.latency, results.cost, profile_of(results))
     if PROPOSED in results.scores["estimator"].unique():
         tables.insert(1, rivals_table(results.scores, results.failures))
     if not whole.all():
         tables.append(ablation_table(results.scores, results.failures))
     if results.manifest.get("scenes"):
         found = claims(summary, evidence, results.scores, results.robustness, results.latency)
-        tables.append(claims_table(found))
+        tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone)))
     tables += robustness_tables(results.robustness)
     for table in tables:
         for suffix, text in FORMATS.items():
             write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
-    figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness))
+    figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), gone)
     write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
     return tables[0]
+
+
+def profile_of(results: Results) -> str:
+    """The name of the profile that was run."""
+    return str((results.manifest.get("profile") or {}).get("name", "without a name"))
 
 
 def _evidence(results: Results) -> Evidence:
@@ -65,8 +74,10 @@ def _html(results: Results, summary: Summary, tables: list[Table], figures: list
         headline=headline(summary),
         answer=answer(summary),
         certainty=certainty(summary),
-        floor=label(FLOOR),
-        tables=tables,
+        profile=profile_of(results),
+        references=[label(name) for name in UNRANKED],
+        # What the page says at its top is not said again below the first table.
+        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
         figures=figures,
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
         provenance=_provenance(results.manifest),
@@ -81,6 +92,7 @@ def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
     machine, walls = manifest.get("machine") or {}, manifest.get("wall_s") or {}
     pairs = [
         ("command", manifest.get("command")),
+        *_makers(manifest),
         ("profile", (manifest.get("profile") or {}).get("name")),
         ("commit", commit),
         ("seeds", _joined(manifest.get("seeds"))),
@@ -90,6 +102,22 @@ def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
         ("wall time", _joined(f"{stage} {seconds:.0f} s" for stage, seconds in walls.items())),
     ]
     return [(name, str(value)) for name, value in pairs if value]
+
+
+def _makers(manifest: dict[str, Any]) -> list[tuple[str, str]]:
+    """Whose rows another command, commit or processor made than the last run's, as pairs to read."""
+    made: dict[tuple[Any, ...], list[str]] = {}
+    for name, by in manifest.get("made", {}).items():
+        made.setdefault((by["command"], by["commit"], by["processor"]), []).append(name)
+    if len(made) < 2:
+        return []
+    return [
+        (f"rows of {_joined(map(label, whole))}{f' and {parts} ablations' if parts else ''}",
+         f"{command}; commit {commit}; on {processor}")
+        for (command, commit, processor), names in made.items()
+        for whole in [[name for name in ordered(names) if not is_ablation(name)]]
+        for parts in [len(names) - len(whole)]
+    ]  # fmt: skip
 
 
 def _joined(values: Any) -> str:

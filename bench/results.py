@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from bench.cells import load_batches, load_split
 from bench.estimates import Estimates
+from bench.manifest import read_manifest, unusable
 from bench.scenes import KIND, RECORDINGS
 from bench.store import Store
 from data.batch import Batch
-from data.errors import BadInput
 
 COLUMNS = {
     "scores.csv": ("estimator", "seed", "sequence", "metric", "value"),
@@ -26,6 +26,9 @@ COLUMNS = {
     "cost.csv": ("estimator", "seed", "stage", "cpu_s"),
 }  # fmt: skip
 
+NUMBERS = ("seed", "value", "window", "p50_us", "p95_us", "p99_us", "max_us", "memory_kB", "cpu_s")
+KEY = ("estimator", "seed", "group", "condition", "sequence", "metric")
+"""Columns that together say what a score is of."""
 HARDER = ("estimator", "seed", "group", "condition", "sequence", "metric", "value")
 """Columns of ``robustness.csv``, which only a run with --robustness leaves."""
 
@@ -70,7 +73,7 @@ class Results:
             return
         recordings = load_batches(store.path(RECORDINGS, filmed["recordings"]))
         for scene, key in filmed["takes"]:
-            if store.has(KIND, key):
+            if store.has(KIND, key) and scene in recordings:
                 yield recordings[scene], Estimates.load(store.path(KIND, key))
 
 
@@ -81,13 +84,9 @@ def load_results(out: Path) -> Results:
         BadInput: a file is missing, unreadable, or not what a run writes.
     """
     tables = {name: _read_csv(out / name, columns) for name, columns in COLUMNS.items()}
-    path = out / "manifest.json"
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise _unusable(path, error.strerror or str(error)) from error
-    except ValueError as error:
-        raise _unusable(path, f"not JSON: {error}") from error
+    if tables["scores.csv"].empty:
+        raise unusable(out / "scores.csv", "has no rows")
+    manifest = read_manifest(out / "manifest.json")
     robustness = pd.DataFrame(columns=list(HARDER))
     if manifest.get("robustness"):
         robustness = _read_csv(out / "robustness.csv", HARDER)
@@ -96,17 +95,37 @@ def load_results(out: Path) -> Results:
 
 
 def _read_csv(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
+    texts = [column for column in columns if column not in NUMBERS]
     try:
-        # Only an empty cell is a missing value: an estimator may be called "null".
-        frame = pd.read_csv(path, keep_default_na=False, na_values=[""])
+        # Only an empty cell is a missing value: an estimator may be called "null", or "7".
+        frame = pd.read_csv(path, keep_default_na=False, na_values=[""], dtype=dict.fromkeys(texts, str))
     except OSError as error:
-        raise _unusable(path, error.strerror or str(error)) from error
+        raise unusable(path, error.strerror or str(error)) from error
     except ValueError as error:
-        raise _unusable(path, f"not a table: {error}") from error
+        raise unusable(path, f"not a table: {error}") from error
     if missing := [column for column in columns if column not in frame.columns]:
-        raise _unusable(path, f"no column {missing[0]!r}")
+        raise unusable(path, f"no column {missing[0]!r}")
+    for column in columns:
+        frame[column] = _checked(frame[column], path)
+    key = [column for column in columns if column in KEY]
+    if "metric" in key and frame.duplicated(key).any():
+        raise unusable(path, f"row {_row(frame.duplicated(key))} gives the same score a second time")
     return frame[list(columns)]
 
 
-def _unusable(path: Path, why: str) -> BadInput:
-    return BadInput(f"cannot use {path}: {why}; run `twinbench run --out {path.parent}` again")
+def _checked(cells: pd.Series, path: Path) -> pd.Series:
+    """A column with numbers where there should be some, and names where there should be names."""
+    if cells.name in KEY and cells.isna().any():
+        raise unusable(path, f"row {_row(cells.isna())} has no {cells.name}")
+    if cells.name not in NUMBERS:
+        return cells
+    numbers = pd.to_numeric(cells, errors="coerce")
+    wrong = numbers.isna() & cells.notna() | np.isinf(numbers)
+    if wrong.any():
+        raise unusable(path, f"row {_row(wrong)}, column {cells.name}: {str(cells[wrong].iloc[0])[:40]!r} is no number")
+    return numbers
+
+
+def _row(wrong: pd.Series) -> int:
+    """Line of the file, the header being line 1."""
+    return int(np.flatnonzero(wrong)[0]) + 2

@@ -3,36 +3,38 @@
 from __future__ import annotations
 
 import contextlib
-import json
+import logging
 import operator
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import joblib
-import numpy as np
 import pandas as pd
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from bench import cells, robustness, scenes
+from bench import cells, robustness, run_files, scenes
 from bench.cells import Cell, Outcome
+from bench.earlier import Earlier, read_earlier, what_differs
 from bench.latency import estimators as latency
 from bench.profile import KINDS, Profile, fits
+from bench.progress import Progress
 from bench.registry import discover, find
 from bench.report import write_report
 from bench.roster import ABLATION, is_ablation, label, ordered
-from bench.scores import DEFINITIONS, score
-from bench.store import Store, check_writable, sweep, write_atomically, write_text
+from bench.scores import score
+from bench.store import Store, check_writable, sweep
 from bench.table_formats import Table
-from bench.versions import code_version, provenance
+from bench.workers import side_by_side
 from data.errors import BadInput
+from data.jobs import cores
 from methods.estimator import Estimator
+from physics.filespec import join_spec, split_spec
 
-SCORES = ["estimator", "seed", "sequence", "metric", "value"]
+log = logging.getLogger(__name__)
 
 Key = Callable[[Cell], str]
 FIT: Key = operator.attrgetter("fit")
@@ -58,38 +60,45 @@ def run(
     command: str = "",
     console: Console | None = None,
 ) -> Finished:
-    """Run a profile into ``out``; finished cells of an earlier run are kept unless ``resume`` is False.
+    """Run a profile into ``out``, beside what is there.
+
+    Rows of estimators that are not run stay. Finished cells of an earlier run are kept unless ``resume`` is False.
 
     Args:
-        only: the estimators to run; all if left out.
+        only: the estimators to run; all if left out. All of them begin a new comparison where that in ``out`` is of
+            other recordings.
         ablations: run each of them without each of its parts, too.
         harder: run them under the conditions of ``data.disturb``, too.
 
     Raises:
-        BadInput: an unknown estimator or setting, a folder that cannot be written to.
+        BadInput: an unknown estimator or setting, a folder that cannot be written to, or ``only`` some estimators
+            for a folder with a comparison on other recordings.
     """
     console = console or Console(stderr=True)
     store = Store(out / "store")
     todo = plan(profile, only, ablations)
+    before = _before(out, profile, todo[0].data, bool(only), resume)
     walls: dict[str, float] = {}
-    with _workers(backend, scheduler) as processes:
+    with _workers(backend, scheduler, len(todo)) as processes:
         check_writable(out)
         sweep(out)
         if not resume:
-            store.clear()
-        _say_plan(console, profile, todo, store, out)
-        with bars(console) as progress:
+            _forget(store, profile, todo if only else None)
+        _say_plan(console, profile, todo, store, out, before)
+        with Progress(console) as progress:
 
             def stage(name: str, work: Any, *arguments: Any) -> list[Any]:
                 """``work`` on each of the last argument's items, as they finish."""
                 *common, items = arguments
                 start = time.perf_counter()
-                bar = progress.add_task(name, total=len(items))
                 results = []
-                parallel = joblib.Parallel(n_jobs=processes, return_as="generator_unordered")
-                for result in parallel(joblib.delayed(work)(*common, item) for item in items):
-                    results.append(result)
-                    progress.advance(bar)
+                with progress.stage(name, len(items)) as going:
+                    for result in side_by_side(work, [(*common, i) for i in items], processes, backend == "local"):
+                        results.append(result)
+                        going.step()
+                        if isinstance(result, Outcome):
+                            log.info("%s: %s, seed %d: %s", name, result.cell.estimator, result.cell.seed,
+                                     result.reason or "done")  # fmt: skip
                 walls[name] = round(time.perf_counter() - start, 2)
                 return results
 
@@ -115,16 +124,51 @@ def run(
             timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
             walls["latency"] = round(time.perf_counter() - start, 2)
     failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
-    _write_scores(out, tables, failed, cells.load_split(store, todo[0].data).test.names)
-    _write_failures(out, failed)
-    _write_cost(out, store, learners, _without(runs, failed))
-    if harder:
-        _write_robustness(out, robustness.finished(store, trials))
-    latency.write(out, timings)
-    filmed = {"recordings": takes[0].recordings, "takes": [(t.scene, t.key) for t in takes]} if takes else {}
-    manifest = {**_manifest(profile, todo, good, command, walls), "robustness": harder, "scenes": filmed}
-    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    unchanged = before.unchanged(todo) if resume else set()
+    stale = {c.estimator for c in todo} - unchanged
+    run_files.write_scores(out, before, tables, failed, cells.load_split(store, todo[0].data).test.names)
+    run_files.write_failures(out, before, failed, todo)
+    run_files.write_cost(out, before, store, learners, _without(runs, failed), todo)
+    robust = run_files.write_robustness(out, before, store, trials, stale)
+    run_files.write_latency(out, before, timings, stale)
+    run_files.write_regimes(out, before, todo)
+    run_files.write_manifest(out, before, profile, todo, unchanged, good, takes, robust, command, walls)
     return Finished(failed, write_report(out))
+
+
+def _before(out: Path, profile: Profile, data_key: str, some: bool, resume: bool) -> Earlier:
+    """What earlier runs left in ``out``, as far as this one adds to it.
+
+    Raises:
+        BadInput: only some estimators are to run, and cannot be compared with those that are there.
+    """
+    if not some and not resume:
+        return Earlier()
+    try:
+        before = read_earlier(out)
+    except BadInput:
+        if some:
+            raise
+        return Earlier()
+    differs = what_differs(before, profile, data_key)
+    if differs and some:
+        raise BadInput(
+            f"the comparison in {out} is of other recordings or another profile ({differs}); give this run a folder "
+            f"of its own, for example --out {out.with_name(f'{out.name}_more')}"
+        )
+    return Earlier() if differs else before
+
+
+def _forget(store: Store, profile: Profile, todo: list[Cell] | None) -> None:
+    """Remove what those cells left, or everything."""
+    if todo is None:
+        store.clear()
+        return
+    left = [(kind, key) for c in todo for kind, key in (("data", c.data), ("fit", c.fit), ("estimate", c.estimates))]
+    left += [(scenes.KIND, t.key) for t in scenes.takes(todo, profile)]
+    left += [(robustness.KIND, t.key) for t in robustness.trials(todo, profile)]
+    for kind, key in left:
+        store.forget(kind, key)
 
 
 def plan(profile: Profile, only: tuple[str, ...], ablations: bool = False) -> list[Cell]:
@@ -140,7 +184,7 @@ def plan(profile: Profile, only: tuple[str, ...], ablations: bool = False) -> li
             raise BadInput(f"two of the estimators are named {kind.name!r}; rename one of them")
         _check_settings(kind, profile)
     if ablations:
-        whole = {spec if spec == k.name else f"{spec.partition(':')[0]}:{k.__name__}": k for spec, k in kinds.items()}
+        whole = {spec if spec == k.name else join_spec(split_spec(spec)[0], k.__name__): k for spec, k in kinds.items()}
         parts = [f"{spec}{ABLATION}{part}" for spec, k in whole.items() for part in k.ablations]
         kinds |= {spec: find(spec) for spec in parts}
     unplanned = set(profile.settings) - set(names)
@@ -167,8 +211,8 @@ def _check_settings(kind: type[Estimator], profile: Profile) -> None:
 
 def _absolute(spec: str) -> str:
     """A file's path that still holds in a worker process."""
-    file, colon, name = spec.partition(":")
-    return f"{Path(file).resolve()}{colon}{name}" if file.endswith(".py") else spec
+    file, name = split_spec(spec)
+    return join_spec(Path(file).resolve(), name) if file else spec
 
 
 def _once(todo: list[Cell], key: Key) -> list[Cell]:
@@ -192,85 +236,35 @@ def _score(store: Store, cell: Cell) -> pd.DataFrame:
     return table.assign(estimator=cell.estimator, seed=cell.seed)
 
 
-def _write_scores(out: Path, tables: list[pd.DataFrame], failed: list[Outcome], names: tuple[str, ...]) -> None:
-    """``scores.csv`` in a fixed order; cells that have no estimates as NaN."""
-    scored = {(e, seed) for table in tables for e, seed in table[["estimator", "seed"]].to_numpy()[:1].tolist()}
-    nothing = [(s, m, np.nan) for s in names for m in DEFINITIONS]
-    for outcome in failed:
-        if (outcome.cell.estimator, outcome.cell.seed) not in scored:
-            frame = pd.DataFrame(nothing, columns=["sequence", "metric", "value"])
-            tables.append(frame.assign(estimator=outcome.cell.estimator, seed=outcome.cell.seed))
-    scores = pd.concat(tables, ignore_index=True)[SCORES].sort_values(SCORES[:4], kind="stable")
-    write_atomically(out / "scores.csv", lambda path: scores.to_csv(path, index=False))
-
-
-def _write_robustness(out: Path, tables: list[pd.DataFrame]) -> None:
-    if tables:
-        scores = pd.concat(tables, ignore_index=True).sort_values(robustness.COLUMNS[:6], kind="stable")
-        write_atomically(out / "robustness.csv", lambda path: scores.to_csv(path, index=False))
-
-
-def _write_failures(out: Path, failed: list[Outcome]) -> None:
-    table = pd.DataFrame(
-        [(o.cell.estimator, o.cell.seed, o.stage, o.reason) for o in failed],
-        columns=["estimator", "seed", "stage", "reason"],
-    )
-    write_atomically(out / "failures.csv", lambda path: table.to_csv(path, index=False))
-
-
-def _write_cost(out: Path, store: Store, learners: list[Cell], good: list[Cell]) -> None:
-    """``cost.csv``: the processor time of each training and evaluation, of earlier runs into this folder, too."""
-    rows = [(c.estimator, c.seed, "fit", cells.cpu_s(store, "fit", c.fit)) for c in learners]
-    rows += [(c.estimator, c.seed, "estimate", cells.cpu_s(store, "estimate", c.estimates)) for c in good]
-    table = pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])
-    write_atomically(out / "cost.csv", lambda path: table.to_csv(path, index=False))
-
-
-def _manifest(
-    profile: Profile, todo: list[Cell], good: list[Cell], command: str, walls: dict[str, float]
-) -> dict[str, Any]:
-    names = ordered({c.estimator for c in todo if not is_ablation(c.estimator)})
-    kept = [c for c in good if not is_ablation(c.estimator)]
-    in_order = sorted(kept, key=lambda c: (names.index(c.estimator), c.seed))
-    return {
-        "command": command,
-        "profile": asdict(profile),
-        "seeds": list(profile.seeds),
-        "estimators": names,
-        "ablations": sorted({c.estimator for c in todo if is_ablation(c.estimator)}),
-        "specs": {c.estimator: c.spec for c in todo},
-        "code": {c.estimator: code_version(find(c.spec).__module__) for c in todo},
-        "data_key": todo[0].data,
-        "estimates_keys": list(dict.fromkeys(c.estimates for c in in_order)),
-        **provenance(),
-        "wall_s": walls,
-    }
-
-
-def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path) -> None:
+def _say_plan(
+    console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path, before: Earlier
+) -> None:
     """What is about to happen, for whoever just pressed Enter."""
     data = profile.data
     names = ordered({c.estimator for c in todo if not is_ablation(c.estimator)})
     parts = len({c.estimator for c in todo}) - len(names)
     done = sum(store.has("estimate", c.estimates) for c in todo)
+    others = before.others({c.estimator for c in todo})
+    beside = ordered(name for name in others if not is_ablation(name))
     console.print(
         f"profile {profile.name}: {', '.join(map(label, names))}" + (f"; {parts} ablations" if parts else "")
         + f"; seeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
         f"tested on {data.n_test} others\n"
-        f"results in {out}" + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else ""),
+        f"results in {out}" + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else "")
+        + (f"; beside {', '.join(map(label, beside))}, whose rows stay" if beside else ""),
         highlight=False, markup=False, soft_wrap=True,
     )  # fmt: skip
 
 
 @contextlib.contextmanager
-def _workers(backend: str, scheduler: str) -> Iterator[int]:
-    """joblib's own processes, or those of a Dask cluster; yields how many for joblib."""
+def _workers(backend: str, scheduler: str, most: int) -> Iterator[int]:
+    """joblib's own processes, no more than ``most``, or those of a Dask cluster; yields how many for joblib."""
     if backend == "local":
         with warnings.catch_warnings(), joblib.parallel_config(backend="loky"):
             # loky starts a process anew once it holds much memory. Loaded sequences do that; nothing is lost.
             warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
-            yield min(2, joblib.cpu_count())
+            yield min(cores(), most)
         return
     if not scheduler:
         raise BadInput("--backend dask needs --scheduler ADDRESS, for example tcp://10.0.0.5:8786")
@@ -284,10 +278,3 @@ def _workers(backend: str, scheduler: str) -> Iterator[int]:
         raise BadInput(f"no Dask scheduler answers at {scheduler!r}; check the address and that it runs") from error
     with client, joblib.parallel_config(backend="dask"):
         yield -1
-
-
-def bars(console: Console) -> Progress:
-    """A progress bar per stage."""
-    return Progress(
-        TextColumn("{task.description:>9}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-    )

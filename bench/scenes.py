@@ -36,11 +36,14 @@ def ensure_recordings(store: Store, profile: Profile, key: str) -> None:
         store.put(RECORDINGS, key, lambda path: cells.save_batches(batches, path))
 
 
+def recordings_key(profile: Profile) -> str:
+    """What the simulated scenes depend on."""
+    return key_of(seed=profile.data.seed, corruption=asdict(profile.corruption), code=code_version("data.scenes"))
+
+
 def takes(done: Sequence[Cell], profile: Profile) -> list[Take]:
     """Every estimator in every scene, with its first seed."""
-    recordings = key_of(
-        seed=profile.data.seed, corruption=asdict(profile.corruption), code=code_version("data.scenes")
-    )  # fmt: skip
+    recordings = recordings_key(profile)
     return [_take(cell, scene, recordings) for cell in cells.of_first_seed(done, profile) for scene in SCENES]
 
 

@@ -59,6 +59,8 @@ DEFINITIONS = {
     f"best (least RMSE around the change; 0 to {LONGEST_DELAY_S:g} s); none if a constant fits no worse.",
     "recovery_s": "Time from the end of a health change until the error of that parameter stays below "
     f"{100 * RECOVERED:g} % of the change; none if it never does.",
+    "recovery_limit_s": "Time from the end of a health change to the end of the recording: how long a recovery could "
+    "be watched.",
     "coverage95_pct": "Share of samples whose 95 % interval holds the truth, mean of the five states and the "
     "five health parameters; 95 is right.",
     **{
@@ -182,14 +184,15 @@ def _parameter_scores(estimates: Estimates, at: Truth) -> dict[str, Array]:
 def _tracking_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str, Array]:
     assert truth.truth is not None
     mean = _finite(estimates.mean)
-    delay, recovery = (np.full(len(estimates.names), np.nan) for _ in range(2))
+    delay, recovery, limit = (np.full(len(estimates.names), np.nan) for _ in range(3))
     for b, name in enumerate(estimates.names):
         change = health_change(truth.time_s, truth.truth.health[truth.names.index(name)])
         if change is not None:
             estimate, true = mean[b, :, len(STATES) + change.parameter], at.health[b, :, change.parameter]
             delay[b] = effective_delay(estimates.time_s, estimate, true, change)
             recovery[b] = recovery_time(estimates.time_s, estimate, true, change)
-    return {"delay_s": delay, "recovery_s": recovery}
+            limit[b] = max(float(estimates.time_s[-1]) - change.end_s, 0.0)
+    return {"delay_s": delay, "recovery_s": recovery, "recovery_limit_s": limit}
 
 
 def _calibration_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str, Array]:

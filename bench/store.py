@@ -9,16 +9,18 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from data.errors import BadInput
 
 PARTIAL = ".part"
+log = logging.getLogger(__name__)
 
 
 def key_of(**axes: Any) -> str:
@@ -38,6 +40,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
         CannotWrite: the folder cannot be written to, or the disk is full.
     """
     beside: Path | None = None
+    made: list[Path] = []
     try:
         made = [folder for folder in path.parents if not folder.exists()]
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -49,6 +52,7 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
             os.fsync(file.fileno())
         os.chmod(beside, 0o644)
         os.replace(beside, path)
+        log.info("wrote %s", path)
     except BaseException as error:
         if beside is not None:
             beside.unlink(missing_ok=True)
@@ -69,14 +73,21 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder, and see that files can be made in it.
+    """See that files can be made in a folder, and leave nothing there: what comes next may refuse its input.
 
     Raises:
         CannotWrite: they cannot.
     """
-    probe = folder / ".writable"
-    write_text(probe, "")
-    probe.unlink()
+
+    def leave_nothing(beside: Path) -> None:
+        raise _Writable
+
+    with contextlib.suppress(_Writable):
+        write_atomically(folder / ".writable", leave_nothing)
+
+
+class _Writable(Exception):
+    """A file could be made."""
 
 
 def sweep(out: Path) -> None:
@@ -84,6 +95,22 @@ def sweep(out: Path) -> None:
     for folder in ("", "tables/", "figures/", "store/*/*/"):
         for beside in out.glob(f"{folder}.*{PARTIAL}"):
             beside.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def reading(part: Path) -> Iterator[None]:
+    """Whatever goes wrong where a part is read, it is not what a run wrote.
+
+    Raises:
+        BadInput: one line that names the file.
+    """
+    try:
+        yield
+    except BadInput:
+        raise
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}".splitlines()[0]
+        raise BadInput(f"cannot use {part}: {why}; remove it, and twinbench run makes it again") from error
 
 
 class Store:
@@ -102,7 +129,7 @@ class Store:
         part = self.path(kind, key, suffix)
         done = part.with_name(".done")
         try:
-            return done.read_text() == _sha256(part)
+            return done.read_bytes() == _sha256(part).encode()
         except OSError:
             return False
 
@@ -112,6 +139,10 @@ class Store:
         write_atomically(part, write)
         write_text(part.with_name(".done"), _sha256(part))
         return part
+
+    def forget(self, kind: str, key: str) -> None:
+        """Remove a part and what stands beside it."""
+        shutil.rmtree(self.root / kind / key, ignore_errors=True)
 
     def clear(self) -> None:
         """Forget everything."""

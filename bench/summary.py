@@ -10,8 +10,10 @@ import numpy as np
 import pandas as pd
 
 from bench.bootstrap import SequenceScores, differences, means, ratios, sequence_scores
+from bench.censored import CENSORED, Waiting, waiting, watched
+from bench.marks import marked
 from bench.ranks import Ranking, rank
-from bench.roster import FLOOR, ordered
+from bench.roster import REFERENCE, UNRANKED, ordered
 from bench.scores import DEFINITIONS, FORECAST_ERRORS, IDEAL
 
 PARAMETERS = "parameter_error_pct"
@@ -21,7 +23,11 @@ QUESTIONS = {PARAMETERS: "parameter error", FORECAST: "60 s forecast error (mean
 
 
 class Value(NamedTuple):
-    """A metric's mean over the sequences and its multiple of the floor, with 95 % intervals; NaN: none."""
+    """A metric's mean over the sequences and its multiple of the reference, with 95 % intervals; NaN: none.
+
+    Of a time that may not have come, ``mean`` is the median over the runs, inf where it lies beyond what was
+    watched; ``happened`` of ``runs`` did come.
+    """
 
     mean: float = np.nan
     low: float = np.nan
@@ -29,6 +35,8 @@ class Value(NamedTuple):
     times: float = np.nan
     times_low: float = np.nan
     times_high: float = np.nan
+    happened: float = np.nan
+    runs: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -39,7 +47,8 @@ class Summary:
         estimators: everyone who took part, failed ones included, in the roster's order.
         values: by (estimator, metric).
         by_sequence: per question of QUESTIONS, scores by sequence.
-        rankings: per question; the oracle is left out. Missing where nothing could be ranked.
+        marked: per metric, whom its column marks, as ``bench.marks.marked`` finds them.
+        rankings: per question; reference rows are left out. Missing where nothing could be ranked.
         unranked: per question without a ranking, why.
         failures: per estimator with failed cells, which and why.
     """
@@ -47,6 +56,7 @@ class Summary:
     estimators: tuple[str, ...]
     values: dict[tuple[str, str], Value]
     by_sequence: dict[str, SequenceScores]
+    marked: dict[str, tuple[str, ...]]
     rankings: dict[str, Ranking]
     unranked: dict[str, str]
     failures: dict[str, str]
@@ -77,27 +87,44 @@ def summarise(scores: pd.DataFrame, failures: Mapping[str, str]) -> Summary:
         failures: per estimator with failed cells, which and why.
     """
     scores = pd.concat([scores, _forecast_scores(scores)], ignore_index=True)
-    metrics = [m for m in (*DEFINITIONS, FORECAST) if m in set(scores["metric"])]
+    metrics = [m for m in (*DEFINITIONS, FORECAST) if m in set(scores["metric"]) and m not in CENSORED]
     tables = {metric: sequence_scores(scores, metric, failures) for metric in metrics}
+    values = {key: value for table in tables.values() for key, value in _values(table).items()}
+    for metric in CENSORED:
+        times_s = watched(scores, metric)
+        if times_s.empty:
+            continue
+        values |= {(str(e), metric): _waited(waiting(own)) for e, own in times_s.groupby("estimator")}
+        tables[metric] = _restricted(times_s, metric, failures)
     rankings, unranked = {}, {}
+    ranked = scores[~scores["estimator"].isin(UNRANKED)]
+    lost = {name: why for name, why in failures.items() if name not in UNRANKED}
     for question in QUESTIONS:
-        ranked = scores[scores["estimator"] != FLOOR]
         try:
-            rankings[question] = rank(sequence_scores(ranked, question, _without_floor(failures)))
+            rankings[question] = rank(sequence_scores(ranked, question, lost))
         except ValueError as error:
             unranked[question] = str(error)
     return Summary(
         estimators=tuple(ordered({*scores["estimator"], *failures})),
-        values={key: value for table in tables.values() for key, value in _values(table).items()},
+        values=values,
         by_sequence={q: tables[q] for q in QUESTIONS if q in tables},
+        marked={metric: marked(table) for metric, table in tables.items()},
         rankings=rankings,
         unranked=unranked,
         failures=dict(failures),
     )
 
 
-def _without_floor(failures: Mapping[str, str]) -> dict[str, str]:
-    return {name: why for name, why in failures.items() if name != FLOOR}
+def _restricted(times_s: pd.DataFrame, metric: str, failures: Mapping[str, str]) -> SequenceScores:
+    """Waiting times cut off at what was watched, as scores for paired tests: who never got there comes last."""
+    # Where an old run does not say how long it watched, any number beyond all others ranks the same.
+    longest = times_s["time_s"].replace(np.inf, np.nan).max()
+    cut = times_s.assign(metric=metric, value=times_s["time_s"].replace(np.inf, 2.0 * longest))
+    return sequence_scores(cut, metric, failures)
+
+
+def _waited(w: Waiting) -> Value:
+    return Value(w.median_s, w.low_s, w.high_s, happened=w.happened, runs=w.runs)
 
 
 def _forecast_scores(scores: pd.DataFrame) -> pd.DataFrame:
@@ -110,7 +137,7 @@ def _forecast_scores(scores: pd.DataFrame) -> pd.DataFrame:
 def _values(table: SequenceScores) -> dict[tuple[str, str], Value]:
     own = means(table).set_index("estimator")[["mean", "low", "high"]]
     values = {(str(e), table.metric): Value(*row) for e, row in zip(own.index, own.to_numpy(), strict=True)}
-    if FLOOR in table.estimators and table.metric not in IDEAL:
+    if REFERENCE in table.estimators and table.metric not in IDEAL:
         above = ratios(table).set_index("estimator")[["ratio", "low", "high"]]
         for e, (times, low, high) in zip(above.index, above.to_numpy(), strict=True):
             key = (str(e), table.metric)

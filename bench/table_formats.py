@@ -11,9 +11,11 @@ from typing import NamedTuple
 
 import pandas as pd
 
+MINUS = "−"
+
 
 class Cell(NamedTuple):
-    """What one cell says: the number, and in smaller type its interval and its multiple of the floor."""
+    """What one cell says: the number, and in smaller type its interval and its multiple of the reference."""
 
     text: str
     interval: str = ""
@@ -68,7 +70,13 @@ def number(value: float, digits: int = 3) -> str:
     # Rounding first: 9.996 has two digits before the point once it is printed.
     rounded = float(f"{value:.{digits}g}")
     decimals = max(digits - 1 - math.floor(math.log10(abs(rounded))), 0)
-    return f"{rounded:,.{min(decimals, 6)}f}"
+    return f"{rounded:,.{min(decimals, 6)}f}".replace("-", MINUS)
+
+
+def span(low: float, high: float, to: bool = False) -> str:
+    """A range: ``1.2–3.4``, or with a word where a bound is negative or ``to`` asks for it: ``−1.2 to 3.4``."""
+    ends = [("∞" if end > 0 else f"{MINUS}∞") if math.isinf(end) else number(end) for end in (low, high)]
+    return (" to " if to or low < 0 else "–").join(ends)
 
 
 def to_csv(table: Table) -> str:
@@ -158,7 +166,7 @@ def _markdown_row(cells: Sequence[str]) -> str:
 _TEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "×": r"$\times$", "–": "--", "−": "$-$", "µ": r"$\mu$",
-    "°": r"$^\circ$", "±": r"$\pm$", "<": "$<$", ">": "$>$", "≤": r"$\le$", "≥": r"$\ge$",
+    "°": r"$^\circ$", "∞": r"$\infty$", "±": r"$\pm$", "<": "$<$", ">": "$>$", "≤": r"$\le$", "≥": r"$\ge$",
 }  # fmt: skip
 
 

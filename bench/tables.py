@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from bench.censored import CENSORED
 from bench.coverage import REGIMES
-from bench.roster import FLOOR, QUANTITIES, is_ablation, label, ordered
-from bench.scores import DEFINITIONS, IDEAL
+from bench.roster import PRIOR, QUANTITIES, REFERENCE, UNRANKED, is_ablation, label, ordered
+from bench.scores import DEFINITIONS
 from bench.summary import FORECAST, PARAMETERS, Summary, Value
-from bench.table_formats import Cell, Column, Table, number
+from bench.table_formats import Cell, Column, Table, number, span
 from data.batch import ESTIMATED, HEALTH
 
 
@@ -26,51 +27,80 @@ class Measure(NamedTuple):
 
 
 COMPARED = (
+    Measure(PARAMETERS, "health", "error, %"),
     Measure("p_nrmse_pct", "p", "filtered, %"),
     Measure("T_nrmse_pct", "T", "filtered, %"),
-    Measure("m_nrmse_pct", "m", "filtered, %"),
+    Measure("m_nrmse_pct", "flow", "filtered, %"),
+    Measure(FORECAST, "p, T, flow", "60 s ahead, %"),
+    Measure("coverage95_pct", "inside, %", "95 % interval"),
+)
+"""As many as fit a page beside the estimators; what else there is stands in the tables below it."""
+FORETOLD = (
     Measure("p_open60_pct", "p", "60 s ahead, %"),
     Measure("T_open60_pct", "T", "60 s ahead, %"),
-    Measure("m_open60_pct", "m", "60 s ahead, %"),
-    Measure("parameter_error_pct", "mean", "parameters, %"),
-    Measure("parameter_median_pct", "median", "parameters, %"),
-    Measure("parameter_p90_pct", "p90", "parameters, %"),
-    Measure("coverage95_pct", "inside, %", "95 % interval"),
-    Measure("nis_ratio", "ratio", "NIS"),
+    Measure("m_open60_pct", "flow", "60 s ahead, %"),
+    Measure("p_open10_pct", "p", "10 s ahead, %"),
+    Measure("T_open10_pct", "T", "10 s ahead, %"),
+    Measure("m_open10_pct", "flow", "10 s ahead, %"),
 )
 TRACKED = (
     *(Measure(f"{h}_error_pct", QUANTITIES[h][0], "error, %") for h in HEALTH[:4]),
     Measure("T_bias_error_K", "T bias", "error, K"),
+    Measure("parameter_median_pct", "median", "mean of four, %"),
+    Measure("parameter_p90_pct", "90th percentile", "mean of four, %"),
+    Measure("parameter_terminal_pct", "last 60 s", "mean of four, %"),
+)
+FOLLOWED = (
     *(Measure(f"{h}_range_pct", QUANTITIES[h][0], "% of range") for h in HEALTH[:4]),
     Measure("T_bias_K_range_pct", "T bias", "% of range"),
     Measure("parameter_range_pct", "mean of five", "% of range"),
-    Measure("parameter_terminal_pct", "last 60 s", "error, %"),
-    Measure("delay_s", "delay", "s"),
-    Measure("recovery_s", "recovery", "s"),
+    Measure("delay_s", "delay", "after a change, s"),
+    Measure("recovery_s", "recovery", "after a change, s"),
 )
 COVERED = (
     *(Measure(f"coverage_{q}_pct", QUANTITIES[q][0], "inside, %") for q in ESTIMATED),
     Measure("coverage95_pct", "mean of ten", "inside, %"),
-    Measure("nis_median_ratio", "NIS", "median"),
-    Measure("nis_inside_pct", "NIS", "inside, %"),
-    Measure("nis_ratio", "NIS", "ratio"),
-    Measure("nees_ratio", "NEES", "ratio"),
+)
+CONSISTENT = (
+    Measure("nis_median_ratio", "median", "NIS"),
+    Measure("nis_inside_pct", "inside, %", "NIS"),
+    Measure("nis_ratio", "ratio", "NIS"),
+    Measure("nees_ratio", "ratio", "NEES"),
 )
 INTERVALS = (
     "Beside or below each mean, the 95 % interval over test sequences: bootstrap over whole sequences, seeds averaged "
-    "inside each first. × is the multiple of the floor: the oracle, which knows the exact plant. The best of each "
-    "column, the oracle apart, is marked."
+    "inside each first."
+)
+TIMES = (
+    "× is the multiple of the reference: the oracle, which knows the exact plant, but not the drift that the pressure "
+    "sensors share."
+)
+MARKS = (
+    "Marked: the best mean of a column and all that cannot be told from it (Wilcoxon's test over the sequences, Holm's "
+    "correction for all pairs, 5 %). No mark: nobody is told from the best."
+)
+REFERENCES = f"{label(REFERENCE)} and {label(PRIOR)} are shown to compare with; they are not ranked and not marked."
+CENSORING = (
+    "Delay and recovery: Kaplan-Meier median over the runs, and in how many of them it was seen at all. A run in which "
+    "it was not counts as one that takes longer than was watched. Seeds that repeat one another count once."
 )
 RANK = (
-    "Rank: mean over the sequences, 1 is best, the oracle left out; by parameter error, and by the mean of the three "
-    "60 s errors."
+    "Rank: mean over the sequences, 1 is best, the reference rows left out; by parameter error, and by the mean of the "
+    "three 60 s errors."
 )
-LATENCY = "Latency: median time of one update of one machine, in the estimator's fastest implementation."
+LATENCY = (
+    "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "
+    "implementation's time, not the method's: docs/latency.md times filters with nothing left in Python, and there an "
+    "extended Kalman filter is quicker than DeepONet-Kalman."
+)
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
 
 
+KNOWN = {**DEFINITIONS, FORECAST: "Mean of the three errors forecast 60 s ahead, as the table of forecasts has them."}
+
+
 def build_tables(
-    summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame, cost: pd.DataFrame
+    summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame, cost: pd.DataFrame, profile: str
 ) -> list[Table]:
     """All tables of a run.
 
@@ -78,48 +108,52 @@ def build_tables(
         regimes: what ``bench.coverage.coverage_table`` returns.
         latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us, memory_kB.
         cost: columns estimator, seed, stage, cpu_s.
+        profile: the run's name.
     """
     return [
-        comparison(summary, latency),
+        comparison(summary, profile),
+        _measured("forecast", "Forecasts", FORETOLD, summary),
         _measured("parameters", "Health parameters", TRACKED, summary),
-        _measured("coverage", "Coverage of the 95 % intervals, and consistency", COVERED, summary),
+        _measured("following", "Following a change of health", FOLLOWED, summary),
+        _measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
+        _measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
         regime_table(regimes),
+        rank_table(summary, latency),
         latency_table(latency),
         cost_table(cost),
     ]
 
 
-def comparison(summary: Summary, latency: pd.DataFrame) -> Table:
-    """The main table: state, forecast and parameter errors, honesty, rank and speed of every estimator."""
-    table = _measured("comparison", "Comparison on the test sequences", COMPARED, summary)
+def comparison(summary: Summary, profile: str) -> Table:
+    """The main table: health, filtered states, forecast and honesty of every estimator."""
+    table = _measured("comparison", f"Profile {profile}: comparison on the test recordings", COMPARED, summary)
+    return replace(table, notes=(*summary.notes, *table.notes))
+
+
+def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
+    """Mean ranks, and what an update takes; nothing is marked: ranks have a figure, times are of one machine."""
     ranks = {q: dict(zip(r.estimators, map(float, r.mean_ranks), strict=True)) for q, r in summary.rankings.items()}
-    table = _with_column(table, summary, "mean_rank_parameters", Column("param.", "rank"), ranks.get(PARAMETERS, {}))
-    table = _with_column(table, summary, "mean_rank_forecast", Column("60 s", "rank"), ranks.get(FORECAST, {}))
-    table = _with_column(table, summary, "latency_p50_us", Column("p50, µs", "latency"), least(latency, "p50_us"))
-    table = _with_column(table, summary, "memory_kB", Column("kB", "memory"), least(latency, "memory_kB"))
-    return replace(table, notes=(*summary.notes, *table.notes),
-                   definitions=(*table.definitions, RANK, LATENCY, MEMORY))  # fmt: skip
-
-
-def _with_column(table: Table, summary: Summary, key: str, column: Column, values: Mapping[str, float]) -> Table:
-    """The table with one more column, of which less is better."""
-    numbers = [values.get(e, np.nan) for e in summary.estimators]
-    best = min((values[e] for e in values if e != FLOOR), default=np.nan)
-    cells = [
-        Cell(number(value), best=value == best and e != FLOOR)
-        for e, value in zip(summary.estimators, numbers, strict=True)
-    ]
-    return replace(
-        table,
-        frame=table.frame.assign(**{key: numbers}),
-        columns=(*table.columns, column),
-        rows=tuple((*row, cell) for row, cell in zip(table.rows, cells, strict=True)),
+    columns = {
+        "mean_rank_parameters": (Column("health", "mean rank"), ranks.get(PARAMETERS, {})),
+        "mean_rank_forecast": (Column("60 s ahead", "mean rank"), ranks.get(FORECAST, {})),
+        "latency_p50_us": (Column("median, µs", "one update"), quickest(latency, "p50_us")),
+        "memory_kB": (Column("kB", "memory"), quickest(latency, "memory_kB")),
+    }
+    frame = pd.DataFrame({"estimator": summary.estimators})
+    for key, (_, values) in columns.items():
+        frame[key] = [values.get(e, np.nan) for e in summary.estimators]
+    rows = tuple(
+        (Cell(label(e)), *(Cell(number(values.get(e, np.nan))) for _, values in columns.values()))
+        for e in summary.estimators
     )
+    heads = (Column("estimator"), *(column for column, _ in columns.values()))
+    return Table("ranks", "Ranks, time and memory", frame, heads, rows, (RANK, LATENCY, MEMORY))
 
 
-def least(latency: pd.DataFrame, column: str) -> dict[str, float]:
-    """A column's value per estimator: of its best implementation where it has several."""
-    return {str(k): float(v) for k, v in latency.groupby("estimator")[column].min().items()}
+def quickest(latency: pd.DataFrame, column: str) -> dict[str, float]:
+    """A column's value per estimator: of the implementation with the least median time where it has several."""
+    rows = latency.sort_values("p50_us", kind="stable").drop_duplicates("estimator")
+    return {str(name): float(value) for name, value in zip(rows["estimator"], rows[column], strict=True)}
 
 
 def regime_table(regimes: pd.DataFrame) -> Table:
@@ -190,11 +224,9 @@ def cost_table(cost: pd.DataFrame) -> Table:
 
 
 def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:
-    """Rows: the estimators. Columns: metrics with interval and multiple of the floor."""
-    best = {m.metric: _best(m.metric, summary) for m in measures}
+    """Rows: the estimators. Columns: metrics with interval and multiple of the reference."""
     rows = tuple(
-        (Cell(label(e)), *(_metric_cell(summary, e, m.metric, best[m.metric]) for m in measures))
-        for e in summary.estimators
+        (Cell(label(e)), *(_metric_cell(summary, e, m.metric) for m in measures)) for e in summary.estimators
     )
     frame = pd.DataFrame({"estimator": summary.estimators})
     for m in measures:
@@ -203,32 +235,34 @@ def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summa
             frame[key] = [getattr(summary.value(e, m.metric), column) for e in summary.estimators]
     frame["failed"] = [summary.failures.get(e, "") for e in summary.estimators]
     columns = (Column("estimator"), *(Column(m.head, m.group) for m in measures))
-    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, (INTERVALS,), _definitions(measures))
+    cells = [cell for row in rows for cell in row]
+    notes = [INTERVALS, *([TIMES] if any(c.times.startswith("×") for c in cells) else []), MARKS]
+    notes += [CENSORING] if any(m.metric in CENSORED for m in measures) else []
+    notes += [REFERENCES] if set(summary.estimators) & set(UNRANKED) else []
+    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, tuple(notes), _definitions(measures))
 
 
-def _best(metric: str, summary: Summary) -> str | None:
-    """Whose mean comes nearest to the ideal, the floor apart."""
-    off = {e: abs(summary.value(e, metric).mean - IDEAL.get(metric, 0.0)) for e in summary.estimators if e != FLOOR}
-    off = {e: distance for e, distance in off.items() if np.isfinite(distance)}
-    return min(off, key=lambda e: off[e]) if len(off) > 1 else None
-
-
-def _metric_cell(summary: Summary, estimator: str, metric: str, best: str | None) -> Cell:
+def _metric_cell(summary: Summary, estimator: str, metric: str) -> Cell:
     value = summary.value(estimator, metric)
-    if not np.isfinite(value.mean):
+    if np.isnan(value.mean):
         return Cell("failed" if estimator in summary.failures else "–")
-    return _cell(value, estimator == best)
+    return _cell(value, estimator in summary.marked.get(metric, ()))
 
 
 def _cell(value: Value, best: bool = False) -> Cell:
-    interval = f"{number(value.low)}–{number(value.high)}" if np.isfinite(value.low) else ""
-    return Cell(number(value.mean), interval, f"×{number(value.times, 2)}" if np.isfinite(value.times) else "", best)
+    text = number(value.mean) if np.isfinite(value.mean) else "not reached"
+    known = np.isfinite(value.low)
+    interval = span(value.low, value.high) if known else ""
+    beside = f"×{number(value.times, 2)}" if np.isfinite(value.times) else ""
+    if np.isfinite(value.runs):
+        beside = f"{value.happened:.0f} of {value.runs:.0f}"
+    return Cell(text, interval, beside, best)
 
 
 def _definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
     """One line per metric; that of the mean coverage stands for the ten quantities'."""
     return tuple(
-        f"{m.group} {m.head}: {DEFINITIONS[m.metric]}".strip()
+        f"{m.group} {m.head}: {KNOWN[m.metric]}".strip()
         for m in measures
         if not m.metric.startswith("coverage_")
     )

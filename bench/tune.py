@@ -21,8 +21,8 @@ from rich.console import Console
 from bench import cells
 from bench.evaluate import run as evaluate
 from bench.profile import Evaluation, Profile
+from bench.progress import Progress
 from bench.registry import find
-from bench.runner import bars
 from bench.scores import FORECAST_ERRORS, STATE_ERRORS, score
 from bench.store import Store, check_writable, write_atomically, write_text
 from bench.versions import provenance
@@ -74,6 +74,7 @@ def tune(
     if trials < 1:
         raise BadInput(f"--trials is {trials}, must be at least 1")
     check_writable(out)
+    out.mkdir(parents=True, exist_ok=True)
     store = Store(out / "store")
     optuna.logging.set_verbosity(logging.WARNING)
     study = optuna.create_study(
@@ -86,8 +87,8 @@ def tune(
     if not study.trials:
         study.enqueue_trial({name: own[name] for name in spaces})
     began = time.time()
-    with bars(console) as progress:
-        bar = progress.add_task("trials", total=trials, completed=len(_finished(study)))
+    before = len(_finished(study))
+    with Progress(console) as progress, progress.stage(f"tune {kind.name}", trials, min(before, trials)) as going:
         while len(_finished(study)) < trials:
             trial = study.ask()
             chosen = {name: _suggest(trial, name, own[name], space) for name, space in spaces.items()}
@@ -95,7 +96,7 @@ def tune(
             for name, value in means.items():
                 trial.set_user_attr(name, value)
             study.tell(trial, means["merit"])
-            progress.update(bar, completed=len(_finished(study)))
+            going.step(len(_finished(study)) - going.done)
     return _write(kind, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
 
 

@@ -11,10 +11,12 @@ import os
 import platform
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 PACKAGES = ("physics", "data", "methods", "baselines", "mismatch", "bench")
+_ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "numba", "torch", "filterpy", "scikit-learn", "pandas")
 
 
@@ -71,11 +73,9 @@ def _imports(path: Path) -> list[str]:
 
 def provenance() -> dict[str, Any]:
     """Commit, versions and machine, for a manifest."""
-    root = Path(__file__).parent
-    commit = _git(root, "rev-parse", "HEAD")
     return {
-        "commit": commit,
-        "uncommitted_changes": bool(_git(root, "status", "--porcelain")) if commit else None,
+        "twinbench": importlib.metadata.version("twinbench"),
+        **dict(zip(("commit", "uncommitted_changes"), _commit(), strict=True)),
         "python": platform.python_version(),
         "versions": {name: importlib.metadata.version(name) for name in LIBRARIES},
         "machine": {
@@ -85,6 +85,32 @@ def provenance() -> dict[str, Any]:
             "load_1min": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         },
     }
+
+
+def version() -> str:
+    """``0.1.0``, and in a checkout the commit."""
+    commit, changed = _commit()
+    changes = ", with uncommitted changes" if changed else ""
+    return importlib.metadata.version("twinbench") + (f", commit {commit}{changes}" if commit else "")
+
+
+def _commit(root: Path = _ROOT) -> tuple[str | None, bool | None]:
+    """Twinbench's own commit and whether files differ from it; None where ``root`` is not its own checkout.
+
+    Installed into somebody's repository, the code around it is theirs: their commit says nothing of ours.
+    """
+    own = root / "pyproject.toml"
+    try:
+        ours = tomllib.loads(own.read_text(encoding="utf-8"))["project"]["name"] == "twinbench"
+    except (OSError, ValueError, KeyError, TypeError):
+        return None, None
+    top = _git(root, "rev-parse", "--show-toplevel")
+    if not ours or top is None or Path(top).resolve() != root.resolve():
+        return None, None
+    if _git(root, "ls-files", "--error-unmatch", own.name) is None:
+        return None, None
+    commit = _git(root, "rev-parse", "HEAD")
+    return commit, bool(_git(root, "status", "--porcelain")) if commit else None
 
 
 def _git(root: Path, *arguments: str) -> str | None:

@@ -8,8 +8,7 @@ Columns named ``true_*`` exist in simulated data only and never get past this do
 
 from __future__ import annotations
 
-import tomllib
-import zlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,24 +18,30 @@ import numpy as np
 
 from data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
 from data.errors import BadInput
+from data.mapping import TIME, TIME_UNIT, Source, sources
+from data.shown import as_map, bare, shown
+from data.table import LARGEST, TRUTH_PREFIX, numbers, read_table, row, stem
 from data.units import PLAUSIBLE, UNITS, Limits, check_plausible, convert
 
 if TYPE_CHECKING:
     import pandas as pd
 
-TIME = "time_s"
-TIME_UNIT = "second"
+__all__ = ["TIME", "Recording", "check_overlap", "read_recording", "truth_table"]
+
 LONGEST_S = 14 * 86400.0
-KINDS = (".csv", ".csv.gz", ".parquet")
-TRUTH_PREFIX = "true_"
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where a channel comes from: a column of the file, and its unit there."""
-
-    column: str
-    unit: str
+LONGEST_GAP = 10.0
+"""Times of what was recorded that a gap may last: whatever runs over a recording runs over its gaps, too."""
+SHORT_GAP = 10_000
+"""Samples that a gap may always last, however short the recording: eight minutes at 20 Hz."""
+FIRST_EPOCH_S, LAST_EPOCH_S = 5e8, 5e9
+"""Seconds since 1970 that a clock of our time shows: 1985 to 2128."""
+A_THOUSAND = 500.0
+"""Ratio of sample periods that is a mistake in the unit of time, between s and ms or ms and us."""
+PARTS_OF_A_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
+LONGEST_NAME = 150
+"""Bytes of a recording's name; files are named after it, with endings, and may have 255."""
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+"""Names that Windows keeps for devices, whatever their ending."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +78,7 @@ def read_recording(
     limits: Mapping[str, Limits] = PLAUSIBLE,
     may_lack: Sequence[str] = (),
     longest_s: float = LONGEST_S,
+    period_s: float = SAMPLE_PERIOD_S,
 ) -> Recording:
     """Read a recording and check it.
 
@@ -84,161 +90,102 @@ def read_recording(
         limits: where a channel's median has to lie; outside it is taken for another unit.
         may_lack: channels that are missing throughout where the file has no column for them.
         longest_s: the longest time span that is no mistake in the unit of time.
+        period_s: how far apart samples usually are, to tell such a mistake; infinite where that may be anything.
 
     Raises:
         BadInput: one line that says what is wrong, where, and how to mend it.
     """
-    table = _read_table(path)
-    sources = _sources(path, mapping, units)
-    clock = sources.get(TIME, Source(TIME, TIME_UNIT))
+    table = read_table(path)
+    name = _name(path)
+    found = sources(path, path.with_name(name + ".toml"), list(table.columns), mapping, units)
+    time_s = _clock(table, found[TIME], path, longest_s, period_s)
+    columns = []
+    for channel, unit in units.items():
+        source = found[channel]
+        if source.column not in table.columns and channel in may_lack and source == Source(channel, unit):
+            columns.append(np.full(len(time_s), np.nan))
+            continue
+        if source.column not in table.columns:
+            offered = ", ".join(bare(c) for c in table.columns if c and c != TIME)
+            raise BadInput(
+                f"{path}: no column {shown(source.column)} for channel {channel}; it has: {offered or 'none'}. "
+                f"Name the right one with --map COLUMN={channel}"
+            )
+        values = _channel(table, source, unit, path)
+        if channel in limits:
+            where = f"{path}, column {bare(source.column)}"
+            check_plausible(values, limits[channel], unit, where, source.column, channel)
+        if channel in must_vary and len(np.unique(values[~np.isnan(values)])) < 2:
+            raise BadInput(f"{path}: channel {channel} is constant; record the machine while its load changes")
+        columns.append(values)
+    read = {source.column for source in found.values()}
+    unread = tuple(c for c in table.columns if c and c not in read)
+    return Recording(name, time_s, tuple(units), np.stack(columns, axis=-1), unread)
+
+
+def _name(path: Path) -> str:
+    """The recording's name, after which files are named.
+
+    Raises:
+        BadInput: no file can bear it everywhere.
+    """
+    name = stem(path)
+    if not name.strip(". ") or name.startswith(".") or not name.isprintable():
+        raise BadInput(f"{path}: no result can be named after this; rename it, printable, without a point in front")
+    if len(name.encode(errors="surrogateescape")) > LONGEST_NAME:
+        raise BadInput(f"{path}: results are named after it, and it is longer than {LONGEST_NAME} bytes; rename it")
+    if _DEVICES.fullmatch(name):
+        raise BadInput(f"{path}: Windows keeps {name} for a device and results are named after it; rename it")
+    return name
+
+
+def _clock(table: pd.DataFrame, clock: Source, path: Path, longest_s: float, period_s: float) -> Array:
+    """The time of each row, checked: it increases, and neither its unit nor a gap makes it endless."""
     if clock.column not in table.columns:
         raise BadInput(
-            f"{path}: has no column {clock.column!r}; add the time in seconds, or name it with --map COLUMN={TIME}"
+            f"{path}: has no column {shown(clock.column)}; add the time in seconds, "
+            f"or name it with --map COLUMN={TIME}"
         )
     time_s = _channel(table, clock, TIME_UNIT, path)
     if len(time_s) < 2:
         raise BadInput(f"{path}: holds {len(time_s)} samples; a recording needs at least two")
     if np.isnan(time_s).any():
-        raise BadInput(f"{path}, row {_row(np.isnan(time_s))}: {TIME} is missing; every row needs its time")
-    if (np.diff(time_s) <= 0).any():
-        raise BadInput(f"{path}, row {_row(np.diff(time_s) <= 0) + 1}: {TIME} does not increase; sort the rows by time")
+        raise BadInput(f"{path}, row {row(np.isnan(time_s))}: {TIME} is missing; every row needs its time")
+    steps_s = np.diff(time_s)
+    if (steps_s <= 0).any():
+        raise BadInput(f"{path}, row {row(steps_s <= 0) + 1}: {TIME} does not increase; sort the rows by time")
+    for unit, parts in PARTS_OF_A_SECOND.items():
+        if FIRST_EPOCH_S <= time_s[0] / parts <= LAST_EPOCH_S:
+            raise BadInput(
+                f"{path}: {TIME} begins at {time_s[0]:.4g} s, which looks like {unit} since 1970; "
+                f"say so with {as_map(clock.column, unit, TIME)}"
+            )
+    usual_s, k = float(np.median(steps_s)), int(np.argmax(steps_s))
+    for unit, parts in PARTS_OF_A_SECOND.items():
+        if A_THOUSAND < usual_s / period_s * 1e3 / parts <= A_THOUSAND * 1e3:
+            raise BadInput(
+                f"{path}: its samples are {usual_s:.4g} s apart, usual are {period_s:g} s; that looks like {unit}: "
+                f"say so with {as_map(clock.column, unit, TIME)}, or record faster"
+            )
+    if steps_s[k] > max(LONGEST_GAP * len(time_s), SHORT_GAP) * usual_s:
+        raise BadInput(
+            f"{path}, row {k + 3}: {steps_s[k]:.4g} s have passed since the row before, usual are {usual_s:.4g} s; "
+            "split the recording there, or mend the stamp"
+        )
     if time_s[-1] - time_s[0] > longest_s:
         raise BadInput(
             f"{path}: {TIME} spans {time_s[-1] - time_s[0]:.3g} s, at most {longest_s:.3g} s can be read; "
-            f"is it in ms? Say so with --map '{clock.column}[ms]={TIME}', or split the recording"
+            f"is it in ms? Say so with {as_map(clock.column, 'ms', TIME)}, or split the recording"
         )
-    columns = []
-    for channel, unit in units.items():
-        source = sources.get(channel, Source(channel, unit))
-        if source.column not in table.columns and channel in may_lack and channel not in sources:
-            columns.append(np.full(len(time_s), np.nan))
-            continue
-        if source.column not in table.columns:
-            offered = ", ".join(c for c in table.columns if c != TIME)
-            raise BadInput(
-                f"{path}: no column {source.column!r} for channel {channel}; it has: {offered or 'none'}. "
-                f"Name the right one with --map COLUMN={channel}"
-            )
-        values = _channel(table, source, unit, path)
-        if channel in limits:
-            check_plausible(
-                values, limits[channel], unit, f"{path}, column {source.column}", source.column, channel
-            )
-        if channel in must_vary and len(np.unique(values[~np.isnan(values)])) < 2:
-            raise BadInput(f"{path}: channel {channel} is constant; record the machine while its load changes")
-        columns.append(values)
-    read = {clock.column, *(sources.get(channel, Source(channel, "")).column for channel in units)}
-    unread = tuple(c for c in table.columns if c not in read)
-    return Recording(_stem(path), time_s, tuple(units), np.stack(columns, axis=-1), unread)
-
-
-def _stem(path: Path) -> str:
-    """The file's name without its kind; dots inside it stay."""
-    return next(path.name.removesuffix(kind) for kind in KINDS if path.name.endswith(kind))
+    return time_s
 
 
 def _channel(table: pd.DataFrame, source: Source, unit: str, path: Path) -> Array:
-    return convert(_numbers(table, source.column, path), source.unit, unit, f"{path}, column {source.column}")
-
-
-def _read_table(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    if not path.exists():
-        raise BadInput(f"{path}: no such file; check the path")
-    if not path.is_file():
-        raise BadInput(f"{path}: is a folder; name the recording's file")
-    if not path.name.endswith(KINDS):
-        raise BadInput(f"{path}: unknown kind of file; a recording is {', '.join(KINDS)}")
-    if path.stat().st_size == 0:
-        raise BadInput(f"{path}: is empty; record again or name another file")
-    try:
-        if path.suffix == ".parquet":
-            table = pd.read_parquet(path)
-        else:
-            table = pd.read_csv(path, low_memory=False)
-    except pd.errors.EmptyDataError as error:
-        raise BadInput(f"{path}: is empty; record again or name another file") from error
-    except PermissionError as error:
-        raise BadInput(f"{path}: cannot be read: {_first(error)}; check its permissions") from error
-    except (OSError, EOFError, ValueError, zlib.error) as error:
-        if path.suffix != ".csv":
-            raise BadInput(f"{path}: cannot be read, it may be cut short ({_first(error)}); copy it again") from error
-        raise BadInput(f"{path}: is no table: {_first(error)}; write it as CSV with one header line") from error
-    if path.suffix != ".parquet" and any(";" in str(c) for c in table.columns):
-        raise BadInput(f"{path}: separates its columns by semicolons; write commas, and points in numbers")
-    if path.suffix != ".parquet" and not isinstance(table.index, pd.RangeIndex):
-        raise BadInput(f"{path}: its rows have more cells than its header; name every column")
-    table.columns = table.columns.map(str)
-    if table.columns.has_duplicates:
-        raise BadInput(f"{path}: column {table.columns[table.columns.duplicated()][0]!r} is there twice; rename one")
-    table = table[[c for c in table.columns if not c.startswith(TRUTH_PREFIX)]]
-    if table.empty:
-        raise BadInput(f"{path}: has no rows; record again or name another file")
-    return table
-
-
-def _first(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]
-
-
-def _row(wrong: np.ndarray) -> int:
-    """Line of the file, the header being line 1."""
-    return int(np.flatnonzero(wrong)[0]) + 2
-
-
-def _numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
-    import pandas as pd
-
-    cells = table[column]
-    if not (pd.api.types.is_numeric_dtype(cells) or cells.dtype == object or pd.api.types.is_string_dtype(cells)):
-        raise BadInput(f"{path}, column {column}: holds {cells.dtype}, not numbers; write numbers, time in seconds")
-    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
-    wrong = (np.isnan(values) & cells.notna().to_numpy()) | np.isinf(values)
-    if wrong.any():
-        text = str(cells.iloc[int(np.flatnonzero(wrong)[0])])
-        raise BadInput(
-            f"{path}, row {_row(wrong)}, column {column}: {text!r} is no number; leave the cell empty if missing"
-        )
+    where = f"{path}, column {bare(source.column)}"
+    values = convert(numbers(table, source.column, path), source.unit, unit, where)
+    if (np.abs(values) > LARGEST).any():
+        raise BadInput(f"{where}: in {unit} it reaches {np.nanmax(np.abs(values)):.3g}; check its unit")
     return values
-
-
-def _sources(path: Path, mapping: Sequence[str], units: Mapping[str, str]) -> dict[str, Source]:
-    """channel -> where it comes from, from the sidecar and the command line."""
-    found: dict[str, Source] = {}
-    units = {**units, TIME: TIME_UNIT}
-    sidecar = path.with_name(_stem(path) + ".toml")
-    if sidecar.is_file():
-        try:
-            content = tomllib.loads(sidecar.read_text())
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise BadInput(f"{sidecar}: not TOML: {error}; mend it or remove it") from error
-        channels = content.pop("channels", {})
-        if content or not isinstance(channels, dict):
-            raise BadInput(f"{sidecar}: must hold one table, [channels], and nothing else; move the rest elsewhere")
-        for channel, entry in channels.items():
-            _known(channel, units, str(sidecar))
-            if isinstance(entry, str):
-                entry = {"column": entry}
-            source = {"column": channel, "unit": units[channel]} | (entry if isinstance(entry, dict) else {"?": entry})
-            if len(source) > 2 or not all(isinstance(v, str) for v in source.values()):
-                raise BadInput(f"{sidecar}: channel {channel} must be a column's name, or hold column and unit only")
-            found[channel] = Source(**source)
-    for item in mapping:
-        column, equals, channel = item.rpartition("=")
-        if not equals or not column or not channel:
-            raise BadInput(
-                f"--map {item!r}: must read COLUMN=channel or COLUMN[unit]=channel, like PT101[psi]=p_dis_bar"
-            )
-        _known(channel, units, f"--map {item!r}")
-        name, bracket, unit = column.partition("[")
-        found[channel] = Source(name, unit.rstrip("]") if bracket else units[channel])
-    return found
-
-
-def _known(channel: str, units: Mapping[str, str], where: str) -> None:
-    if channel not in units:
-        raise BadInput(f"{where}: unknown channel {channel!r}; choose from {', '.join(units)}")
 
 
 def check_overlap(recordings: Sequence[Recording]) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import re
+import unicodedata
 from typing import Any
 
 import numpy as np
 
 from data.batch import CHANNELS, Array
 from data.errors import BadInput
+from data.shown import as_map, shown
 
 UNITS = {
     "p_suc_bar": "bar",
@@ -45,7 +47,15 @@ OTHERWISE = {
 ATMOSPHERE_BAR = 1.01325
 """What a gauge leaves out: the standard atmosphere. Where the air is thinner, absolute readings come out too high."""
 _GAUGE = re.compile(r"(mbar|bar|kPa|MPa|Pa|psi)[ _]?\(?(g|a)\)?")
-_POWER = re.compile(r"(?<=[A-Za-z])(?=\d)")
+LONGEST_UNIT = 60
+"""Characters of a unit; W/(m**2*K) has ten."""
+# pint works out what it is given, 10**10**10 for as long as that takes. So it is given names of units with powers of
+# one or two figures, 1 for nothing above the stroke, products, quotients and brackets; never a power of a power.
+_NAME = r"[^\W\d_](?:[^\W\d]|\d{1,2}(?!\d))*"
+_EXPONENT = r"(?:\*\*|\^)?-?\d{1,2}(?:\.\d{1,2})?(?!\d)"
+_FACTOR = rf"\(*(?:1|%|‰|{_NAME}(?:{_EXPONENT})?)\)*"
+_SPELLING = re.compile(rf"{_FACTOR}(?:[/*.· ]{_FACTOR})*")
+_POWER = re.compile(r"(?<=[A-Za-z])(?=-?\d)")
 _TORQUE = re.compile(r"\b([kmM]?)Nm\b")
 
 
@@ -76,24 +86,48 @@ def convert(values: Array, given: str, wanted: str, where: str) -> Array:
         quantity = _registry().Quantity(values, theirs)
         if quantity.check("1/[time]"):  # 25 Hz of a shaft are 25 turns a second; to pint they are 25 radians
             quantity = quantity * _registry().revolution ** (_counts_turns(theirs) - _counts_turns(ours))
-        return np.asarray(quantity.to(ours).magnitude)
+        with np.errstate(over="ignore"):
+            return np.asarray(quantity.to(ours).magnitude)
     except pint.DimensionalityError as error:
-        raise BadInput(f"{where}: unit {given!r} cannot be turned into {wanted!r}; give a unit of that kind") from error
+        raise BadInput(
+            f"{where}: unit {shown(given)} cannot be turned into {wanted!r}; give a unit of that kind"
+        ) from error
+    except (pint.PintError, ArithmeticError, ValueError) as error:  # a factor such as that of Ym**99
+        raise BadInput(f"{where}: unit {shown(given)} cannot be reckoned with; give a usual one") from error
 
 
 def _unit(text: str, where: str) -> Any:
-    """pint's unit; ``m3`` and ``s2`` are powers, ``Nm`` is a torque, nothing or a dash has no dimension."""
+    """pint's unit; ``m3`` and ``s-2`` are powers, ``Nm`` is a torque, nothing or a dash has no dimension."""
     if text in ("", "-"):
         return _registry().dimensionless
     if gauge := _GAUGE.fullmatch(text):  # bar(g) is no bar gram
         return _registry().parse_units("".join(gauge.groups()))
-    torque = _TORQUE.sub(r"\1N*m", text)
+    torque = _TORQUE.sub(r"\1N*m", _spelt_plainly(text))
     for spelt in (torque, _POWER.sub("**", torque)):  # as it is first: cmH2O holds no power
+        if not _SPELLING.fullmatch(spelt):
+            continue
         try:
             return _registry().parse_units(spelt)
         except Exception:  # pint lets its tokenizer's errors and bare assertions through
             continue
-    raise BadInput(f"{where}: unknown unit {text!r}; try bar, barg, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
+    raise BadInput(f"{where}: unknown unit {shown(text)}; try bar, barg, kPa, psi, degC, K, rpm, Hz, kg/s, kg/h")
+
+
+def is_unit(text: str) -> bool:
+    """Is it a unit that we know?"""
+    try:
+        _unit(text, "")
+    except BadInput:
+        return False
+    return True
+
+
+def _spelt_plainly(text: str) -> str:
+    """m³ as m3, µ as the Greek letter, ° as deg, blanks only where they multiply; nothing if it is too long."""
+    if len(text) > LONGEST_UNIT:
+        return ""
+    plain = unicodedata.normalize("NFKC", text).replace("\u2212", "-").replace("°", "deg")
+    return re.sub(r" ?(\*\*|[\^/*.·()-]) ?", r"\1", " ".join(plain.split()))
 
 
 def _counts_turns(unit: Any) -> bool:
@@ -125,5 +159,5 @@ def check_plausible(values: Array, limits: Limits, unit: str, where: str, column
             hint = f"is it {' or '.join(units[:3])}?"
         raise BadInput(
             f"{where}: its median is {median:.4g} {unit}, which no such machine shows; {hint} "
-            f"Say so with --map '{column}[UNIT]={channel}'"
+            f"Say so with {as_map(column, 'UNIT', channel)}"
         )

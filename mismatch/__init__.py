@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 
 from data.recording import Recording
 from mismatch.guards import Guards
+from mismatch.joining import AUTO
 from mismatch.verdict import Finding, Verdict, conclude
 from mismatch.walk import examine
 from physics.simulator import Mechanism, Simulator
@@ -26,6 +27,7 @@ def diagnose(
     progress: Callable[[str, float], None] = lambda stage, share: None,
     guards: Guards = Guards(),
     faults: Sequence[Mechanism] = (),
+    inputs: str = AUTO,
 ) -> Verdict:
     """Where a simulator and recordings of its machine disagree, and what was left out.
 
@@ -35,9 +37,11 @@ def diagnose(
         catalogue: what may be missing; everything that we know of if left out.
         progress: told the stage's name and the share of it that is done.
         guards: what keeps it from naming what is not there; all, but in an ablation.
+        inputs: how they go between samples: "held" until the next, "linear" in lines, or "auto": lines where a short
+            stretch of the recordings clearly says so.
         faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
 
     Raises:
         BadInput: recordings too short, a simulator that diverges.
     """
-    return conclude(examine(simulator, recordings, hold_out, catalogue, progress, guards, faults))
+    return conclude(examine(simulator, recordings, hold_out, catalogue, progress, guards, faults, inputs))

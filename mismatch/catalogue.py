@@ -124,14 +124,14 @@ def positions_of(simulator: Simulator) -> dict[int, int]:
 def _rates_of_others(simulator: Simulator) -> dict[int, int]:
     """States that the equations take for another's rate as they are, and that other, wherever the machine is."""
     rhs, theta, rng = plain_rhs(simulator), simulator.theta(), np.random.default_rng(0)
-    x, u = (_around(group, rng) for group in (simulator.states, simulator.inputs))
+    x, u = (scattered(group, rng) for group in (simulator.states, simulator.inputs))
     with np.errstate(all="ignore"):
         rates = np.array([rhs(*point, theta) for point in zip(x, u, strict=True)], dtype=np.float64)
     pairs = ((i, j) for j in range(x.shape[1]) for i in range(x.shape[1]) if i != j)
     return {i: j for i, j in pairs if np.array_equal(rates[:, j], x[:, i])}
 
 
-def _around(variables: tuple[Variable, ...], rng: np.random.Generator) -> Array:
+def scattered(variables: tuple[Variable, ...], rng: np.random.Generator) -> Array:
     """Points (5, n) within a scale of the nominal ones."""
     nominal, scale = (np.array([getattr(v, name) for v in variables], dtype=float) for name in ("nominal", "scale"))
     low, high = ([getattr(v, name) for v in variables] for name in ("low", "high"))

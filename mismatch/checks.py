@@ -9,10 +9,13 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from mismatch.noise import Whitener
+from mismatch.spikes import Spike
 from mismatch.tracks import LOST, Track, lost
 from physics.simulator import Array, Simulator
 
 LAGS = 20
+MOST_NAMED = 3
+"""Spikes that a remark names; the verdict's file holds all."""
 
 
 class Test(NamedTuple):
@@ -31,10 +34,14 @@ def audit(tracks: Sequence[Track], simulator: Simulator) -> list[str]:
     remarks = []
     for track in tracks:
         for variable, y in zip(simulator.outputs, track.y.T, strict=True):
-            missing = float(np.isnan(y).mean())
-            if missing == 1.0:
+            taken = [s for s in track.spikes if s.channel == variable.name]
+            # Spikes were recorded: what is missing is what no cell holds.
+            missing = float(np.isnan(y).mean()) - len(taken) / len(y)
+            if np.isnan(y).all():
                 remarks.append(f"{track.name}: {variable.name} was not recorded")
                 continue
+            if taken:
+                remarks.append(f"{track.name}: of {variable.name} {_spikes(taken, len(y))}")
             if lost(y[:, None], len(y) // len(track.starts)) > 2.0 * LOST:
                 remarks.append(
                     f"{track.name}: {variable.name} changes faster than {len(track.starts)} means of neighbours show; "
@@ -53,6 +60,14 @@ def audit(tracks: Sequence[Track], simulator: Simulator) -> list[str]:
             if np.ptp(u) == 0.0:
                 remarks.append(f"{track.name}: input {variable.name} is constant; what needs it to move stays hidden")
     return remarks
+
+
+def _spikes(taken: Sequence[Spike], readings: int) -> str:
+    """Which readings were taken out, in words; the first few by name."""
+    first = ", ".join(f"{s.value:.4g} at {s.time_s:.6g} s" for s in taken[:MOST_NAMED])
+    more = f" and {len(taken) - MOST_NAMED} more" if len(taken) > MOST_NAMED else ""
+    what = "one reading was" if len(taken) == 1 else f"{len(taken)} of {readings} readings were"
+    return f"{what} taken out as spikes, which the simulator does not follow: {first}{more}"
 
 
 def residual_tests(
@@ -87,13 +102,13 @@ def residual_tests(
                 found.append(
                     Test("input", track.name, variable.name, r, p, f"residual of {variable.name} follows {source.name}")
                 )
-    return _holm(found)
+    return [test._replace(p=p) for test, p in zip(found, holm([t.p for t in found]), strict=True)]
 
 
-def _holm(tests: list[Test]) -> list[Test]:
-    order = np.argsort([t.p for t in tests])
-    worst, corrected = 0.0, list(tests)
-    for rank, i in enumerate(order):
-        worst = max(worst, min(1.0, tests[i].p * (len(tests) - rank)))
-        corrected[i] = tests[i]._replace(p=worst)
+def holm(p: Sequence[float]) -> list[float]:
+    """Each p after Holm's step-down correction over all of them."""
+    worst, corrected = 0.0, list(p)
+    for rank, i in enumerate(np.argsort(p, kind="stable")):
+        worst = max(worst, min(1.0, p[i] * (len(p) - rank)))
+        corrected[i] = worst
     return corrected

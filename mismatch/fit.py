@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from data.jobs import cores
 from mismatch.machine import Machine
 from mismatch.noise import Whitener
 from mismatch.tracks import Grid, Track
@@ -145,11 +145,14 @@ class Problem:
         since_s = self.since[r] if self.since else -np.inf
         return self.tracks[r], theta, x0, np.array(list(drifts), dtype=np.int64), values, since_s
 
-    def squares(self, r: int, z: Array) -> Array:
-        """Mean square error (ny,) of recording r sample by sample, not in blocks."""
-        track = self.tracks[r]
+    def squares(self, r: int, z: Array, readings: Array | None = None) -> Array:
+        """Mean square error (ny,) of recording r sample by sample, not in blocks.
+
+        Args:
+            readings: simulated (N, ny), if they are known.
+        """
         with np.errstate(invalid="ignore"):
-            e2 = (track.y - self.readings(r, z)) ** 2
+            e2 = (self.tracks[r].y - (self.readings(r, z) if readings is None else readings)) ** 2
         return np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in e2.T])
 
     def residuals(self, z: Array) -> list[Array]:
@@ -257,19 +260,20 @@ class Problem:
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
     """Run thunks on the machine's cores; the compiled loop lets go of Python's lock."""
-    with ThreadPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(lambda task: task(), tasks))
 
 
 def solve(
     problem: Problem, z: Array, rounds: int = 8, chords: int = 2, known: Sequence[Array] | None = None,
-    share: float = 0.0,
+    share: float = 0.0, advance: Callable[[float], None] = lambda share: None,
 ) -> tuple[Array, float]:  # fmt: skip
     """Damped Gauss-Newton; each Jacobian serves a few steps.
 
     Args:
         share: a round that gains less than this of the cost is the last, for a fit that need only be near.
         known: whitened columns per recording, (B, ny, K), from nearby, for the first round.
+        advance: told the share of the rounds that is done, round by round.
 
     Returns:
         The unknowns (K,) and their cost.
@@ -281,6 +285,7 @@ def solve(
     damping = LEAST_DAMPING
     whitened, near = known, False
     for k in range(rounds):
+        advance(k / rounds)
         exact = not near and (k > 0 or known is None)
         if k or known is None:
             whitened = problem.whitened(z, problem.residuals(z), whitened if near else None)
@@ -296,6 +301,7 @@ def solve(
             break
         # Start states' columns serve again as long as the fit moves on with them, but not far.
         near = ENOUGH <= before - cost < LITTLE * before
+    advance(1.0)
     return z, cost
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
 from mismatch.catalogue import positions_of
+from mismatch.evidence import port_weights
 from mismatch.fit import Unknown
 from mismatch.walk import Diagnosis
 from physics.simulator import Array, Variable
@@ -21,8 +22,9 @@ class Located:
     """Ports by how much a free force there would explain, best first, and the best one's course.
 
     Attributes:
-        ports: (port, probability).
-        force: per recording, times (K,) and force (K,) in the port's units per second (its units at a sensor).
+        ports: (port, probability): of the accepted explanations' effects, else by how much a free force explains.
+        force: at the first port, per recording, times (K,) and force (K,) in the port's units per second (its units at
+            a sensor).
     """
 
     ports: tuple[tuple[str, float], ...]
@@ -58,7 +60,11 @@ def locate(d: Diagnosis) -> Located:
     weight = np.exp(np.clip((np.array(evidence) - max(evidence)) / 5.0, -50.0, 0.0))
     weight /= weight.sum()
     ports = tuple((candidates[i], float(weight[i])) for i in order if weight[i] > 0.01)
-    top = courses[order[0]].reshape(len(d.tracks), KNOTS_FORCE)
+    if d.chosen is not None:
+        # A force says where something is; a name that was accepted says so too, and better.
+        ports = port_weights(d)
+    first = candidates.index(ports[0][0]) if ports[0][0] in candidates else order[0]
+    top = courses[first].reshape(len(d.tracks), KNOTS_FORCE)
     force = tuple((np.linspace(t.time_s[0], t.time_s[-1], KNOTS_FORCE), a) for t, a in zip(d.tracks, top, strict=True))
     return Located(ports, force)
 

@@ -144,24 +144,30 @@ class Machine:
         for mechanism, sizes, column, not_there in self._there("input", theta, late):
             u = _with_fault(mechanism, track.time_s, u, column, sizes, not_there)
         if u is not track.u:
-            grid = track.grid(u, track.split_starts(self.parts) if blocks else np.arange(len(u)))
+            grid = track.grid(u, track.split_starts(self.parts)) if blocks else track.fine_grid(u)
         if varying is None or values is None:
             varying, values = np.empty(0, dtype=np.int64), np.empty((len(grid.u), 0))
         if late.any():
             # Of the stretch that the start falls into, the candidates are there in part.
-            absent = np.add.reduceat(late, track.split_starts(self.parts)) / grid.samples if blocks else late
+            starts = track.split_starts(self.parts) if blocks else np.arange(len(u))
+            absent = (np.add.reduceat(late, starts, dtype=float) / np.diff(np.append(starts, len(u))))[grid.begun]
             there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
             varying = np.concatenate((varying, np.array([c.at[0] for c in there], dtype=np.int64)))
             partly = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
             values = np.concatenate((values, np.reshape(partly, (len(there), len(grid.u))).T), axis=1)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
-        loop = march if self._equations.native else march.py_func
-        loop(
-            self._rhs, as_argument(_state) if states else self._output, grid.u, grid.seconds, grid.samples,
-            np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying, np.ascontiguousarray(values),
-            self.block_step_s if blocks else self.step_s, self.scheme if blocks else RUNGE_KUTTA, limit, y,
-        )  # fmt: skip
+        native = self._equations.native
+        loop = march if native else march.py_func
+        state = as_argument(_state) if native else _state
+        with np.errstate(all="ignore"):  # as in the compiled loop: a stretch without samples has no mean
+            loop(
+                self._rhs, state if states else self._output, grid.u, grid.seconds, grid.samples,
+                np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying,
+                np.ascontiguousarray(values), self.block_step_s if blocks else self.step_s,
+                self.scheme if blocks else RUNGE_KUTTA, limit, y,
+            )  # fmt: skip
+        y = y[grid.samples > 0]
         return track.joined(y, grid) if blocks else y
 
     def grid(self, track: Track) -> Grid:
@@ -211,31 +217,34 @@ class Machine:
         # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
         enough = np.maximum(0.2 * noise, BLOCKED * np.std(exact, axis=0))
         means = track.block_means(exact)
-        finest = 4 * len(track.time_s)
+        finest = 4 * len(track.fine.u)
         for parts, steps, stages in sorted(product(PARTS, STEPS, STAGES), key=_evaluations):
             self.parts = parts
             grid = self.grid(track)
             if len(grid.u) * _evaluations((1, steps, stages)) >= finest:
                 break
-            self.block_step_s = float(np.median(grid.seconds)) / steps
+            self.block_step_s = float(np.median(grid.seconds[grid.seconds > 0.0])) / steps
             self.scheme = legendre(stages) if stages else RUNGE_KUTTA
             missed = self.run(track, self.theta, x0, blocks=True) - means
             if np.isfinite(missed[np.isfinite(means)]).all() and (_rms(missed) < enough).all():
                 self.scheme = legendre(round(MARGIN * stages)) if stages else RUNGE_KUTTA
                 return remark
-        self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), self.step_s, RUNGE_KUTTA
+        # The last halving is for what is reported; a fit does without.
+        self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), 2.0 * self.step_s, RUNGE_KUTTA
         return remark
 
     def _settle_fine(self, track: Track, x0: Array, most: Array) -> Array | None:
-        """Halve ``step_s`` until the readings no longer move by so much (ny,), rms; the readings, or None."""
+        """Halve ``step_s`` until the readings no longer move by so much (ny,), rms; the readings, or None.
+
+        The last half is kept: what one reading hides, many add up to in a parameter.
+        """
         self.step_s = float(np.median(np.diff(track.time_s)))
         coarse = self.run(track, self.theta, x0)
         for _ in range(HALVINGS):
-            step_s, self.step_s = self.step_s, self.step_s / 2.0
+            self.step_s /= 2.0
             fine = self.run(track, self.theta, x0)
             if np.isfinite(coarse).all() and (_rms(fine - coarse) < most).all():
-                self.step_s = step_s
-                return coarse
+                return fine
             coarse = fine
         if not np.isfinite(coarse).all():
             k = int(np.argmax(~np.isfinite(coarse).all(axis=1)))

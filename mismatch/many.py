@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,10 @@ RIDGE, TIGHT = 0.5, 0.5
 priors are shortened to. Loose, such a fit ends where large effects cancel each other."""
 
 
-def from_everything(best: Explanation, problem: Problem, choices: Sequence[Variant], floor: Array) -> Explanation:
+def from_everything(
+    best: Explanation, problem: Problem, choices: Sequence[Variant], floor: Array,
+    advance: Callable[[float], None] = lambda share: None,
+) -> Explanation:  # fmt: skip
     """The best of the given explanation and of those reached from the fit of everything.
 
     That fit begins from the simulator as it came: a calibration without the effects has gone far out of its way
@@ -34,12 +37,14 @@ def from_everything(best: Explanation, problem: Problem, choices: Sequence[Varia
     Args:
         problem: of the calibrated model, under the noise of ``best``, all of it there from the beginning.
         floor: (ny,) least noise.
+        advance: told the share that is done.
     """
     machine = problem.machine
     # Each once, at its nominal shape, which comes first in the choices.
     physics = {v.candidate: v for v in choices[::-1] if not is_fault(machine.candidates[v.candidate])}
-    at = everything(problem, tuple(physics.values()))
-    for _ in range(TURNS):
+    at = everything(problem, tuple(physics.values()), lambda share: advance(0.5 * share))
+    for turn in range(TURNS):
+        advance(0.5 + 0.5 * turn / TURNS)
         at = _under_own_noise(at, floor)
         around = replace(problem, whitener=at.problem.whitener, offsets=at.problem.offsets)
         z = at.z[: len(problem.unknowns)]
@@ -95,12 +100,14 @@ def _under_own_noise(explanation: Explanation, floor: Array) -> Explanation:
     return replace(explanation, problem=problem, z=z, cost=cost)
 
 
-def everything(problem: Problem, listed: Sequence[Variant]) -> Explanation:
+def everything(
+    problem: Problem, listed: Sequence[Variant], advance: Callable[[float], None] = lambda share: None
+) -> Explanation:
     """All these candidates at once, held back by their priors."""
     held_back = replace(problem, unknowns=tuple(replace(u, sd=TIGHT * u.sd) for u in problem.unknowns))
     whole = with_candidates(held_back, listed, RIDGE)
     whole = whole.refined(whole.z0)
-    fitted = solve(whole, whole.z0, 8, chords=4, share=NEARLY)
+    fitted = solve(whole, whole.z0, 8, chords=4, share=NEARLY, advance=advance)
     names = tuple(problem.machine.candidates[v.candidate].name for v in listed)
     return Explanation(names, tuple(listed), whole, *fitted)
 

@@ -3,6 +3,7 @@
 A mended simulator is a base, the mechanisms switched on in it, and parameter values::
 
     base = "tanks.py:TANKS"
+    inputs = "linear"  # between samples in lines; "held", or left out: each value holds until the next
 
     [[mechanisms]]
     name = "overflow@level1_m"
@@ -11,7 +12,8 @@ A mended simulator is a base, the mechanisms switched on in it, and parameter va
     [values]
     k1 = 0.0504  # m**0.5/s
 
-Paths in it are relative to the file itself. What a user gave and cannot be used is ``BadInput`` from here on.
+Paths in it are relative to the file itself. ``base`` and ``from`` run the Python that they name, ``mismatch.trust``
+says whose. What a user gave and cannot be used is ``BadInput`` from here on.
 """
 
 from __future__ import annotations
@@ -19,23 +21,30 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from data.errors import BadInput
+from data.shown import shown
+from data.toml_file import read_toml
 from mismatch.catalogue import generic
 from mismatch.faults import faults
+from mismatch.trust import Trust
 from physics import load
 from physics.check import check_mechanism
 from physics.compose import compose
+from physics.filespec import moved
 from physics.simulator import Mechanism, Simulator, Variable
 
-_PATH = re.compile(r"(?P<file>.+\.(py|toml))(?P<name>:.*)?")
+DEEPEST = 20
+"""Bases of bases. Each round of mending adds one; what is deeper was not made by mending."""
+LONGEST_PERIOD_S = 86400.0
+"""Between samples. Lags and delays are bounded by so many samples, and a model.toml does not say how far those lie
+apart: with longer ones it would be refused what it may hold."""
+_SLACK = 1e-6  # of a parameter's range, by which rounding may carry a value beyond it
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 _SHELVES: dict[str, Callable[[Simulator], tuple[Mechanism, ...]]] = {
@@ -50,33 +59,37 @@ _SHELVES: dict[str, Callable[[Simulator], tuple[Mechanism, ...]]] = {
 class Model:
     """A simulator, and the faults of its sensors and inputs that no differential equation can hold.
 
-    The faults' fitted sizes are their parameters' nominal values.
+    The faults' fitted sizes are their parameters' nominal values. ``inputs`` between samples are "held" or "linear",
+    as the file says; empty if nobody said.
     """
 
     simulator: Simulator
     faults: tuple[Mechanism, ...] = ()
+    inputs: str = ""
 
 
-def load_simulator(spec: str) -> Simulator:
+def load_simulator(spec: str, trust: bool = False) -> Simulator:
     """A simulator by name, ``path/to/file.py[:NAME]``, ``package.module:NAME`` or ``path/to/model.toml``.
+
+    Args:
+        trust: run the Python that a ``model.toml`` names wherever it lies.
 
     Raises:
         BadInput: no such simulator, its file fails to import, or its functions do not fit.
     """
-    return load_model(spec).simulator
+    return load_model(spec, trust).simulator
 
 
-def load_model(spec: str) -> Model:
+def load_model(spec: str, trust: bool = False) -> Model:
     """As ``load_simulator``, with the faults that a ``model.toml`` holds.
 
     Raises:
-        BadInput: as there, or the file is no model, or does not fit its base.
+        BadInput: as there, or the file is no model, or does not fit its base, or names Python that lies elsewhere.
     """
     with as_bad_input():
-        try:
-            return _read(Path(spec)) if spec.endswith(".toml") else Model(load.load_simulator(spec))
-        except RecursionError as error:
-            raise ValueError(f"{spec}: is its own base; name the simulator that was mended") from error
+        if spec.endswith(".toml"):
+            return _read(Path(spec), Trust.of(Path(spec), trust), ())
+        return Model(load.load_simulator(spec))
 
 
 def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
@@ -112,7 +125,7 @@ def whole_catalogue(
 
 def model_toml(
     base: str, simulator: Simulator, mechanisms: Sequence[Mechanism], values: Mapping[str, float], folder: Path,
-    catalogue: str = "",
+    catalogue: str = "", inputs: str = "",
 ) -> str:  # fmt: skip
     """The text of ``folder/model.toml``.
 
@@ -121,17 +134,19 @@ def model_toml(
         mechanisms: what was found, physics and faults.
         values: by name, every calibrated parameter and those of the mechanisms, in their units.
         catalogue: where mechanisms that are not ours come from, as given to ``load_catalogue``.
+        inputs: how they go between samples, "held" or "linear"; nothing is said of it if left out.
 
     Raises:
         ValueError: a mechanism of no catalogue, an unknown parameter, or a value that is no finite number.
     """
     lines = [
         "# A mended simulator: every command that takes a simulator takes this file.",
-        f"base = {_quoted(_moved(base, Path.cwd(), folder))}",
+        f"base = {_quoted(moved(base, Path.cwd(), folder))}",
+        *([f"inputs = {_quoted(inputs)}"] if inputs else []),
     ]
     units = {v.name: v.unit for v in simulator.parameters}
     for mechanism in mechanisms:
-        source = _source_of(mechanism, simulator) or _moved(catalogue, Path.cwd(), folder)
+        source = _source_of(mechanism, simulator) or moved(catalogue, Path.cwd(), folder)
         if not source:
             raise ValueError(f"mechanism {mechanism.name!r} is in no catalogue; name the file it comes from")
         lines += [
@@ -150,11 +165,22 @@ def model_toml(
     return "\n".join(lines) + "\n"
 
 
-def _read(path: Path) -> Model:
+def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
+    """What the file says of its base; ``above`` are the files whose base it is."""
     content = _content(path)
-    base = load_model(_moved(content["base"], path.parent, Path.cwd()))
-    simulator, faults = base.simulator, list(base.faults)
-    shelves = {e["from"]: _shelf(_moved(e["from"], path.parent, Path.cwd()), simulator) for e in content["mechanisms"]}
+    if path.resolve() in above:
+        raise ValueError(f"{path}: is its own base; name the simulator that was mended")
+    if len(above) >= DEEPEST:
+        raise ValueError(f"{above[0]}: has more than {DEEPEST} bases below it; name the simulator that was mended")
+    below = moved(content["base"], path.parent, Path.cwd())
+    if below.endswith(".toml"):
+        base = _read(Path(below), trust, (*above, path.resolve()))
+    else:
+        trust.check(below)
+        base = Model(load.load_simulator(below))
+    simulator, known = base.simulator, list(base.faults)
+    sources = {e["from"]: moved(e["from"], path.parent, Path.cwd()) for e in content["mechanisms"]}
+    shelves = {name: _shelf(source, simulator, trust) for name, source in sources.items()}
     terms = []
     for entry in content["mechanisms"]:
         offered = {m.name: m for m in shelves[entry["from"]]}
@@ -164,7 +190,7 @@ def _read(path: Path) -> Model:
         mechanism = offered[entry["name"]]
         check_mechanism(base.simulator, mechanism)
         if mechanism.series is not None:
-            faults.append(mechanism)
+            known.append(mechanism)
         elif mechanism.term is not None:
             terms.append(mechanism)
         else:
@@ -173,13 +199,23 @@ def _read(path: Path) -> Model:
         named = replace(simulator, mechanisms=(*simulator.mechanisms, *(m.name for m in terms)))
         simulator = compose(named, tuple(terms))
     values = content["values"]
-    own = {v.name for v in simulator.parameters}
-    of_faults = {v.name for m in faults for v in m.parameters}
-    if unknown := [name for name in values if name not in own | of_faults]:
-        raise ValueError(f"{path}: [values] has {unknown[0]!r}, which is no parameter of this model; remove it")
+    own = {v.name: v for v in simulator.parameters}
+    roomy = {v.name: v for m in faults(base.simulator, LONGEST_PERIOD_S) for v in m.parameters}
+    bounds = own | {v.name: roomy.get(v.name, v) for m in known for v in m.parameters}
+    for name, value in values.items():
+        if name not in bounds:
+            raise ValueError(f"{path}: [values] has {shown(name)}, which is no parameter of this model; remove it")
+        low, high = bounds[name].low, bounds[name].high
+        slack = _SLACK * (high - low if math.isfinite(high - low) else abs(value))
+        if not low - slack <= value <= high + slack:
+            raise ValueError(
+                f"{path}: [values] {name} = {value:g} lies outside its bounds, {low:g} to {high:g}; "
+                "mend it, or the bounds where the parameter is defined"
+            )
     return Model(
         simulator.with_values(**{name: value for name, value in values.items() if name in own}),
-        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in faults),
+        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
+        content["inputs"] or base.inputs,
     )
 
 
@@ -187,29 +223,46 @@ def _content(path: Path) -> dict[str, Any]:
     """What the file says, checked and complete."""
     if not path.is_file():
         raise ValueError(f"no file {path}; check the path")
-    try:
-        raw = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise ValueError(f"{path}: not TOML: {error}; mend it") from error
+    raw = read_toml(path)
     base, mechanisms, values = raw.pop("base", None), raw.pop("mechanisms", []), raw.pop("values", {})
+    inputs = raw.pop("inputs", "")
     if not isinstance(base, str) or raw:
-        raise ValueError(f"{path}: is no model; it must hold base, [[mechanisms]] and [values], and nothing else")
+        raise ValueError(
+            f"{path}: is no model; it must hold base, [[mechanisms]] and [values], may hold inputs, and nothing else"
+        )
+    if inputs not in ("", "held", "linear"):
+        raise ValueError(f'{path}: inputs is {shown(inputs)}, must be "held" or "linear"')
     for entry in mechanisms if isinstance(mechanisms, list) else [None]:
         if not isinstance(entry, dict) or set(entry) != {"name", "from"} or not all(map(_is_text, entry.values())):
             raise ValueError(f"{path}: each of [[mechanisms]] must hold two texts, name and from")
-    numbers = values.values() if isinstance(values, dict) else ["?"]
-    for value in numbers:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"{path}: [values] must hold numbers only; {value!r} is none")
-    return {"base": base, "mechanisms": mechanisms, "values": {k: float(v) for k, v in values.items()}}
+    names = [entry["name"] for entry in mechanisms]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"{path}: mechanism {shown(twice[0])} is there twice; remove one")
+    if not isinstance(values, dict):
+        raise ValueError(f"{path}: [values] must be a table of numbers")
+    numbers = {k: _number(v, path) for k, v in values.items()}
+    return {"base": base, "inputs": inputs, "mechanisms": mechanisms, "values": numbers}
 
 
-def _shelf(source: str, simulator: Simulator) -> tuple[Mechanism, ...]:
-    return _SHELVES[source](simulator) if source in _SHELVES else load.load_catalogue(source, simulator)
+def _number(value: object, path: Path) -> float:
+    number = math.nan
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        with contextlib.suppress(OverflowError):  # TOML's whole numbers have as many figures as they like
+            number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{path}: [values] must hold numbers only; {shown(value)} is none")
+    return number
+
+
+def _shelf(source: str, simulator: Simulator, trust: Trust) -> tuple[Mechanism, ...]:
+    if source in _SHELVES:
+        return _SHELVES[source](simulator)
+    trust.check(source)
+    return load.load_catalogue(source, simulator)
 
 
 def _source_of(mechanism: Mechanism, simulator: Simulator) -> str:
-    found = (s for s in _SHELVES if mechanism.name in {m.name for m in _shelf(s, simulator)})
+    found = (name for name, shelf in _SHELVES.items() if mechanism.name in {m.name for m in shelf(simulator)})
     return next(found, "")
 
 
@@ -222,15 +275,6 @@ def _names(mechanism: Mechanism) -> list[str]:
 def _with_value(variable: Variable, values: Mapping[str, float]) -> Variable:
     value = values.get(variable.name, variable.nominal)
     return replace(variable, nominal=value, low=min(variable.low, value), high=max(variable.high, value))
-
-
-def _moved(spec: str, was: Path, now: Path) -> str:
-    """A spec with its file, if it is one, told from folder ``now`` instead of from ``was``."""
-    match = _PATH.fullmatch(spec)
-    if match is None:
-        return spec
-    file = os.path.relpath(was.absolute() / match["file"], now.absolute())
-    return Path(file).as_posix() + (match["name"] or "")
 
 
 def _quoted(text: str) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from mismatch.fit import Problem, Unknown
 from mismatch.picture import Picture, Variant, switched, typical
+from mismatch.tracks import Track
 from physics.simulator import Array
 
 KNOTS = 20
@@ -41,13 +43,36 @@ def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...]
     return tuple(_time(track.time_s, share) for track, share in zip(problem.tracks, starts, strict=True))
 
 
-def first_onset(since: Sequence[float], starts_s: Sequence[float]) -> float | None:
-    """When it began, on the recordings' clock: the first start inside a recording, or the first one that has it all."""
-    inside = [s for s in since if np.isfinite(s)]
-    if inside:
-        return float(min(inside))
-    whole = [start for s, start in zip(since, starts_s, strict=True) if s == -np.inf]
-    return float(min(whole)) if whole and any(s == np.inf for s in since) else None
+class Onset(NamedTuple):
+    """Since when an explanation's effects are there in one recording.
+
+    Attributes:
+        there: "throughout", "from" or "not".
+        since_s: on the recording's clock, if they begin in it; ``into_s`` after its first sample.
+    """
+
+    recording: str
+    there: str
+    since_s: float | None = None
+    into_s: float | None = None
+
+
+def told_onsets(since: Sequence[float], tracks: Sequence[Track]) -> tuple[Onset, ...]:
+    """Recording by recording, where something begins in one of them or is not in one of them; else nothing."""
+    if all(s == -np.inf for s in since):
+        return ()
+    found = []
+    for s, track in zip(since, tracks, strict=True):
+        if np.isfinite(s):
+            found.append(Onset(track.name, "from", float(s), float(s - track.time_s[0])))
+        else:
+            found.append(Onset(track.name, "throughout" if s < 0.0 else "not"))
+    return tuple(found)
+
+
+def first_onset(since: Sequence[float]) -> float | None:
+    """When it began, on the recordings' clock: the first start inside a recording, if there is one."""
+    return float(min(inside)) if (inside := [s for s in since if np.isfinite(s)]) else None
 
 
 def _time(time_s: Array, share: float) -> float:

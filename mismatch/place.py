@@ -51,7 +51,8 @@ class Place:
         ``low`` is in shares of the upper bound: 0 or -1.
         """
         typical = SHARE * self.rate / at
-        high, says = generous * typical, f"size of the {effect.replace('_', ' ')}"
+        what, _, source = effect.partition("_from_")
+        high, says = generous * typical, f"size of the {what.replace('_', ' ')}{f' from {source}' if source else ''}"
         return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)
 
     def shape(self, effect: str, what: str, unit: str, low: float, high: float, typical: float, says: str) -> Variable:

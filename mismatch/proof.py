@@ -11,10 +11,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy.stats import ttest_1samp
 
+from mismatch.checks import holm
 from mismatch.fit import Problem, Unknown, parallel, solve
 from mismatch.tracks import Track
-from physics.simulator import Array
+from physics.simulator import Array, Variable
 
 RESAMPLES = 500
 CHORDS = 8
@@ -23,6 +25,8 @@ AFRESH, DRIFTING = 4, 2
 """Rounds, but for the first with columns of their own, and those before them where something drifts."""
 NOTHING = 0.02
 """Share of the removable error that makes no difference."""
+BEYOND_CHANCE = 0.05
+"""Probability (Holm over the outputs) below which a held-out output got worse by more than its pieces differ."""
 PIECES = 8
 """Pieces of each recording that are resampled as wholes."""
 
@@ -36,6 +40,7 @@ class Held(NamedTuple):
         own: what each recording has for itself, as fitted.
         columns: d(block means)/d(own) there, (B, ny, K) per recording.
         level: variance (ny,) of each recording's noise, that of the fitted ones being 1.
+        readings: simulated, sample by sample, (N, ny) per recording.
     """
 
     residuals: list[Array]
@@ -43,6 +48,7 @@ class Held(NamedTuple):
     own: list[Array]
     columns: list[Array]
     level: Sequence[Array | float]
+    readings: Sequence[Array] = ()
 
 
 class Gain(NamedTuple):
@@ -58,6 +64,15 @@ class Gain(NamedTuple):
         """In words; what falls below the noise it was thought to have is all of the excess, and no more."""
         share, low, high = (100.0 * min(v, 1.0) for v in (self.share, self.low, self.high))
         return f"{share:.0f} % of the excess error (90 % interval {low:.0f} to {high:.0f})"
+
+
+class Worse(NamedTuple):
+    """A held-out output that a model predicts worse than another: errors (rms) before and after, p after Holm."""
+
+    channel: str
+    before: float
+    after: float
+    p: float
 
 
 class BorneOut(NamedTuple):
@@ -84,7 +99,7 @@ def held_out(
         if unknown.recording == -1:
             theta[unknown.at] = value
 
-    def fitted(r: int) -> tuple[Array, Array, Array, Array]:
+    def fitted(r: int) -> tuple[Array, Array, Array, Array, Array]:
         # One recording at a time: they share nothing that is free.
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
         alone = Problem(problem.machine, [tracks[r]], mine, problem.whitener, theta=theta)
@@ -97,11 +112,12 @@ def held_out(
             best, columns = near.own[r], near.columns[r]
         alone = alone.refined(best)
         best, _ = solve(alone, best, 1 if drifting else AFRESH, chords=CHORDS, known=[alone.whitener(columns)])
-        return alone.residual(0, best), alone.squares(0, best), best, columns
+        readings = alone.readings(0, best)
+        return alone.residual(0, best), alone.squares(0, best, readings), best, columns, readings
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])
-    residuals, squares, best, columns = (list(part) for part in zip(*found, strict=True))
-    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, columns, [t.level for t in tracks])
+    residuals, squares, best, columns, readings = (list(part) for part in zip(*found, strict=True))
+    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, columns, [t.level for t in tracks], readings)
 
 
 def gain(before: Held, after: Held, variance: Array) -> Gain:
@@ -132,6 +148,26 @@ def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
     with_simple, with_whole = _pieces(simple, whole, variance)
     worse = with_simple - with_whole
     return bool(np.quantile(worse[resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
+
+
+def worse_outputs(before: Held, after: Held, outputs: Sequence[Variable]) -> tuple[Worse, ...]:
+    """Held-out outputs that get worse beyond chance: one-sided, paired over pieces, Holm over the outputs.
+
+    A model that helps the mean over the outputs may spoil one of them. By how much a piece gets worse has a spread
+    that grows with its error, so the pieces' logarithms are compared; and a form that is not exact may cost a
+    ``NOTHING`` of an error.
+    """
+    told, p = [], []
+    for c, variable in enumerate(outputs):
+        b, a = (piece_squares(held.residuals, c) for held in (before, after))
+        if len(b) != len(a) or len(b) < 2 or not (a.min() > 0.0 and b.min() > 0.0):
+            continue
+        grown = np.log(a / b) - np.log1p(NOTHING)
+        if np.ptp(grown) > 0.0:
+            told.append(Worse(variable.name, float(np.sqrt(b.mean())), float(np.sqrt(a.mean())), 1.0))
+            p.append(float(ttest_1samp(grown, 0.0, alternative="greater").pvalue))
+    found = [w._replace(p=q) for w, q in zip(told, holm(p), strict=True)]
+    return tuple(w for w in found if w.p < BEYOND_CHANCE and w.after > w.before)
 
 
 def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from data.errors import BadInput
-from data.recording import Recording, read_recording
+from data.recording import A_THOUSAND, Recording, read_recording
+from data.shown import bare
 from data.units import Limits
 from physics.simulator import Simulator, Variable
 
 SHORTEST = 30
 """Samples that a recording needs at least."""
-A_THOUSAND = 500.0
-"""Ratio of sample periods that is a mistake in the unit of time, between s and ms or ms and us."""
 LONGEST_S = 10 * 365.25 * 86400.0
 _SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
 
@@ -45,13 +44,14 @@ def read(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = (
             limits={v.name: _limits(v) for v in channels},
             may_lack=[v.name for v in simulator.outputs],
             longest_s=LONGEST_S,
+            period_s=np.inf,
         )
         if len(recording.time_s) < SHORTEST:
             raise BadInput(f"{path}: holds {len(recording.time_s)} samples, must hold {SHORTEST}; record longer")
         for variable, values in zip(simulator.inputs, recording.values.T, strict=False):
             if np.isnan(values).all():
                 raise BadInput(f"{path}: input {variable.name} is empty; fill it in, the simulator cannot do without")
-        if any(r.name == recording.name for r in recordings):
+        if any(r.name.casefold() == recording.name.casefold() for r in recordings):
             raise BadInput(f"two recordings are named {recording.name}; rename one, or give it once only")
         recordings.append(recording)
     return recordings
@@ -69,7 +69,7 @@ def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> Non
         outputs = recording.values[:, len(simulator.inputs) :]
         readings = (~np.isnan(outputs)).sum(axis=0)
         if readings.max() < SHORTEST:
-            unread = f"; it has unread columns: {', '.join(recording.unread)}" if recording.unread else ""
+            unread = f"; it has unread columns: {', '.join(map(bare, recording.unread))}" if recording.unread else ""
             raise BadInput(
                 f"recording {recording.name}: none of the outputs ({names}) has {SHORTEST} readings; "
                 f"name their columns with --map COLUMN=channel{unread}"

@@ -15,8 +15,9 @@ from physics.simulator import Array
 NEAR, NEAR_SHARE, NEAR_MOST = 10.0, 0.02, 45.0
 """Units that the next explanation must stay behind to be ruled out: so many and a share of the gain, since no form
 is exact, up to so many in all."""
-LIKELY = 4
-"""Replacements of each effect that are fitted in full, if the linear picture holds them for possible."""
+LIKELY, MOST = 4, 12
+"""Replacements of each effect that are fitted in full, if the linear picture holds them for possible; so many of the
+accepted ones', if it cannot tell them apart."""
 FEW = 3
 """Effects of an explanation whose alternatives are fitted with columns of their own, not only with the picture's."""
 TIED = 0.97
@@ -28,10 +29,15 @@ ONE = 0.5
 
 
 class Rivals(NamedTuple):
-    """Names that an effect cannot be told from, likeliest first, and how many things it and they are names for."""
+    """Names that an effect cannot be told from, likeliest first, and how many things it and they are names for.
+
+    Attributes:
+        groups: the effect's own name and these, grouped: names in one group are names for one thing.
+    """
 
     names: list[str]
     things: int
+    groups: tuple[tuple[str, ...], ...] = ()
 
 
 def slack(worth: float) -> float:
@@ -39,7 +45,10 @@ def slack(worth: float) -> float:
     return min(NEAR + NEAR_SHARE * max(worth, 0.0), NEAR_MOST)
 
 
-def alternatives(before: Explanation, best: Explanation, shown: Picture, pairs: bool = True) -> list[Explanation]:
+def alternatives(
+    before: Explanation, best: Explanation, shown: Picture, pairs: bool = True,
+    advance: Callable[[float], None] = lambda share: None,
+) -> list[Explanation]:  # fmt: skip
     """What could stand in the place of one effect of ``best`` or another, and ``best`` without each, fitted in full.
 
     Another candidate can stand alone in an effect's place; several can together, where the picture without the
@@ -62,7 +71,34 @@ def alternatives(before: Explanation, best: Explanation, shown: Picture, pairs: 
         without = local_search(shown, rest, len(chosen) + 1, PENALTY, pairs, out_of_play)
         if without and here - shown.score(without, PENALTY) < 2.0 * near:
             sets.add(without)
-    return [refit(best.bare, best.z[: best.first], shown, s, fresh_rounds(best)) for s in sorted(sets)]
+    found = []
+    for place, one in enumerate(sorted(sets)):
+        advance(place / len(sets))
+        found.append(refit(best.bare, best.z[: best.first], shown, one, fresh_rounds(best)))
+    return found
+
+
+def nearest(before: Explanation, best: Explanation, shown: Picture, fitted: Sequence[Explanation]) -> list[Explanation]:
+    """Further candidates in each effect's place, fitted: all that the picture cannot tell from it, and the next.
+
+    What was never weighed against another has no probability, and a list of what could be meant must be complete.
+
+    Args:
+        fitted: what was fitted already.
+    """
+    near = slack(before.cost - best.cost)
+    candidates = best.problem.machine.candidates
+    owner = [v.candidate for v in shown.variants]
+    chosen = [owner.index(v.candidate) for v in best.chosen]
+    known = {frozenset(e.names) for e in fitted}
+    sets = {}
+    for k, options in enumerate(replacements(shown, chosen)):
+        rest = (*chosen[:k], *chosen[k + 1 :])
+        for place, (loss, i) in enumerate(options[:MOST]):
+            names = frozenset(candidates[owner[j]].name for j in (*rest, i))
+            if names not in known and np.isfinite(loss) and (place == 0 or loss < near):
+                sets[names] = (*rest, i)
+    return [refit(best.bare, best.z[: best.first], shown, one, fresh_rounds(best)) for one in sets.values()]
 
 
 def fresh_rounds(best: Explanation) -> int:
@@ -114,9 +150,40 @@ def rivals(
         ranked = sorted(others, key=lambda other: (others[other], other))
         fellows = [best.names[j] for j in np.flatnonzero(tied[k])]
         # Itself, at nothing behind, is one of them.
-        apart = np.diff(np.sort([0.0, *others.values()])) > ONE
-        out.append(Rivals([*fellows, *ranked], 1 + len(fellows) + int(apart.sum())))
+        behind_by = {best.names[k]: 0.0, **{other: others[other] for other in ranked}}
+        groups = [*_grouped(behind_by), *((fellow,) for fellow in fellows)]
+        out.append(Rivals([*fellows, *ranked], len(groups), tuple(groups)))
     return out
+
+
+def _grouped(behind: dict[str, float]) -> list[tuple[str, ...]]:
+    """Names for one thing together: those whose losses differ by next to nothing, in steps."""
+    groups: list[list[str]] = []
+    last = -np.inf
+    for name, loss in sorted(behind.items(), key=lambda item: item[1]):
+        if not loss - last <= ONE:
+            groups.append([])
+        groups[-1].append(name)
+        last = loss
+    return [tuple(group) for group in groups]
+
+
+def losses(
+    before: Explanation, best: Explanation, fitted: Sequence[Explanation],
+    also: Callable[[Explanation], float] = lambda e: 0.0,
+) -> dict[frozenset[str], float]:  # fmt: skip
+    """Units that everything fitted lies behind ``best``, what it must earn in them; the empty set is no effect.
+
+    Args:
+        also: units besides on other recordings; asked for what is near.
+    """
+    found = {frozenset(best.names): 0.0}
+    for e in (before, *fitted):
+        loss, names = e.score(PENALTY) - best.score(PENALTY), frozenset(e.names)
+        if names != frozenset(best.names):
+            loss += also(e) if loss < FAR * NEAR_MOST else 0.0
+            found[names] = min(loss, found.get(names, np.inf))
+    return found
 
 
 def _same(explanation: Explanation, name: str) -> set[str]:

@@ -13,10 +13,11 @@ import pandas as pd
 
 from data.recording import Recording
 from mismatch.noise import noise_floor
+from mismatch.spikes import Spike, find_spikes, is_followed
 from physics.simulator import Array, Simulator
 
 BLOCKS = 1000
-"""Blocks that a long recording is averaged into, more or less: what a fit sees, whatever the sample rate."""
+"""Blocks that a long recording is averaged into, or up to twice as many: what a fit sees, whatever the sample rate."""
 LOST = 0.05
 """Share of an output's variance that averaging may take away; what is faster than blocks needs shorter ones."""
 MOST_BLOCKS, SHORTER = 20_000, 0.8
@@ -27,23 +28,27 @@ BEGIN = 5
 """Blocks at the start that are stepped through sample by sample."""
 SEEN = 0.6
 """Share of a block's readings that must be there."""
-_HAMPEL_WINDOW, _HAMPEL_SIGMAS = 15, 6.0
+LINES = 4
+"""Parts of a sample in each of which an input that is joined by lines counts as its mean; what that leaves out falls
+with their square."""
 
 
 class Grid(NamedTuple):
-    """Stretches of constant input that a run goes through: single samples, or blocks of them.
+    """Stretches of constant input that a run goes through: single samples, blocks of them, or parts of a sample.
 
     Attributes:
         time_s: (B,) middle of each stretch's samples.
-        seconds: (B,) how long each lasts.
-        u: (B, nu) inputs, the mean over the samples.
-        samples: (B,) how many samples each holds.
+        seconds: (B,) how long each lasts; nothing where an input that moves on is only read with.
+        u: (B, nu) inputs, the mean over the stretch.
+        samples: (B,) how many samples each holds; none in the parts of one after its reading.
+        begun: (B,) which of the samples' stretches each is, or is a part of.
     """
 
     time_s: Array
     seconds: Array
     u: Array
     samples: np.ndarray
+    begun: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,8 @@ class Track:
         starts: (B,) first sample of each block.
         means: (B, ny) block means of y; NaN where a block lacks too many readings.
         level: (ny,) variance of its noise, that of the fitted recordings being 1.
+        linear: inputs go in lines from sample to sample; if not, each holds until the next.
+        spikes: the readings that were taken out.
     """
 
     name: str
@@ -66,6 +73,8 @@ class Track:
     starts: np.ndarray
     means: Array
     level: Array | float = 1.0
+    linear: bool = False
+    spikes: tuple[Spike, ...] = ()
     _splits: dict[int, Grid] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def block_means(self, readings: Array) -> Array:
@@ -78,15 +87,31 @@ class Track:
         y[(self.time_s >= since_s) & (self.time_s <= until_s), channel] = np.nan
         return replace(self, y=y, means=_means(y, self.starts))
 
+    def followed(self, readings: Array) -> Track:
+        """With those spikes put back that simulated readings (N, ny) show as well."""
+        y = self.y.copy()
+        for spike in self.spikes:
+            y[spike.sample, spike.column] = spike.value
+        kept = tuple(s for s in self.spikes if not is_followed(y[:, s.column], readings[:, s.column], s.sample))
+        if len(kept) == len(self.spikes):
+            return self
+        for spike in kept:
+            y[spike.sample, spike.column] = np.nan
+        return replace(self, y=y, means=_means(y, self.starts), spikes=kept)
+
     @cached_property
     def fine(self) -> Grid:
         """Sample by sample."""
-        return self.grid(self.u, np.arange(len(self.time_s)))
+        return self.fine_grid(self.u)
+
+    def fine_grid(self, u: Array) -> Grid:
+        """Sample by sample with inputs u (N, nu)."""
+        return self.grid(u, np.arange(len(self.time_s)), LINES)
 
     @cached_property
     def coarse(self) -> Grid:
         """Block by block."""
-        return self.grid(self.u, self.starts)
+        return self._stretches(self.u, self.starts)
 
     def split(self, parts: int) -> Grid:
         """Blocks in so many parts each, or sample by sample where they hold fewer, and at the start."""
@@ -104,19 +129,42 @@ class Track:
         """Means (B, n) over blocks of what holds over the parts (P, n) that they were split in."""
         if len(values) == len(self.starts):
             return values
-        ends = np.cumsum(grid.samples)
-        first = np.searchsorted(ends, self.starts, side="right")
-        return np.asarray(np.add.reduceat(values * grid.samples[:, None], first) / self.coarse.samples[:, None])
+        samples = grid.samples[grid.samples > 0]
+        first = np.searchsorted(np.cumsum(samples), self.starts, side="right")
+        return np.asarray(np.add.reduceat(values * samples[:, None], first) / self.coarse.samples[:, None])
 
-    def grid(self, u: Array, starts: np.ndarray) -> Grid:
-        """Stretches that begin at the samples ``starts``, with inputs u (N, nu)."""
+    def grid(self, u: Array, starts: np.ndarray, lines: int = 1) -> Grid:
+        """Stretches that begin at the samples ``starts``, with inputs u (N, nu).
+
+        Args:
+            lines: parts of a stretch of one sample, where inputs are joined by lines.
+        """
+        if not self.linear:
+            return self._stretches(u, starts)
+        ahead = np.concatenate((u[1:], u[-1:]))
+        plain = self._stretches(0.5 * (u + ahead), starts)
+        single = plain.samples == 1
+        rows = np.where(single, 1 + lines, 1)
+        begun = np.repeat(np.arange(len(starts)), rows)
+        place = np.arange(len(begun)) - np.repeat(np.cumsum(rows) - rows, rows)
+        # A sample is read under its own input, in no time; then the input moves on in parts.
+        share = np.where(single[begun] & (place > 0), (place - 0.5) / lines, 0.0)
+        at, alone = starts[begun], single[begun, None]
+        seconds = plain.seconds[begun] * np.where(single[begun], np.where(place > 0, 1.0 / lines, 0.0), 1.0)
+        return Grid(
+            plain.time_s[begun] + share * plain.seconds[begun], seconds,
+            np.where(alone, u[at] + share[:, None] * (ahead[at] - u[at]), plain.u[begun]),
+            np.where(place > 0, 0, plain.samples[begun]), begun,
+        )  # fmt: skip
+
+    def _stretches(self, u: Array, starts: np.ndarray) -> Grid:
         counts = np.diff(np.append(starts, len(self.time_s)))
         last = self.time_s[-1:] + np.diff(self.time_s)[-1:]
         edges = np.concatenate((self.time_s[starts], last))
-        shape = counts[:, None]
         return Grid(
-            np.add.reduceat(self.time_s, starts) / counts, np.diff(edges), np.add.reduceat(u, starts) / shape, counts
-        )
+            np.add.reduceat(self.time_s, starts) / counts, np.diff(edges),
+            np.add.reduceat(u, starts) / counts[:, None], counts, np.arange(len(starts)),
+        )  # fmt: skip
 
     @property
     def block_time_s(self) -> Array:
@@ -124,8 +172,14 @@ class Track:
         return self.time_s[self.starts]
 
 
-def prepare(recordings: Sequence[Recording], simulator: Simulator, blocks: int = BLOCKS) -> list[Track]:
-    """Tracks of recordings whose channels hold the simulator's inputs and outputs."""
+def prepare(
+    recordings: Sequence[Recording], simulator: Simulator, blocks: int = BLOCKS, linear: bool = False
+) -> list[Track]:
+    """Tracks of recordings whose channels hold the simulator's inputs and outputs.
+
+    Args:
+        linear: inputs go in lines from sample to sample.
+    """
     inputs, outputs = ([v.name for v in group] for group in (simulator.inputs, simulator.outputs))
     tracks = []
     for recording in recordings:
@@ -133,15 +187,22 @@ def prepare(recordings: Sequence[Recording], simulator: Simulator, blocks: int =
         u = held(recording.values[:, [place[name] for name in inputs]])
         missing = np.full(len(recording.time_s), np.nan)
         y = np.stack([recording.values[:, place[n]] if n in place else missing for n in outputs], axis=-1)
-        y = np.stack([despiked(column) for column in y.T], axis=-1)
+        spikes = tuple(
+            Spike(recording.name, channel, float(recording.time_s[k]), float(y[k, c]), int(k), c)
+            for c, channel in enumerate(outputs) for k in find_spikes(y[:, c])
+        )  # fmt: skip
+        for spike in spikes:
+            y[spike.sample, spike.column] = np.nan
         starts = np.arange(0, len(y), samples_per_block(y, blocks))
-        tracks.append(Track(recording.name, recording.time_s, u, y, starts, _means(y, starts)))
+        tracks.append(
+            Track(recording.name, recording.time_s, u, y, starts, _means(y, starts), linear=linear, spikes=spikes)
+        )
     return tracks
 
 
 def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
     """As many as leave so many blocks, but so few that what the outputs (N, ny) do is still seen in the means."""
-    n, least = max(1, round(len(y) / blocks)), max(1, len(y) // MOST_BLOCKS)
+    n, least = max(1, len(y) // blocks), max(1, len(y) // MOST_BLOCKS)
     while n > least and (lost(y, n) > LOST).any():
         n = max(least, int(SHORTER * n))
     return n
@@ -159,22 +220,6 @@ def lost(y: Array, n: int) -> Array:
 def held(values: Array) -> Array:
     """Columns with the last value held over NaN; leading gaps take the first value there is."""
     return np.array(pd.DataFrame(values).ffill().bfill(), dtype=float, order="C")
-
-
-def despiked(values: Array) -> Array:
-    """Readings (N,) with isolated outliers as NaN: Hampel's test over 15 samples at six robust sigmas.
-
-    The spread is at least that of the whole record's differences, so that steps and steady pieces stay.
-    """
-    series = pd.Series(values)
-    median = series.rolling(_HAMPEL_WINDOW, center=True, min_periods=3).median()
-    away = (series - median).abs()
-    spread = 1.4826 * away.rolling(_HAMPEL_WINDOW, center=True, min_periods=3).median()
-    steps = np.abs(np.diff(values[~np.isnan(values)]))
-    floor = 1.4826 * np.median(steps) / np.sqrt(2.0) if len(steps) else 0.0
-    wide = np.maximum(spread.to_numpy(), floor)
-    with np.errstate(invalid="ignore"):
-        return np.where((wide > 0) & (away.to_numpy() > _HAMPEL_SIGMAS * wide), np.nan, values)
 
 
 def _means(values: Array, starts: np.ndarray) -> Array:

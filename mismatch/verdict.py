@@ -2,85 +2,46 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from mismatch import evidence, findings, telling
+from mismatch.evidence import OutputError
 from mismatch.explanation import Explanation
+from mismatch.findings import KINDS, UNNAMED, Z90, Finding, Value
 from mismatch.leftover import leftovers
-from mismatch.locate import Located, locate, regime
-from mismatch.onset import first_onset
-from mismatch.proof import piece_squares
-from mismatch.rivals import NEAR
+from mismatch.locate import Located, locate
 from mismatch.walk import Diagnosis, residual_chi2
 from mismatch.weigh import LEAST_SHARE
+from mismatch.words import listed, number, sentence
 from physics.simulator import Array, Mechanism
 
-Z90 = 1.645
+VERDICTS = ("consistent", "parameter change", "sensor fault", "missing physics", "incomplete", "unexplained")
+"""All that ``verdict`` may say."""
 MOVED = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
 PLAIN = 0.5
 """And scales of the parameter."""
-KINDS = {"physics": "missing physics"}
-LARGEST_SET = 3
-"""Things that a set may hold names for and still say something."""
-
-
-@dataclass(frozen=True)
-class Value:
-    """A number with its 90 % interval; ``before`` for what a parameter was."""
-
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
-    before: float | None = None
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that is wrong. Fields as in ``verdict.json``."""
-
-    kind: str
-    mechanism: str | None
-    term: str
-    probability: float
-    indistinguishable_from: tuple[str, ...]
-    port: str
-    ports: tuple[tuple[str, float], ...]
-    since_s: float | None
-    intervals_s: tuple[tuple[float, float], ...]
-    regime: str
-    parameters: tuple[Value, ...]
-    says: str
-
-
-@dataclass(frozen=True)
-class Fit:
-    """One channel's error, model before and after; ``reduction`` with its 90 % interval, as a share."""
-
-    channel: str
-    unit: str
-    held_out: bool
-    rmse_before: float
-    rmse_after: float
-    noise_floor: float
-    reduction_low: float
-    reduction_high: float
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What ``diagnose`` says. ``values`` are the mended simulator's, by parameter name."""
+    """What ``diagnose`` says.
+
+    Attributes:
+        says, points: the verdict in one sentence, and what follows, one thing a point.
+        fit: errors per output, on what was held out and on what was learnt from.
+        values: of the mended simulator's parameters, by name.
+    """
 
     verdict: str
     says: str
+    points: tuple[str, ...]
     findings: tuple[Finding, ...]
     parameters: tuple[Value, ...]
-    fit: tuple[Fit, ...]
+    fit: tuple[OutputError, ...]
     more_data: str
     mechanisms: tuple[Mechanism, ...]
     values: dict[str, float]
@@ -89,22 +50,24 @@ class Verdict:
 
     def to_dict(self) -> dict[str, Any]:
         """``verdict.json``."""
+        d = self.diagnosis
         return {
             "verdict": self.verdict,
             "says": self.says,
-            "findings": [
-                {
-                    **asdict(f),
-                    "ports": [{"port": port, "probability": p} for port, p in f.ports],
-                    "parameters": {v.name: _plain(v) for v in f.parameters},
-                }
-                for f in self.findings
-            ],
+            "points": list(self.points),
+            "findings": [f.to_dict() for f in self.findings],
             "parameters": {
                 v.name: {"before": v.before, "after": v.value, "low": v.low, "high": v.high, "unit": v.unit}
                 for v in self.parameters
             },
-            "fit": [asdict(f) for f in self.fit],
+            "fit": [e._asdict() for e in self.fit],
+            "inputs": d.joined._asdict(),
+            "spikes": [
+                {"recording": s.recording, "channel": s.channel, "time_s": s.time_s, "value": s.value} for s in d.spikes
+            ],
+            "weighed": [{"effects": sorted(names), "probability": p} for names, p in evidence.weights(d).items()],
+            "unfollowed": [u._asdict() for u in d.unfollowed],
+            "held_out": {"recordings": [t.name for t in d.held], "explanations_compared": d.weighed_on_held_out},
             "more_data": self.more_data,
         }
 
@@ -112,32 +75,39 @@ class Verdict:
 def conclude(d: Diagnosis) -> Verdict:
     """Put a diagnosis into words."""
     held = d.chosen or d.before
-    sd = standard_deviations(held)
-    parameters = _parameters(d, held, sd)
+    parameters = _parameters(d, held)
     chi2, limit = residual_chi2(held)
+    noisy = chi2 > limit
     left = leftovers(held, d.held_before if d.chosen is None else d.held_after, d.tracks, d.floor)
-    located = locate(d) if (d.best is not None or chi2 > limit or left) else None
-    findings = (*_stuck(d), *_findings(d, sd, located, left))
+    located = locate(d) if (d.best is not None or noisy or left) else None
+    effects = findings.named(d, located) if d.chosen is not None else _unnamed(d, located, left)
+    found = (*findings.stuck(d), *effects)
     mechanisms: tuple[Mechanism, ...] = ()
     if d.chosen is not None:
         mechanisms = tuple(d.machine.candidates[v.candidate].mechanism for v in d.chosen.chosen)
     changed = [v for v in parameters if v.before is not None and _changed(d, v)]
-    if mechanisms:
-        kinds = {*_kinds(d), *(f.kind for f in findings if f.mechanism)} or {"unexplained"}
-        verdict: str = next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
-        if d.transferred is not None and d.transferred.fails:
-            verdict = "incomplete"
-    elif d.best is not None or left:
-        verdict = "unexplained"
-    elif d.stuck:
-        verdict = "sensor fault"
-    else:
-        verdict = "parameter change" if changed else "consistent"
-    fit = _fits(d)
+    verdict = _verdict(d, found, left, bool(changed))
+    errors = evidence.output_errors(d)
+    why = _why_incomplete(d, left, noisy) if d.chosen is not None else []
+    more = telling.more_data(d, found)
+    points = (*telling.points(d, found, changed, errors, why), *([more] if more else []))
     return Verdict(
-        verdict, _words(d, verdict, findings, changed, fit, chi2 > limit, left), findings, parameters, fit,
-        _more_data(d, findings), mechanisms, _values(held), located, d,
+        verdict, telling.headline(d, verdict, found, errors, bool(why)), points, found, parameters, errors, more,
+        mechanisms, _values(held), located, d,
     )  # fmt: skip
+
+
+def _verdict(d: Diagnosis, found: tuple[Finding, ...], left: list[str], changed: bool) -> str:
+    if d.chosen is not None:
+        if d.transferred is not None and d.transferred.fails:
+            return "incomplete"
+        kinds = {*_kinds(d), *(f.kind for f in found if f.mechanism)} or {"unexplained"}
+        return next(k for k in ("missing physics", "sensor fault", "unexplained") if k in kinds)
+    if d.best is not None or left or d.unfollowed:
+        return "unexplained"
+    if d.stuck:
+        return "sensor fault"
+    return "parameter change" if changed else "consistent"
 
 
 def _kinds(d: Diagnosis) -> set[str]:
@@ -148,15 +118,38 @@ def _kinds(d: Diagnosis) -> set[str]:
     return {next(iter(k)) for k in kinds if len(k) == 1}
 
 
-def standard_deviations(explanation: Explanation) -> Array:
-    """Posterior standard deviations (K,) of the unknowns, widened where the residual is more than noise."""
-    problem, z = explanation.problem, explanation.z
-    G, _, _ = problem.normal(z, problem.residuals(z))
-    chi2, _ = residual_chi2(explanation)
-    # Each unknown in its own scale: their units differ by ten decades.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
-    covariance = np.linalg.pinv(G * np.outer(scale, scale), hermitian=True, rcond=1e-12)
-    return scale * np.sqrt(np.maximum(np.diag(covariance), 0.0) * max(1.0, chi2))
+def _unnamed(d: Diagnosis, located: Located | None, left: list[str]) -> tuple[Finding, ...]:
+    """What nothing that was looked for explains, if there is anything."""
+    if d.best is not None:
+        tried = f"{listed(d.best.names)} explains what was learnt from best, but is refused: {d.refused}"
+        says = f"nothing that was looked for passes the proof; {tried}"
+    elif left:
+        says = f"{'; '.join(left)}, and nothing that was looked for explains it"
+    elif d.unfollowed:
+        says = f"nothing that was looked for explains {listed([u.channel for u in d.unfollowed])}"
+    else:
+        return ()
+    ports = located.ports if located is not None else ()
+    where = ports[0][0] if ports else ""
+    return (replace(UNNAMED, port=where, ports=ports, says=sentence(says)),)
+
+
+def _why_incomplete(d: Diagnosis, left: list[str], noisy: bool) -> list[str]:
+    """Why what was named is not all, if it is not."""
+    why = left or (["the residual is still more than noise"] if noisy else [])
+    if d.share is not None and d.there is not None and d.share.share < LEAST_SHARE:
+        why = [
+            *why,
+            f"of what is added to the outputs, {number(d.there.ratio)} times as much is in the held-out readings (90 % "
+            f"interval {number(d.there.low)} to {number(d.there.high)}), but the rest of their error is something else",
+        ]
+    if d.transferred is not None and d.transferred.fails:
+        why = [
+            *why,
+            "the recordings held back want other sizes than those learnt (chi-square "
+            f"{number(d.transferred.chi2)} of {d.transferred.sizes}), so something else is missing too",
+        ]
+    return why
 
 
 def _values(explanation: Explanation) -> dict[str, float]:
@@ -174,12 +167,13 @@ def _values(explanation: Explanation) -> dict[str, float]:
     return found
 
 
-def _parameters(d: Diagnosis, held: Explanation, sd: Array) -> tuple[Value, ...]:
+def _parameters(d: Diagnosis, held: Explanation) -> tuple[Value, ...]:
+    spread: Array = Z90 * np.sqrt(np.diag(findings.uncertainty(held)))
     out = []
-    for u, z, s in zip(held.problem.unknowns, held.z, sd, strict=True):
+    for u, z, s in zip(held.problem.unknowns, held.z, spread, strict=True):
         if u.kind == "parameter":
             v = d.simulator.parameters[u.at]
-            out.append(Value(v.name, float(z), float(z - Z90 * s), float(z + Z90 * s), v.unit, v.nominal))
+            out.append(Value(v.name, float(z), float(z - s), float(z + s), v.unit, v.nominal, v.says))
     return tuple(out)
 
 
@@ -187,217 +181,3 @@ def _changed(d: Diagnosis, value: Value) -> bool:
     v = d.simulator.parameters[d.simulator.index(value.name)]
     sd = (value.high - value.low) / (2 * Z90)
     return abs(value.value - v.nominal) > max(MOVED * sd, PLAIN * v.scale)
-
-
-def _stuck(d: Diagnosis) -> list[Finding]:
-    """Sensors that stand still, one finding per channel."""
-    found = []
-    for c in sorted({s.channel for s in d.stuck}):
-        v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
-        name, port = f"sensor_stuck@{v.name}", f"output:{v.name}"
-        where = ", ".join(
-            f"at {_with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while the "
-            f"simulator says that it moved by {_with_unit(s.moved, v.unit)}"
-            for s in stretches
-        )
-        says = f"the sensor of {v.name} stands still ({name}, at {port}): {where}; its readings there were set aside"
-        times = tuple((s.since_s, s.until_s) for s in stretches)
-        found.append(Finding("sensor fault", name, "", 1.0, (), port, ((port, 1.0),), times[0][0], times, "", (), says))
-    return found
-
-
-def _findings(d: Diagnosis, sd: Array, located: Located | None, left: list[str]) -> tuple[Finding, ...]:
-    ports = located.ports if located is not None else ()
-    if d.chosen is None:
-        if d.best is not None:
-            names = ", ".join(d.best.names)
-            says = f"something is missing that the catalogue does not hold: {names} explains it best, but {d.refused}"
-        elif left:
-            says = f"{'; '.join(left)}, and nothing in the catalogue explains it"
-        else:
-            return ()
-        where = ports[0][0] if ports else ""
-        return (Finding("unexplained", None, "", 0.0, (), where, ports, None, (), "", (), says),)
-    found = []
-    machine = d.machine
-    at = d.chosen.first
-    since = first_onset(d.chosen.problem.since, [t.time_s[0] for t in d.tracks]) if d.chosen.problem.since else None
-    where = regime(d)
-    for variant, (rivals, things) in zip(d.chosen.chosen, d.rivals, strict=True):
-        candidate = machine.candidates[variant.candidate]
-        values = []
-        for v in candidate.mechanism.parameters:
-            z, s = float(d.chosen.z[at]), float(sd[at])
-            values.append(Value(v.name, z, z - Z90 * s, z + Z90 * s, v.unit))
-            at += 1
-        mechanism = candidate.mechanism
-        probability = _probability(d, mechanism.name)
-        kind = KINDS.get(mechanism.kind, "sensor fault")
-        term = _formula(mechanism, values)
-        size = values[0]
-        words = [
-            f"{mechanism.says} ({mechanism.name}, at {mechanism.port}): "
-            f"{_with_unit(size.value, size.unit)} (90 % interval {_number(size.low)} to {_number(size.high)})"
-        ]
-        if since is not None:
-            words.append(f"since about {since:.0f} s")
-        if where:
-            words.append(f"mostly where {where}")
-        named: str | None = mechanism.name
-        if things > LARGEST_SET:
-            # A set of many is no name: what is said is where it is.
-            count = len(rivals) + 1
-            words.insert(0, f"something acts at {mechanism.port}; {count} candidates cannot be told apart here")
-            named, probability = None, 0.0
-        elif rivals:
-            words.append(f"these recordings cannot tell it from {', '.join(rivals)}")
-        found.append(
-            Finding(
-                kind, named, term, probability, tuple(rivals) if named else (), mechanism.port, ports, since,
-                () if since is None else ((since, max(float(t.time_s[-1]) for t in d.tracks)),), where, tuple(values),
-                "; ".join(words),
-            )
-        )  # fmt: skip
-    return tuple(found)
-
-
-def _probability(d: Diagnosis, name: str) -> float:
-    """Weight of the explanations that hold a name among all that were fitted, tempered by unmodelled background."""
-    assert d.chosen is not None
-    slack = NEAR / 2.0
-    weights: dict[frozenset[str], float] = {}
-    for e in (d.chosen, *d.tried):
-        key = frozenset(e.names)
-        weights[key] = max(weights.get(key, 0.0), float(np.exp(-max(e.cost - d.chosen.cost, 0.0) / (2.0 * slack))))
-        if len(e.names) > len(d.chosen.names):
-            weights[key] *= float(np.exp(-d.threshold / (2.0 * slack)))
-    return sum(w for key, w in weights.items() if name in key) / sum(weights.values())
-
-
-def _formula(mechanism: Mechanism, values: list[Value]) -> str:
-    filled = {v.name: _with_unit(v.value, v.unit) for v in values}
-    return re.sub(r"\{(\w+)\}", lambda m: filled.get(m[1], m[0]), mechanism.formula)
-
-
-def _fits(d: Diagnosis) -> tuple[Fit, ...]:
-    """Errors sample by sample; the noise floor is what the accepted model leaves of the recordings it was fitted to."""
-    after = d.chosen or d.before
-    n = range(len(d.tracks))
-    fitted = [np.sqrt(np.mean([e.problem.squares(r, e.z) for r in n], axis=0)) for e in (d.before, after)]
-    rows = [(False, *fitted, d.before.problem.residuals(d.before.z), after.problem.residuals(after.z))]
-    if d.held_before is not None:
-        held = d.held_after if d.chosen is not None and d.held_after is not None else d.held_before
-        rows.append((True, d.held_before.rmse, held.rmse, d.held_before.residuals, held.residuals))
-    rng = np.random.default_rng(0)
-    out = []
-    for is_held, rmse_before, rmse_after, before, later in rows:
-        for c, v in enumerate(d.simulator.outputs):
-            b, a = (piece_squares(residuals, c) for residuals in (before, later))
-            if not len(b):
-                continue
-            picks = rng.integers(0, len(b), (500, len(b)))
-            # The share of the samples' error, spread as the blocks' is.
-            share = 1.0 - np.sqrt(a[picks].mean(axis=1) / b[picks].mean(axis=1))
-            share += (1.0 - rmse_after[c] / rmse_before[c]) - (1.0 - np.sqrt(a.mean() / b.mean()))
-            low, high = np.quantile(share, (0.05, 0.95))
-            values = (rmse_before[c], rmse_after[c], fitted[1][c], low, high)
-            out.append(Fit(v.name, v.unit, is_held, *map(float, values)))
-    return tuple(out)
-
-
-def smallest_seen(d: Diagnosis) -> list[tuple[str, float]]:
-    """The least size of each candidate that would have passed the threshold, in its typical sizes."""
-    best: dict[str, float] = {}
-    for i, variant in enumerate(d.shown.variants):
-        name = d.machine.candidates[variant.candidate].name
-        size = float(np.sqrt(d.threshold / max(d.shown.G[i, i], 1e-12)))
-        best[name] = min(best.get(name, np.inf), size)
-    return sorted(best.items(), key=lambda item: item[1])
-
-
-def _words(
-    d: Diagnosis, verdict: str, findings: tuple[Finding, ...], changed: list[Value], fit: tuple[Fit, ...],
-    noisy: bool, left: list[str],
-) -> str:  # fmt: skip
-    words = []
-    if verdict == "consistent":
-        words.append("The simulator agrees with the recordings: no candidate explains more than noise would.")
-    elif verdict == "parameter change":
-        words.append("The simulator agrees with the recordings once its parameters are right: no physics is missing.")
-    else:
-        words += [_sentence(f.says) for f in findings]
-    if changed:
-        moved = ", ".join(f"{v.name} from {_number(v.before or 0.0)} to {_with_unit(v.value, v.unit)}" for v in changed)
-        words.append(f"Parameters moved: {moved}.")
-    if d.chosen is not None:
-        gained = d.before.cost - d.chosen.cost
-        sensors = [
-            e for e in d.tried
-            if all(d.machine.candidates[v.candidate].mechanism.kind != "physics" for v in e.chosen) and e.names
-        ]  # fmt: skip
-        if sensors and verdict == "missing physics":
-            best = max(d.before.cost - e.cost for e in sensors)
-            share = 100.0 * max(best, 0.0) / gained
-            much = f"{share:.0f} %" if share >= 1.5 else "no more than 1 %"
-            words.append(f"The best sensor or input fault alone explains {much} of it.")
-        if d.share is not None:
-            words.append(f"On recordings held back it removes {d.share.says}.")
-            if d.there is not None and d.share.share < LEAST_SHARE:
-                words.append(
-                    f"What it adds to the outputs is in them ({d.there.ratio:.2f} of it, 90 % interval "
-                    f"{d.there.low:.2f} to {d.there.high:.2f}); the rest is something else."
-                )
-        if left or noisy:
-            why = "; ".join(left) or "the residual is still more than noise"
-            words.append(f"It is incomplete: {why}.")
-        if d.transferred is not None and d.transferred.fails:
-            words.append(
-                "It is incomplete: the recordings held back want other sizes than those learnt "
-                f"(chi-square {d.transferred.chi2:.0f} of {d.transferred.sizes}), so something else is missing too."
-            )
-    if not findings:
-        seen = smallest_seen(d)
-        hidden = [name for name, size in seen if size > 1.0]
-        plain = len(seen) - len(hidden)
-        words.append(f"Of {len(seen)} candidates, {plain} would have been seen at their typical size.")
-        if hidden:
-            words.append(f"Not so {', '.join(hidden[:6])}{' and others' if len(hidden) > 6 else ''}.")
-    for f in fit:
-        if f.held_out:
-            before = f"{_number(f.rmse_before)} to " if f.rmse_after != f.rmse_before else ""
-            words.append(
-                f"{f.channel}, held out: error {before}{_with_unit(f.rmse_after, f.unit)}, "
-                f"where it learnt {_number(f.noise_floor)}."
-            )
-    return " ".join(words)
-
-
-def _more_data(d: Diagnosis, findings: tuple[Finding, ...]) -> str:
-    sets = [f for f in findings if f.indistinguishable_from]
-    if sets:
-        f = sets[0]
-        return (
-            f"To tell {f.mechanism} from {f.indistinguishable_from[0]}, record where their effects differ: "
-            "wider and faster changes of the inputs than in these recordings, and both directions of motion or flow."
-        )
-    if not findings:
-        hidden = [name for name, size in smallest_seen(d) if size > 1.0]
-        if hidden:
-            return f"To see {hidden[0]} at its typical size, move the inputs more, or record longer."
-    return ""
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].rstrip(".") + "."
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}"
-
-
-def _with_unit(value: float, unit: str) -> str:
-    return f"{_number(value)} {unit}" if unit not in ("", "1", "-") else _number(value)
-
-
-def _plain(value: Value) -> dict[str, Any]:
-    return {"value": value.value, "low": value.low, "high": value.high, "unit": value.unit}

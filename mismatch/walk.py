@@ -11,29 +11,31 @@ from scipy.stats import chi2
 
 from data.errors import BadInput
 from data.recording import Recording
+from mismatch.calibrate import block_noise, calibrated, is_parameter, own_unknowns
 from mismatch.checks import Test, audit, residual_tests
 from mismatch.climb import climb, gross
 from mismatch.explanation import Explanation, present, refit, rewhitened
-from mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
+from mismatch.fit import Problem, solve
+from mismatch.followed import Followed, told_followed
 from mismatch.guards import Guards
+from mismatch.joining import AUTO, LINEAR, Joined, how_joined
 from mismatch.machine import Machine
 from mismatch.many import MANY, completed, from_everything
 from mismatch.model import whole_catalogue
-from mismatch.noise import ORDER, Whitener, levels, noise_floor
+from mismatch.noise import ORDER, levels
 from mismatch.onset import find_onsets, settled_onsets
 from mismatch.picture import Picture, Variant, picture, variants
-from mismatch.proof import BorneOut, Gain, Held, borne_out, gain, held_out
-from mismatch.rivals import Rivals, alternatives, plainest, rivals
+from mismatch.proof import BorneOut, Gain, Held, Worse, borne_out, gain, held_out, worse_outputs
+from mismatch.rivals import Rivals, alternatives, losses, nearest, plainest, rivals
 from mismatch.search import LARGEST, PENALTY, best_sets, local_search
+from mismatch.spikes import Spike
 from mismatch.stuck import Stuck, find_stuck, without
 from mismatch.tracks import Track, prepare
 from mismatch.transfer import Transfer, transfer
 from mismatch.visited import resized
-from mismatch.weigh import Beside, by_chance, contended, plainest_that_predicts, refusal
+from mismatch.weigh import Beside, HeldBack, by_chance, contended, plainest_that_predicts, refusal
 from physics.simulator import Array, Mechanism, Simulator
 
-PRIOR = 4.0
-"""Prior standard deviation of a parameter or start state, in its scales."""
 LEAST_GAIN = 20.0
 """Log-likelihood units (twice) below which nothing is named, whatever the noise would allow."""
 TURNS = 8
@@ -51,6 +53,10 @@ SPLIT = 0.7
 """Share of a single recording that is learnt from when none is held out."""
 
 
+Progress = Callable[[str, float], None]
+"""Told a stage's name and the share of it that is done."""
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """Everything that the walk found, for words, tables and figures.
@@ -58,13 +64,21 @@ class Diagnosis:
     Attributes:
         before: the calibrated original model and its fit.
         chosen: the explanation that was accepted, or None.
-        tried: explanations fitted in full, best first.
+        tried: explanations fitted in full on the way, best first.
         rivals: for each effect of ``chosen``, what these data cannot tell from it.
         threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
         share: what was gained on held-out recordings; None without any.
         there: is what ``best`` adds to the outputs in the held-out readings.
         transferred: do many sizes together hold on the held-out recordings; None if they are few.
+        worse: held-out outputs that ``best`` spoils beyond chance; it is refused then.
         stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
+        spikes: readings that were taken out, of all recordings.
+        joined: how inputs go between samples.
+        fitted: everything that was fitted in full under the final noise.
+        losses: units that each set of names among it lies behind ``best``, on fitted recordings and, where it is near,
+            on those held out too; no effect at all is the empty set.
+        weighed_on_held_out: explanations that the held-out recordings were used to choose among.
+        followed: how much of each output the accepted simulator explains, or the calibrated one.
     """
 
     simulator: Simulator
@@ -87,7 +101,19 @@ class Diagnosis:
     there: BorneOut | None
     transferred: Transfer | None
     refused: str
+    worse: tuple[Worse, ...]
     stuck: list[Stuck]
+    spikes: tuple[Spike, ...]
+    joined: Joined
+    fitted: list[Explanation]
+    losses: dict[frozenset[str], float]
+    weighed_on_held_out: int
+    followed: tuple[Followed, ...]
+
+    @property
+    def unfollowed(self) -> tuple[Followed, ...]:
+        """Outputs that do something which the simulator explains nothing of."""
+        return tuple(f for f in self.followed if not f.follows)
 
 
 def examine(
@@ -95,17 +121,19 @@ def examine(
     recordings: Sequence[Recording],
     hold_out: Sequence[Recording] = (),
     catalogue: Sequence[Mechanism] | None = None,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
+    progress: Progress = lambda stage, share: None,
     guards: Guards = Guards(),
     faults: Sequence[Mechanism] = (),
+    inputs: str = AUTO,
 ) -> Diagnosis:
     """The stages one after the other; ``mismatch.diagnose`` says what it takes."""
+    progress = _forward(progress)
     progress("audit", 0.0)
     recordings, hold_out = _split(recordings, hold_out)
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in recordings])))
     listed = whole_catalogue(simulator, (), period_s) if catalogue is None else tuple(catalogue)
     known = {m.name for m in faults}
-    listed = tuple(m for m in listed if not (_is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
+    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
     machine = Machine(simulator, [m for m in listed if m.name not in known], faults)
     tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
     machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
@@ -115,88 +143,127 @@ def examine(
                 f"recording {track.name}: {len(track.time_s)} samples are too few to learn from; record at least "
                 f"{SHORTEST_BLOCKS}"
             )
-    remarks = audit(tracks, simulator)
-    floor = _floor(tracks, simulator)
+    progress("audit", 0.3)
     try:
+        joined = how_joined(machine, tracks, lambda share: progress("audit", 0.3 + 0.6 * share)) if (
+            inputs == AUTO
+        ) else Joined(inputs, "user")  # fmt: skip
+        if joined.inputs == LINEAR:
+            tracks, held = ([dataclasses.replace(t, linear=True) for t in some] for some in (tracks, held))
+        floor = block_noise(tracks, simulator)
         coarse = machine.settle_step(tracks, floor)
     except ValueError as error:
         raise BadInput(str(error)) from error
-    remarks += [coarse] if coarse else []
+    progress("audit", 1.0)
 
     progress("calibrate", 0.0)
-    problem, z, cost = _calibrated(machine, tracks, floor)
+    problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 * share))
+    followed = _with_followed_spikes(problem, z)
+    if any(a is not b for a, b in zip(followed, tracks, strict=True)):
+        tracks = followed
+        problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 + 0.2 * share))
     stuck: list[Stuck] = []
     if found := find_stuck(tracks, problem.residuals(z), floor):
-        problem, z, cost = _calibrated(machine, without(tracks, found), floor)
+        problem, z, cost = calibrated(machine, without(tracks, found), floor)
         # Where it begins shows best against a fit that has not seen it.
         whole = dataclasses.replace(problem, tracks=tracks, offsets=()).refined(z)
         stuck = find_stuck(tracks, whole.residuals(z), floor) or found
         tracks = without(tracks, stuck)
-        problem, z, cost = _calibrated(machine, tracks, floor)
-    own = _own(simulator, held)
+        problem, z, cost = calibrated(machine, tracks, floor)
+    progress("calibrate", 0.8)
+    own = own_unknowns(simulator, held)
     held_first = held_out(problem, z, held, own) if held else None
-    if held_first is not None and (found := find_stuck(held, held_first.residuals, floor)):
-        held, stuck = without(held, found), [*stuck, *found]
     if held_first is not None:
+        held = [t.followed(readings) for t, readings in zip(held, held_first.readings, strict=True)]
+        if found := find_stuck(held, held_first.residuals, floor):
+            held, stuck = without(held, found), [*stuck, *found]
         noise = levels(problem.residuals(z), held_first.residuals)
         held = [dataclasses.replace(t, level=level) for t, level in zip(held, noise, strict=True)]
-
+    remarks = [*audit([*tracks, *held], simulator), *([coarse] if coarse else [])]
     machine.candidates = resized(machine.candidates, problem, z, period_s)
     choices = variants(machine.candidates)
+    progress("calibrate", 1.0)
+
     before, best, tried, finalists, shown, threshold = _search(problem, z, cost, choices, floor, progress, guards)
     problem, z = before.problem, before.z
+    progress("screen", 1.0)
+    progress("refit", 1.0)
 
     progress("prove", 0.0)
     tests = residual_tests(tracks, problem.residuals(z), problem.whitener, floor, simulator)
+    back = HeldBack(held, own)
     held_before = held_out(problem, z, held, own, held_first) if held else None
     held_after, share, there, transferred, refused, others = None, None, None, None, "", []
+    worse: tuple[Worse, ...] = ()
+    fitted, behind, compared = list(tried), {}, 0
     if best is not None:
         if len(best.names) >= MANY and (fuller := completed(best, shown)) is not best:
             best = _again(dataclasses.replace(problem, offsets=best.problem.offsets), fuller)
             shown = _pictured(best.bare, best, choices, progress, TURNS, guards)
-        fitted = [*tried, *alternatives(before, best, shown, guards.pairs)]
+        fitted += alternatives(before, best, shown, guards.pairs, lambda share: progress("prove", 0.3 * share))
         if held_before is not None:
-            held_after = held_out(best.problem, best.z, held, own)
-            proved = contended(before, best, fitted, finalists, held_after, held, own)
-            for _ in range(PROVED):
+            held_after = back.predicted(best)
+            proved = contended(
+                before, best, fitted, finalists, held_after, back, lambda share: progress("prove", 0.3 + 0.2 * share)
+            )
+            for turn in range(PROVED):
+                progress("prove", 0.5 + 0.4 * turn / PROVED)
                 if proved is not best:
                     best = _again(problem, proved)
-                    held_after = held_out(best.problem, best.z, held, own, held_after)
+                    held_after = back.predicted(best, held_after)
                     at = dataclasses.replace(problem, offsets=best.problem.offsets)
                     shown = _pictured(at, best, choices, progress, TURNS, guards)
                     fitted += alternatives(before, best, shown, guards.pairs)
-                proved = plainest_that_predicts(before, best, fitted, shown, held_before, held_after, held, own)
+                proved = plainest_that_predicts(before, best, fitted, shown, held_before, held_after, back)
                 if proved is best:
                     break
+            compared = len(back.asked) if len(back.asked) > 1 else 0
             variance = best.problem.whitener.variance()
             share, there = gain(held_before, held_after, variance), borne_out(held_before, held_after, variance)
+            worse = worse_outputs(held_before, held_after, simulator.outputs)
             if len(best.names) >= MANY:
                 transferred = transfer(best, held_after, held, own)
-        refused = refusal(share, there) if guards.held_out_gate else ""
+        progress("prove", 0.9)
+        refused = refusal(share, there, worse) if guards.held_out_gate else ""
+        fitted += finalists
         if by_chance(best, before, threshold, refused, share):
-            best, held_after, share, there, transferred, refused = None, None, None, None, None, ""
+            best, held_after, share, there, transferred, refused, worse = None, None, None, None, None, "", ()
         else:
-            also = () if held_after is None else (Beside(best, held_after, held, own).behind,)
-            others = rivals(before, best, [*fitted, *finalists], *also)
-    progress("prove", 1.0)
+            fitted += nearest(before, best, shown, fitted)
+            also = () if held_after is None else (Beside(best, held_after, back).behind,)
+            others = rivals(before, best, fitted, *also)
+            behind = losses(before, best, fitted, *also)
     chosen = best if best is not None and not refused else None
+    held_now = held_after if chosen is not None else held_before
+    accepted = chosen or before
+    residuals = accepted.problem.residuals(accepted.z) if held_now is None else held_now.residuals
+    seen = tracks if held_now is None else held
+    followed_by = told_followed(seen, residuals, simulator.outputs, held_now is not None)
+    progress("prove", 1.0)
     return Diagnosis(
         simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, others,
-        threshold, held_before, held_after, share, there, transferred, refused, stuck,
+        threshold, held_before, held_after, share, there, transferred, refused, worse, stuck,
+        tuple(s for t in (*tracks, *held) for s in t.spikes), joined, fitted, behind, compared, followed_by,
     )  # fmt: skip
 
 
-def _calibrated(machine: Machine, tracks: list[Track], floor: Array) -> tuple[Problem, Array, float]:
-    """The simulator as it came, fitted."""
-    unknowns = (*_parameters(machine.simulator), *_own(machine.simulator, tracks))
-    problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
-    z, _ = solve(problem, problem.z0, 12, share=NEARLY)
-    # What blocks leave out depends on where the fit is.
-    problem = problem.refined(z)
-    z, _ = solve(problem, z, 4, share=NEARLY)
-    # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
-    problem = rewhitened(problem.refined(z), z, floor, 0)
-    return problem, *solve(problem, z, 4)
+def _forward(progress: Progress) -> Progress:
+    """Progress that never goes back: a stage that was done is not told of again."""
+    told: dict[str, float] = {}
+
+    def report(stage: str, share: float) -> None:
+        if told.get(stage, -1.0) < min(share, 1.0):
+            told[stage] = min(share, 1.0)
+            progress(stage, told[stage])
+
+    return report
+
+
+def _with_followed_spikes(problem: Problem, z: Array) -> list[Track]:
+    """The recordings with those spikes put back that the calibrated simulator follows."""
+    return [
+        t.followed(problem.readings(r, z)) if t.spikes else t for r, t in enumerate(problem.tracks)
+    ]  # fmt: skip
 
 
 def _split(
@@ -217,54 +284,6 @@ def _piece(recording: Recording, rows: slice, suffix: str) -> Recording:
     )
 
 
-def _is_parameter(simulator: Simulator, mechanism: Mechanism) -> bool:
-    """Is the mechanism only a parameter that calibration moves anyway?"""
-    if mechanism.term is not None or mechanism.series is not None:
-        return False
-    return any(v.name in _free(simulator) for v in mechanism.parameters)
-
-
-def _free(simulator: Simulator) -> tuple[str, ...]:
-    return (*simulator.calibrate, *simulator.drifts) or tuple(v.name for v in simulator.parameters)
-
-
-def _floor(tracks: Sequence[Track], simulator: Simulator) -> Array:
-    """Noise (ny,) of block means; at least a ten-thousandth of what the channel does."""
-    floor = noise_floor([t.means for t in tracks])
-    whole = np.concatenate([t.means for t in tracks])
-    scale = np.array([v.scale for v in simulator.outputs])
-    span = np.array([np.nanstd(y) if np.isfinite(y).any() else 0.0 for y in whole.T])
-    least = 1e-4 * np.where(span > 0, span, scale)
-    return np.maximum(np.nan_to_num(floor), least)
-
-
-def _parameters(simulator: Simulator) -> tuple[Unknown, ...]:
-    names = _free(simulator)
-    return tuple(
-        Unknown(v.name, "parameter", i, v.low, v.high, v.nominal, PRIOR * v.scale, v.scale)
-        for i, v in enumerate(simulator.parameters)
-        if v.name in names and v.name not in simulator.drifts and v.low < v.high
-    )
-
-
-def _own(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown, ...]:
-    """What each recording has for itself: where it starts, and how its drifting parameters go."""
-    found = []
-    for r, track in enumerate(tracks):
-        for i, v in enumerate(simulator.states):
-            found.append(
-                Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, PRIOR * v.scale, 0.2 * v.scale, r)
-            )
-        for name in simulator.drifts:
-            i = simulator.index(name)
-            v = simulator.parameters[i]
-            found += [
-                Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR * v.scale, v.scale, r, k)
-                for k in range(max(KNOTS, 1 + round((track.time_s[-1] - track.time_s[0]) / DRIFT_S)))
-            ]
-    return tuple(found)
-
-
 def null_threshold(shown: Picture, guards: Guards = Guards(), seed: int = 0) -> float:
     """Gain that the best single candidate reaches by noise alone in one of a hundred recordings, inflated."""
     if not guards.nominal_null:
@@ -283,7 +302,7 @@ def null_threshold(shown: Picture, guards: Guards = Guards(), seed: int = 0) -> 
 
 def _search(
     problem: Problem, z: Array, cost: float, choices: Sequence[Variant], floor: Array,
-    progress: Callable[[str, float], None], guards: Guards,
+    progress: Progress, guards: Guards,
 ) -> tuple[Explanation, Explanation | None, list[Explanation], list[Explanation], Picture, float]:  # fmt: skip
     """Picture, fit what looks best, picture again from there, until nothing changes; then judge with true noise.
 
@@ -321,7 +340,9 @@ def _search(
     if len(best.names) >= MANY and not finalists:
         # What seems to begin in mid-recording may be another effect that has not been thought of.
         problem = dataclasses.replace(problem, whitener=best.problem.whitener, since=())
-        best = from_everything(best, problem, choices, 0.3 * floor)
+        best = from_everything(
+            best, problem, choices, 0.3 * floor, lambda share: progress("refit", (TURNS - 1 + share) / (TURNS + 1))
+        )
         problem = dataclasses.replace(problem, since=best.problem.since)
     problem = rewhitened(best.problem, best.z, 0.3 * floor, order, problem)
     if problem.since:
@@ -356,7 +377,7 @@ def _unchanged(shown: Picture, best: Explanation, guards: Guards) -> bool:
 
 
 def _pictured(
-    problem: Problem, at: Explanation, choices: Sequence[Variant], progress: Callable[[str, float], None], turn: int,
+    problem: Problem, at: Explanation, choices: Sequence[Variant], progress: Progress, turn: int,
     guards: Guards,
 ) -> Picture:  # fmt: skip
     steps = len(choices) * len(problem.tracks)
@@ -368,7 +389,7 @@ def _pictured(
 
 
 def _refitted(
-    problem: Problem, at: Explanation, shown: Picture, penalty: float, progress: Callable[[str, float], None],
+    problem: Problem, at: Explanation, shown: Picture, penalty: float, progress: Progress,
     turn: int, guards: Guards,
 ) -> list[Explanation]:  # fmt: skip
     """The promising sets fitted, the best of them with its shape parameters free; best first."""

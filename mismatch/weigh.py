@@ -6,7 +6,7 @@ recordings choose; what they say of the chosen one is by so much the kinder.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from mismatch.explanation import Explanation, refit
 from mismatch.fit import Unknown
 from mismatch.many import MANY, each_of_many
 from mismatch.picture import Picture
-from mismatch.proof import NOTHING, BorneOut, Gain, Held, clearly_worse, held_out, lost
+from mismatch.proof import NOTHING, BorneOut, Gain, Held, Worse, clearly_worse, held_out, lost
 from mismatch.rivals import NEAR, fresh_rounds, slack
 from mismatch.search import PENALTY
 from mismatch.tracks import Track
@@ -35,16 +35,34 @@ UNSURE, MOST_DOUBT = 0.015, 0.25
 """By so much of itself the noise's variance is not known; of a small error that is a good share, up to so much."""
 
 
+class HeldBack:
+    """The recordings that were held back, and which explanations were asked to predict them.
+
+    Attributes:
+        tracks: the recordings, whose ``own`` unknowns are found anew.
+        asked: the names of the explanations that were.
+    """
+
+    def __init__(self, tracks: Sequence[Track], own: Sequence[Unknown]) -> None:
+        self.tracks, self.own = tracks, own
+        self.asked: set[frozenset[str]] = set()
+
+    def predicted(self, e: Explanation, near: Held | None = None) -> Held:
+        """How an explanation does there."""
+        self.asked.add(frozenset(e.names))
+        return held_out(e.problem, e.z, self.tracks, self.own, near)
+
+
 def contended(
     before: Explanation, best: Explanation, fitted: Sequence[Explanation], finalists: Sequence[Explanation],
-    held_best: Held, held: Sequence[Track], own: Sequence[Unknown],
+    held_best: Held, back: HeldBack, advance: Callable[[float], None] = lambda share: None,
 ) -> Explanation:  # fmt: skip
     """Of explanations that the fitted recordings do not tell apart for sure, the one that predicts best.
 
     What was fitted and what was held out count alike: a name that is a little better on the one and far off on the
     other is wrong. Those of gross errors only the held-out recordings weigh.
     """
-    beside = Beside(best, held_best, held, own)
+    beside = Beside(best, held_best, back)
     # Of many effects several sets predict alike, but for how far the forms of drifts suit each.
     many = len(best.names) >= MANY
     each = min(each_of_many(best), PENALTY) if many else PENALTY
@@ -55,21 +73,25 @@ def contended(
         sizes.setdefault(len(e.names), {}).setdefault(e.names, e)
     likely = [e for same in sizes.values() for e in list(same.values())[:LIKELY]]
     likely = sorted(likely, key=lambda e: e.score(each))[:LIKELY] if many else likely
-    total = {e.names: (e.score(each) + beside.behind(e), e) for e in likely}
+    total = {}
+    for place, e in enumerate(likely):
+        advance(place / (len(likely) + len(finalists)))
+        total[e.names] = e.score(each) + beside.behind(e), e
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     variance = best.problem.whitener.variance()
     better = least < best.score(each) - (slack(before.cost - best.cost) if many else NEAR)
     if better and (not many or clearly_worse(held_best, beside.held(first), variance)):
         best, held_best = first, beside.held(first)
-    for e in finalists:
-        if clearly_worse(held_best, found := held_out(e.problem, e.z, held, own, held_best), variance):
+    for place, e in enumerate(finalists):
+        advance((len(likely) + place) / (len(likely) + len(finalists)))
+        if clearly_worse(held_best, found := back.predicted(e, held_best), variance):
             best, held_best = e, found
     return best
 
 
 def plainest_that_predicts(
     before: Explanation, best: Explanation, fitted: Sequence[Explanation], shown: Picture, held_before: Held,
-    held_best: Held, held: Sequence[Track], own: Sequence[Unknown],
+    held_best: Held, back: HeldBack,
 ) -> Explanation:  # fmt: skip
     """The plainest explanation that predicts the held-out recordings no worse than the best.
 
@@ -86,7 +108,7 @@ def plainest_that_predicts(
     now, held_now, chosen = best, held_best, list(range(len(best.chosen)))
 
     def predicted(e: Explanation) -> Held:
-        return held_out(e.problem, e.z, held, own, held_now)
+        return back.predicted(e, held_now)
 
     def subset(chosen: Sequence[int]) -> tuple[Explanation, Held]:
         e = refit(best.bare, best.z[: best.first], shown, chosen, fresh_rounds(best))
@@ -130,14 +152,14 @@ def plainest_that_predicts(
 class Beside:
     """Explanations beside the best on the held-out recordings, under its noise; each is fitted there once."""
 
-    def __init__(self, best: Explanation, held_best: Held, held: Sequence[Track], own: Sequence[Unknown]) -> None:
-        self.whitener, self.best, self.tracks, self.own = best.problem.whitener, held_best, held, own
+    def __init__(self, best: Explanation, held_best: Held, back: HeldBack) -> None:
+        self.whitener, self.best, self.back = best.problem.whitener, held_best, back
         self.known: dict[int, Held] = {}
 
     def held(self, e: Explanation) -> Held:
         """Its errors there."""
         if id(e) not in self.known:
-            self.known[id(e)] = held_out(e.problem, e.z, self.tracks, self.own, self.best)
+            self.known[id(e)] = self.back.predicted(e, self.best)
         return self.known[id(e)]
 
     def behind(self, e: Explanation) -> float:
@@ -158,8 +180,15 @@ def by_chance(
     return nothing or gained < threshold * (2.0 if refused else 1.0)
 
 
-def refusal(share: Gain | None, there: BorneOut | None) -> str:
-    """Why the best explanation is not accepted; empty if it is."""
+def refusal(share: Gain | None, there: BorneOut | None, worse: Sequence[Worse] = ()) -> str:
+    """Why the best explanation is not accepted; empty if it is.
+
+    Args:
+        worse: held-out outputs that it spoils, whatever it does for the others.
+    """
+    if worse:
+        spoilt = "; ".join(f"{w.channel} from {w.before:.3g} to {w.after:.3g}" for w in worse)
+        return f"on held-out recordings errors grow by more than chance: {spoilt}"
     if share is None or there is None or is_there(there):
         return ""
     if share.excess < LEAST_EXCESS:

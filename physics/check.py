@@ -1,10 +1,11 @@
-"""Does a simulator, does a mechanism keep its word? Each function is called once at the nominal state.
+"""Does a simulator, does a mechanism keep its word? Each function is called at the nominal state and about it.
 
 The plain Python functions are called, nothing is compiled: a mistake is told by the line it is in.
 """
 
 from __future__ import annotations
 
+import contextlib
 import traceback
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -12,29 +13,35 @@ from typing import Any
 import numpy as np
 
 from physics.simulator import Array, Mechanism, Simulator, Variable, index_of
+from physics.trial import about_to
 
 _TRIAL_S = 10.0
 _TRIAL_SAMPLES = 50
+_DRAWS = 6
+"""States, inputs and parameters drawn between their bounds, at which a function must come back at all."""
+_FAR = 10.0  # scales from the nominal value at most: bounds may be infinite
+
+Arguments = tuple[Array, ...]
 
 
 def check_simulator(simulator: Simulator) -> None:
-    """Call ``rhs`` (or ``flux`` and ``balance``), ``output`` and ``initial`` once, and look at what they return.
+    """Call ``rhs`` (or ``flux`` and ``balance``), ``output`` and ``initial``, and look at what they return.
 
     Raises:
-        ValueError: one line; a function raises, or returns another length, no numbers, or NaN.
+        ValueError: one line; a function raises, or returns another length, no numbers, NaN, or not the same twice.
     """
     who = f"simulator {simulator.name!r}"
     _check_records(simulator, who)
-    x, u, y = (_nominal(v) for v in (simulator.states, simulator.inputs, simulator.outputs))
-    theta = simulator.theta()
-    n = simulator.states
-    _call(simulator.output, (x, u, theta), simulator.outputs, f"{who}: output(x, u, theta)")
-    _call(simulator.initial, (u, y, theta), n, f"{who}: initial(u0, y0, theta)")
+    n, inputs, outputs, parameters = simulator.states, simulator.inputs, simulator.outputs, simulator.parameters
+    points = _points(n, inputs, parameters)
+    _call(simulator.output, points, outputs, f"{who}: output(x, u, theta)")
+    _call(simulator.initial, _points(inputs, outputs, parameters), n, f"{who}: initial(u0, y0, theta)")
     if simulator.rhs is not None:
-        _call(simulator.rhs, (x, u, theta), n, f"{who}: rhs(x, u, theta)")
+        _call(simulator.rhs, points, n, f"{who}: rhs(x, u, theta)")
     if simulator.flux is not None and simulator.balance is not None:
-        f = _call(simulator.flux, (x, u, theta), simulator.fluxes, f"{who}: flux(x, u, theta)")
-        _call(simulator.balance, (x, u, theta, f), n, f"{who}: balance(x, u, theta, f)")
+        f = _call(simulator.flux, points, simulator.fluxes, f"{who}: flux(x, u, theta)")
+        (*nominal, _), *others = _points(n, inputs, parameters, simulator.fluxes)
+        _call(simulator.balance, [(*nominal, f), *others], n, f"{who}: balance(x, u, theta, f)")
 
 
 def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
@@ -62,21 +69,22 @@ def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
         raise ValueError(f"{who}: states and derivative go together; give both or neither")
     if mechanism.initial is not None and not mechanism.states:
         raise ValueError(f"{who}: has initial but no states; give both or leave it out")
-    own = _nominal(mechanism.parameters)
     if mechanism.series is not None:
         if kind not in ("output", "input"):
             raise ValueError(f"{who}: a series acts on an output or an input, not on {mechanism.port!r}")
         time_s = np.linspace(0.0, _TRIAL_S, _TRIAL_SAMPLES)
         values = np.full(_TRIAL_SAMPLES, ports[kind][[v.name for v in ports[kind]].index(target)].nominal)
-        _call(mechanism.series, (time_s, values, own), values.tolist(), f"{who}: series(time_s, values, theta)")
+        trials = [(time_s, values, own) for (own,) in _points(mechanism.parameters)]
+        _call(mechanism.series, trials, values.tolist(), f"{who}: series(time_s, values, theta)")
     elif mechanism.term is not None:
-        x = np.concatenate((_nominal(simulator.states), _nominal(mechanism.states)))
-        arguments = (x, _nominal(simulator.inputs), np.concatenate((simulator.theta(), own)))
-        _call(mechanism.term, arguments, None, f"{who}: term(x, u, theta)")
+        points = _points(
+            simulator.states + mechanism.states, simulator.inputs, simulator.parameters + mechanism.parameters
+        )
+        _call(mechanism.term, points, None, f"{who}: term(x, u, theta)")
         if mechanism.derivative is not None:
-            _call(mechanism.derivative, arguments, mechanism.states, f"{who}: derivative(x, u, theta)")
+            _call(mechanism.derivative, points, mechanism.states, f"{who}: derivative(x, u, theta)")
         if mechanism.initial is not None:
-            _call(mechanism.initial, arguments, mechanism.states, f"{who}: initial(x0, u0, theta)")
+            _call(mechanism.initial, points, mechanism.states, f"{who}: initial(x0, u0, theta)")
     else:
         for variable in mechanism.parameters:
             index_of(
@@ -105,18 +113,47 @@ def _check_records(simulator: Simulator, who: str) -> None:
             raise ValueError(f"{who}: {both[0]!r} is the name of one of its {other} and of its {kind}; rename one")
     for kind in kinds:
         for v in getattr(simulator, kind):
+            if not (isinstance(v.name, str) and isinstance(v.unit, str)):
+                raise ValueError(f"{who}: name and unit of {v.name!r} must be text; '1' is no unit")
+            if not (np.isfinite(v.scale) and v.scale > 0.0):
+                raise ValueError(f"{who}: scale of {v.name!r} is {v.scale}; give a typical size of change, above zero")
             if not np.isfinite(v.nominal):
                 raise ValueError(f"{who}: nominal of {v.name!r} is {v.nominal}; give a number")
 
 
-def _nominal(variables: Sequence[Variable]) -> Array:
-    return np.array([v.nominal for v in variables], dtype=np.float64)
+def _points(*groups: Sequence[Variable]) -> list[Arguments]:
+    """The groups' values at their nominal, at their low, at their high ends, and drawn in between."""
+    rng = np.random.default_rng(0)
+    nominal = [np.array([v.nominal for v in group], dtype=np.float64) for group in groups]
+    low = [np.array([max(v.low, v.nominal - _FAR * v.scale) for v in group]) for group in groups]
+    high = [np.array([min(v.high, v.nominal + _FAR * v.scale) for v in group]) for group in groups]
+    ends = list(zip(low, high, strict=True))
+    drawn = [tuple(a + rng.random(len(a)) * (b - a) for a, b in ends) for _ in range(_DRAWS)]
+    return [tuple(nominal), tuple(low), tuple(high), *drawn]
 
 
-def _call(function: Callable[..., Any], arguments: tuple[Array, ...], like: Sequence[Any] | None, what: str) -> Array:
-    """The result of one call: as many finite numbers as ``like`` has entries, or one number if that is None."""
+def _call(function: Callable[..., Any], points: Sequence[Arguments], like: Sequence[Any] | None, what: str) -> Array:
+    """The result at the first point: as many finite numbers as ``like`` has entries, or one number if that is None.
+
+    At the others it must only come back, and at the first once more with the same.
+    """
     function = getattr(function, "py_func", function)
+    values = _checked(function, points[0], like, what)
+    for arguments in points[1:]:
+        about_to(f"{what} at values between its bounds")
+        with contextlib.suppress(Exception), np.errstate(all="ignore"):
+            function(*(a.copy() for a in arguments))
+    if not np.array_equal(values, _checked(function, points[0], like, what)):
+        raise ValueError(
+            f"{what} returns other numbers for the same arguments; it must not draw any, nor look at a clock or at "
+            "what it did before"
+        )
+    return values
+
+
+def _checked(function: Callable[..., Any], arguments: Arguments, like: Sequence[Any] | None, what: str) -> Array:
     given = tuple(a.copy() for a in arguments)
+    about_to(what)
     try:
         with np.errstate(all="ignore"):
             result = function(*given)
@@ -129,9 +166,12 @@ def _call(function: Callable[..., Any], arguments: tuple[Array, ...], like: Sequ
     if result is None:
         raise ValueError(f"{what} returns nothing; end it with return")
     try:
-        values = np.asarray(result, dtype=np.float64)
+        is_complex = np.iscomplexobj(result)
+        values = np.array(np.real(result) if is_complex else result, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{what} returns {type(result).__name__}, must return numbers") from error
+    if is_complex:
+        raise ValueError(f"{what} returns complex numbers, must return real ones")
     names = [v.name for v in like or () if isinstance(v, Variable)]
     shape = () if like is None else (len(like),)
     if values.shape != shape:

@@ -16,12 +16,13 @@ from typing import Any
 
 from physics.check import check_mechanism, check_simulator
 from physics.compile import USER_FILE
+from physics.filespec import split_spec
 from physics.simulator import Mechanism, Simulator
+from physics.trial import about_to, tried
 
 BUILTIN = {"compressor": "physics.compressor:PLANT", "nominal": "physics.nominal:NOMINAL"}
 """Simulators that are named without a file."""
 BUILTIN_CATALOGUE = "physics.mechanisms:CATALOGUE"
-_FILE = re.compile(r"(?P<file>.+\.py)(:(?P<name>.*))?")
 
 
 def load_simulator(spec: str) -> Simulator:
@@ -32,12 +33,28 @@ def load_simulator(spec: str) -> Simulator:
     Raises:
         ValueError: one line; no such simulator, its file fails to import, or its functions do not fit.
     """
-    where = BUILTIN.get(spec, spec)
+    if spec in BUILTIN:
+        return _simulator(BUILTIN[spec])
+    # Elsewhere first: whatever it does, this process goes on.
+    tried(lambda: _checked(spec), spec)
+    return _simulator(spec)
+
+
+def _checked(spec: str) -> None:
+    simulator = _simulator(spec)
+    try:
+        check_simulator(simulator)
+    except ValueError as error:
+        raise ValueError(f"{spec}: {error}") from error
+
+
+def _simulator(where: str) -> Simulator:
+    """The one that a spec names, as it is."""
     module, name = _module_of(where)
     if module is None:
-        near = difflib.get_close_matches(spec, BUILTIN, n=1)
+        near = difflib.get_close_matches(where, BUILTIN, n=1)
         hint = f"did you mean {near[0]!r}?" if near else "give path/to/file.py[:NAME] or package.module:NAME."
-        raise ValueError(f"no simulator {spec!r}; {hint} Known by name: {', '.join(BUILTIN)}")
+        raise ValueError(f"no simulator {where!r}; {hint} Known by name: {', '.join(BUILTIN)}")
     found = {n: v for n, v in vars(module).items() if isinstance(v, Simulator)}
     if name:
         if name not in found:
@@ -49,10 +66,6 @@ def load_simulator(spec: str) -> Simulator:
         first, simulator = next(iter(found.items()))
         if any(other is not simulator for other in found.values()):
             raise ValueError(f"{where}: holds Simulators {', '.join(found)}; name one, like {where}:{first}")
-    try:
-        check_simulator(simulator)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from error
     return simulator
 
 
@@ -65,6 +78,20 @@ def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
     Raises:
         ValueError: one line; no such file or name, no mechanism, or one that does not fit the simulator.
     """
+    tried(lambda: _check_mechanisms(spec, simulator), spec)
+    return _mechanisms(spec, simulator)
+
+
+def _check_mechanisms(spec: str, simulator: Simulator) -> None:
+    mechanisms = _mechanisms(spec, simulator)
+    try:
+        check_catalogue(simulator, mechanisms)
+    except ValueError as error:
+        raise ValueError(f"{spec}: {error}") from error
+
+
+def _mechanisms(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
+    """Those that a spec names and the simulator does not have yet, as they are."""
     module, name = _module_of(spec)
     if module is None:
         raise ValueError(f"no catalogue {spec!r}; give the path of a .py file with Mechanisms in it")
@@ -82,12 +109,7 @@ def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
         mechanisms = tuple({id(v): v for v in inside.values() if isinstance(v, Mechanism)}.values())
     if not mechanisms:
         raise ValueError(f"{spec}: holds no Mechanism; write CATALOGUE = (Mechanism(...), ...)")
-    mechanisms = tuple(m for m in mechanisms if m.name not in simulator.mechanisms)
-    try:
-        check_catalogue(simulator, mechanisms)
-    except ValueError as error:
-        raise ValueError(f"{spec}: {error}") from error
-    return mechanisms
+    return tuple(m for m in mechanisms if m.name not in simulator.mechanisms)
 
 
 def check_catalogue(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> None:
@@ -128,8 +150,9 @@ def _are_mechanisms(what: Any) -> bool:
 
 def _module_of(spec: str) -> tuple[ModuleType | None, str]:
     """The imported file or package of a spec, and the NAME after its colon; None where it names neither."""
-    if match := _FILE.fullmatch(spec):
-        return _import_file(Path(match["file"])), match["name"] or ""
+    file, wanted = split_spec(spec)
+    if file.endswith(".py"):
+        return _import_file(Path(file)), wanted
     name, colon, wanted = spec.partition(":")
     if not colon or not re.fullmatch(r"\w+(\.\w+)*", name):
         return None, ""
@@ -154,6 +177,7 @@ def _import_file(path: Path) -> ModuleType:
 
 def _guarded(load: Callable[[], Any], where: str, file: str) -> Any:
     """Import something of a user's; whatever goes wrong in it becomes one line with the place in ``file``."""
+    about_to("importing it")
     try:
         with contextlib.redirect_stdout(sys.stderr):  # what a file prints must not get into our output
             return load()

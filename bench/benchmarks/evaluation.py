@@ -28,8 +28,8 @@ from bench.profile import Evaluation, load_profile  # noqa: E402
 from bench.store import Store, write_atomically, write_text  # noqa: E402
 from bench.threads import pin_torch  # noqa: E402
 from bench.versions import provenance  # noqa: E402
+from data.jobs import cores  # noqa: E402
 
-PROCESSES = 2
 FIRST_SAMPLES = 2400
 """Of the first pass: a minute's forecasts and a minute before."""
 
@@ -43,13 +43,14 @@ def _part(store: Store, cell: Cell, evaluation: Evaluation, sequences: list[int]
 def measure(store: Store, cells: list[Cell], evaluation: Evaluation) -> pd.DataFrame:
     """Columns estimator, recordings, samples, wall_s."""
     count, samples = load_split(store, cells[0].data).test.measured.shape[:2]
-    halves = [half.tolist() for half in np.array_split(np.arange(count), PROCESSES)]
+    jobs = min(cores(), count)
+    shares = [share.tolist() for share in np.array_split(np.arange(count), jobs)]
     rows = []
-    with joblib.Parallel(n_jobs=PROCESSES) as parallel:
+    with joblib.Parallel(n_jobs=jobs) as parallel:
         for cell in cells:
             for length in (FIRST_SAMPLES, None):
                 begun = time.perf_counter()
-                parallel(joblib.delayed(_part)(store, cell, evaluation, half, length) for half in halves)
+                parallel(joblib.delayed(_part)(store, cell, evaluation, share, length) for share in shares)
                 wall_s = time.perf_counter() - begun
             rows.append((cell.estimator, count, samples, round(wall_s, 1)))
     return pd.DataFrame(rows, columns=["estimator", "recordings", "samples", "wall_s"])
@@ -62,7 +63,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), metavar="DIR")
     a = parser.parse_args()
     store, cells = trained_cells(a.profile, a.results, [])
-    about = {"processes": PROCESSES, "profile": a.profile, "provenance": provenance()}  # the load before, not our own
+    about = {"processes": cores(), "profile": a.profile, "provenance": provenance()}  # the load before, not our own
     table = measure(store, cells, load_profile(a.profile).evaluation)
     write_atomically(a.out / "evaluation.csv", lambda path: table.to_csv(path, index=False))
     write_text(a.out / "evaluation.json", json.dumps(about, indent=2) + "\n")

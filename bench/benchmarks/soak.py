@@ -22,10 +22,10 @@ pin()
 
 import numpy as np  # noqa: E402  threads are pinned before NumPy is there
 from numba import njit  # noqa: E402
-from rich.progress import Progress  # noqa: E402
 
 from bench.apply import trained_cells  # noqa: E402
 from bench.cells import load_fit, load_split  # noqa: E402
+from bench.progress import Progress  # noqa: E402
 from bench.roster import PROPOSED  # noqa: E402
 from bench.store import write_text  # noqa: E402
 from bench.versions import provenance  # noqa: E402
@@ -105,8 +105,7 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
     C, unsound, least, resident, took = np.zeros((19, 19)), 0, np.inf, [], 0.0
     blocks = [b for recording in recordings for b in np.split(recording, range(BLOCK, recording.shape[0], BLOCK))]
     done = 0
-    with Progress() as progress:
-        bar = progress.add_task("soak", total=updates)
+    with Progress() as progress, progress.stage("soak", updates) as going:
         for block in itertools.cycle(blocks):
             readings, lag_s = faulty(block[: updates - done], spread, rng)
             begun = time.perf_counter()
@@ -115,7 +114,7 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
             done += len(readings)
             least = float(np.minimum(least, _least_eigenvalue(memory["P"][0])))
             resident.append(_resident_MB())
-            progress.update(bar, completed=done)
+            going.step(len(readings))
             if done == updates:
                 break
     settled = resident[len(resident) // 10 :]

@@ -22,6 +22,12 @@ from data.scenes import RAMP_NAMES
 
 NO_ESTIMATES = "the store holds no estimates of this run"
 
+FROM_ESTIMATES = (
+    "fig5c_parameter_errors", "fig3_states", "fig3a_pressure_ramps", "fig3b_temperature_ramps", "fig3c_parity",
+    "fig4_parameters", "fig4a_capacity", "fig4b_leakage", "fig4c_heat_transfer", "fig6c_innovations",
+)  # fmt: skip
+"""Figures that are drawn from the estimates themselves."""
+
 WEAR = {
     "fig4a_capacity": ("capacity", "capacity", "Capacity falls from 1.00 to 0.88 in 18 minutes"),
     "fig4b_leakage": ("leakage", "leakage", "Leakage grows from 0.015 to 0.052 in 18 minutes"),
@@ -31,12 +37,16 @@ WEAR = {
 
 
 class Drawing(NamedTuple):
-    """A figure with its caption; where there is none, ``missing`` says why."""
+    """A figure with its caption and its title in words.
+
+    Where there is no figure, ``missing`` says why, and is empty if none belongs there.
+    """
 
     name: str
     caption: str
     figure: Figure | None
     missing: str
+    title: str = ""
 
 
 def draw(
@@ -54,9 +64,11 @@ def draw(
     yield Drawing(
         "fig5a_errors",
         "State errors with their 95 % intervals over the test sequences, on a logarithmic scale: equal distances are "
-        "equal factors. The dashed line is the floor, the oracle that knows the exact plant.",
+        "equal factors. The dashed line is the reference, the oracle, which knows the exact plant but not the drift "
+        "that the pressure sensors share.",
         error_bars(summary) if summary.values else None,
         "no cell finished",
+        "State errors",
     )
     yield _ranks(summary, PARAMETERS, "fig5b_ranks_parameters")
     yield _ranks(summary, FORECAST, "fig5b_ranks_forecast")
@@ -67,6 +79,7 @@ def draw(
         "the oracle's median.",
         parameter_violins(evidence.errors, _by_sequence(summary)) if known_errors else None,
         NO_ESTIMATES,
+        "How parameter errors spread",
     )
     yield Drawing(
         "coverage",
@@ -75,6 +88,7 @@ def draw(
         "trial. Bars: 95 % interval over the sequences.",
         coverage_by_quantity(coverage) if len(coverage) else None,
         NO_ESTIMATES,
+        "What the 95 % intervals hold, by quantity",
     )
     yield Drawing(
         "coverage_regimes",
@@ -82,6 +96,7 @@ def draw(
         "during and after a change of health.",
         coverage_by_regime(coverage) if len(coverage) else None,
         NO_ESTIMATES,
+        "What the 95 % intervals hold, by regime",
     )
     yield Drawing(
         "fig3_states",
@@ -89,6 +104,7 @@ def draw(
         f"minus truth, with the 95 % band of {label(PROPOSED)}.",
         state_trajectories(trajectory) if trajectory else None,
         NO_ESTIMATES,
+        "States over one recording",
     )
     yield from _ramps(evidence)
     yield Drawing(
@@ -97,6 +113,7 @@ def draw(
         "test sequences. Dashed: equal.",
         flow_parity(evidence.flow) if evidence.flow.size else None,
         NO_ESTIMATES if not evidence.errors else f"no estimates of {label(PROPOSED)}",
+        "Mass flow against the truth",
     )
     yield Drawing(
         "fig4_parameters",
@@ -104,13 +121,13 @@ def draw(
         f"95 % band of {label(PROPOSED)}.",
         parameter_tracking(evidence.degradations) if evidence.degradations else None,
         "no estimates of a test sequence whose health changes",
+        "Health parameters over time",
     )
     for name, (scene, parameter, says) in WEAR.items():
-        if scene in evidence.scenes:
-            yield Drawing(
-                name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
-                wear(evidence.scenes[scene], parameter), "",
-            )  # fmt: skip
+        yield Drawing(
+            name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
+            wear(evidence.scenes[scene], parameter) if scene in evidence.scenes else None, "", says,
+        )  # fmt: skip
     if PROPOSED in set(robustness["estimator"]):
         yield Drawing(
             "fig6a_noise_dropout",
@@ -118,6 +135,7 @@ def draw(
             "many samples missing.",
             noise_and_dropout(robustness),
             "",
+            "Under noise and dropout",
         )
         yield Drawing(
             "fig6b_envelope",
@@ -125,16 +143,17 @@ def draw(
             "done about sensitivities and process noise there.",
             beyond_the_envelope(robustness),
             "",
+            "Beyond the training envelope",
         )
-    if evidence.nis:
-        yield Drawing(
-            "fig6c_innovations",
-            f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
-            "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
-            "temperature sensor went off by 5 K.",
-            innovations(evidence.nis),
-            "",
-        )
+    yield Drawing(
+        "fig6c_innovations",
+        f"Normalised innovation squared of {label(PROPOSED)} at updates with all three channels: in normal "
+        "operation, in the five minutes after capacity and heat transfer fell at once, and in those after the "
+        "temperature sensor went off by 5 K.",
+        innovations(evidence.nis) if evidence.nis else None,
+        "",
+        "Innovations after something abrupt",
+    )
     if len(robustness):
         yield Drawing(
             "faults",
@@ -142,6 +161,7 @@ def draw(
             "dashed, is recovered.",
             after_faults(robustness),
             "",
+            "After sensor faults",
         )
     yield Drawing(
         "latency",
@@ -149,20 +169,21 @@ def draw(
         "be done.",
         latency_percentiles(latency) if len(latency) else None,
         "no latency was measured in this run",
+        "Time of one update",
     )
     yield Drawing(
         "fig7c_accuracy_time",
         "Error against the time of one update, both on logarithmic scales; down and left is better. Dashed: who, the "
-        "oracle apart, is beaten by nobody in both.",
+        "reference rows apart, is beaten by nobody in both.",
         accuracy_and_time(summary, latency) if len(latency) and summary.values else None,
         "no latency was measured in this run" if not len(latency) else "no cell finished",
+        "Accuracy and time",
     )
 
 
 def _ramps(evidence: Evidence) -> Iterator[Drawing]:
     """Figs. 3a and b, where the run has the scenes."""
-    if not any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes):
-        return
+    there = any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes)
     for name, column, quantity in (
         ("fig3a_pressure_ramps", 0, "exhaust pressure"), ("fig3b_temperature_ramps", 1, "gas temperature"),
     ):  # fmt: skip
@@ -170,22 +191,25 @@ def _ramps(evidence: Evidence) -> Iterator[Drawing]:
             f"{quantity.capitalize()} over five load ramps and what {label(PROPOSED)} makes of it; dashed: the error "
             "that the paper reports at most."
         )
-        yield Drawing(name, caption, ramps(evidence.scenes, column), "")
+        title = f"{quantity.capitalize()} over load ramps"
+        yield Drawing(name, caption, ramps(evidence.scenes, column) if there else None, "", title)
 
 
 def _ranks(summary: Summary, question: str, name: str) -> Drawing:
     """Fig. 5b for one question."""
     caption = (
-        f"Mean ranks by {QUESTIONS[question]}; 1 is best, the oracle is left out. A bar joins estimators that these "
-        "sequences cannot tell apart: mean ranks within Nemenyi's critical difference, or all where Friedman's test "
-        "finds no difference at the 5 % level."
+        f"Mean ranks by {QUESTIONS[question]}; 1 is best, the reference rows are left out. A bar joins estimators that "
+        "these sequences cannot tell apart: mean ranks within Nemenyi's critical difference, or all where Friedman's "
+        "test finds no difference at the 5 % level."
     )
     ranking = summary.rankings.get(question)
+    title = f"Mean ranks by {QUESTIONS[question].partition(' (')[0]}"
     if ranking is None:
-        return Drawing(name, caption, None, summary.unranked[question])
+        return Drawing(name, caption, None, summary.unranked[question], title)
     ranks = dict(zip(ranking.estimators, map(float, ranking.mean_ranks), strict=True))
     says = f"mean rank by {QUESTIONS[question].partition(' (')[0]}, {len(ranking.sequences)} sequences"
-    return Drawing(name, caption, critical_difference(ranks, ranking.cliques, ranking.critical_difference, says), "")
+    figure = critical_difference(ranks, ranking.cliques, ranking.critical_difference, says)
+    return Drawing(name, caption, figure, "", title)
 
 
 def _by_sequence(summary: Summary) -> dict[str, np.ndarray]:

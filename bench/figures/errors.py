@@ -23,7 +23,7 @@ from bench.figures.style import (
     styled,
     thin,
 )  # fmt: skip
-from bench.roster import FLOOR, PROPOSED, label, ordered
+from bench.roster import PROPOSED, REFERENCE, label, ordered
 from bench.scores import FORECAST_ERRORS, STATE_ERRORS
 from bench.summary import Summary
 
@@ -36,7 +36,7 @@ GROUPS = ("pressure", "temperature", "mass flow")
 
 @styled
 def error_bars(summary: Summary) -> Figure:
-    """Fig. 5a: state errors of all estimators with 95 % intervals; the floor as a line in each group."""
+    """Fig. 5a: state errors of all estimators with 95 % intervals; the reference as a line in each group."""
     names = list(summary.estimators)
     figure = canvas(PAGE_MM, 72.0)
     panels = figure.subplots(1, len(PANELS), sharey=True)
@@ -69,7 +69,7 @@ def _group(axes: Axes, group: int, names: list[str], summary: Summary, metric: s
             group + offset, mean, yerr=spread, color=look.colour, marker=look.marker, markersize=5,
             markerfacecolor=face(name, look), linewidth=1.2, capsize=2, capthick=0.9,
         )  # fmt: skip
-        if name == FLOOR:
+        if name == REFERENCE:
             axes.hlines(mean, group - 0.44, group + 0.44, color=INK, linewidth=0.7, linestyles="--", zorder=1)
 
 
@@ -145,7 +145,7 @@ def parameter_violins(samples: Mapping[str, np.ndarray], per_sequence: Mapping[s
         _violin(axes, row, values[thin(values.size, 3000)], colour)
         q1, median, q3 = np.quantile(values, [0.25, 0.5, 0.75])
         p5, p95 = np.quantile(values, [0.05, 0.95])
-        if name == FLOOR:
+        if name == REFERENCE:
             axes.axvline(median, color=INK, linewidth=0.7, linestyle="--", zorder=0.5)
         axes.hlines(row, p5, p95, color=INK, linewidth=0.8)
         axes.barh(row, q3 - q1, left=q1, height=0.16, color=INK)

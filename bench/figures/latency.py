@@ -8,10 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bench.figures.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, face, legend_handles, log_axis, looks, styled
-from bench.roster import FLOOR, PROPOSED, label, ordered
+from bench.roster import PROPOSED, UNRANKED, label, ordered
 from bench.scores import STATE_ERRORS
 from bench.summary import PARAMETERS, Summary
-from bench.tables import least
+from bench.tables import quickest
 from data.batch import SAMPLE_PERIOD_S
 
 PERCENTILES = ("p50_us", "p95_us", "p99_us", "max_us")
@@ -102,13 +102,13 @@ ACCURACY = {
 @styled
 def accuracy_and_time(summary: Summary, latency: pd.DataFrame) -> Figure:
     """Fig. 7c: error against the time of one update; a line joins those that none other beats in both."""
-    times = least(latency, "p50_us")
+    times = quickest(latency, "p50_us")
     names = [n for n in summary.estimators if n in times]
     figure = canvas(PAGE_MM, 0.85 * COLUMN_MM)
     for axes, (says, metrics) in zip(figure.subplots(1, len(ACCURACY)), ACCURACY.items(), strict=True):
         points = {n: (times[n], float(np.mean([summary.value(n, m).mean for m in metrics]))) for n in names}
         points = {n: at for n, at in points.items() if np.isfinite(at).all()}
-        front = pareto({n: at for n, at in points.items() if n != FLOOR})
+        front = pareto({n: at for n, at in points.items() if n not in UNRANKED})
         axes.plot(*zip(*(points[n] for n in front), strict=True), color=MUTED, linewidth=0.8, linestyle="--")
         for name, look in looks(list(points)).items():
             axes.plot(*points[name], look.marker, color=look.colour, markerfacecolor=face(name, look), markersize=6)

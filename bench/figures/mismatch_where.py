@@ -15,6 +15,7 @@ from bench.figures.style import INK, MUTED, PAGE_MM, PAPER, canvas, log_axis, st
 from bench.replays import Replay, level
 from mismatch.place import bracketed
 from mismatch.verdict import Verdict
+from mismatch.words import labelled, spoken
 from physics.simulator import Array, Simulator
 
 MOST_RECORDINGS = 4
@@ -49,10 +50,10 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
             axes.axhline(0.0, color=MUTED, linewidth=0.6)
         grid[0, column].set_title(track.name, loc="left")
         grid[-1, column].set_xlabel(f"time, {unit}")
-        for f in verdict.findings:
-            if f.since_s is not None and track.time_s[0] <= f.since_s <= track.time_s[-1]:
-                for axes in grid[:, column]:
-                    axes.axvline(f.since_s / scale, color=INK, linewidth=1.2, linestyle=":")
+        onsets = [o for f in verdict.findings for o in f.onsets if o.recording == track.name]
+        for since_s in {o.since_s for o in onsets if o.since_s is not None}:
+            for axes in grid[:, column]:
+                axes.axvline(since_s / scale, color=INK, linewidth=1.2, linestyle=":")
     if located:
         port = located.ports[0][0]
         grid[0, 0].set_ylabel(f"force at\n{port},\n{_force_unit(verdict.diagnosis.simulator, port)}")
@@ -78,14 +79,15 @@ def _force_unit(simulator: Simulator, port: str) -> str:
         "balance": simulator.states, "flux": simulator.fluxes, "input": simulator.inputs, "output": simulator.outputs,
     }  # fmt: skip
     unit = next(v.unit for v in groups[kind] if v.name == name)
-    return f"{bracketed(unit)}/s" if kind == "balance" else unit
+    return spoken(f"{bracketed(unit)}/s" if kind == "balance" else unit)
 
 
 @styled
 def over_regime(shown: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
     """Error over each input, and over each output that a named regime bounds."""
     simulator = verdict.diagnosis.simulator
-    bounds = [bound for f in verdict.findings for bound in regime_bounds(f.regime)]
+    names = [v.name for v in (*simulator.inputs, *simulator.outputs)]
+    bounds = [bound for f in verdict.findings for bound in regime_bounds(f.regime, names)]
     named = {name for name, _ in bounds}
     n = len(simulator.inputs)
     wanted = [i for i in range(n) if simulator.inputs[i].name in named]
@@ -110,7 +112,7 @@ def over_regime(shown: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
         for name, value in bounds:
             if name == v.name:
                 axes.axvline(value, color=INK, linewidth=1.2, linestyle=":")
-        axes.set_xlabel(f"{v.name}, {v.unit}")
+        axes.set_xlabel(labelled(v.name, v.unit))
         axes.tick_params(labelleft=True)
     for axes in grid[len(wanted) :]:
         axes.set_visible(False)
@@ -121,9 +123,10 @@ def over_regime(shown: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
     return figure
 
 
-def regime_bounds(regime: str) -> list[tuple[str, float]]:
+def regime_bounds(regime: str, names: Sequence[str]) -> list[tuple[str, float]]:
     """The names and thresholds in a regime's words: ``a > 1.5 and b <= 3``."""
-    return [(name, float(value)) for name, value in re.findall(r"(\S+) (?:<=|>) (\S+)", regime)]
+    any_of = "|".join(re.escape(name) for name in sorted(names, key=len, reverse=True))
+    return [(name, float(value)) for name, value in re.findall(rf"({any_of}) (?:<=|>) (\S+)", regime)]
 
 
 def equally_full(values: Array, bins: int = BINS) -> list[np.ndarray]:

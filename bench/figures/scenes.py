@@ -7,13 +7,14 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 from scipy.stats import chi2
 
 from bench.coverage import nis_median_ratio
 from bench.evidence import CHANNELS_READ, Example
-from bench.figures.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, looks, styled, thin
+from bench.figures.style import COLUMN_MM, FAINT, INK, MARKERS, MUTED, PAGE_MM, canvas, looks, styled, thin
 from bench.figures.tracks import MOST_POINTS, STATE_PANELS, TRUTH_STYLE, legend, states, track_panel
-from bench.roster import FLOOR, PROPOSED, label, ordered
+from bench.roster import PROPOSED, REFERENCE, label, ordered
 from data.batch import Array
 from data.scenes import RAMP_NAMES
 
@@ -23,11 +24,12 @@ RAMP_ERRORS = (0.03, 1.7)
 """What the paper reports at most, by column of ``states``."""
 SHADES = ("#08306b", "#2171b5", "#6baed6", "#41ab5d", "#006d2c")
 """One per load ramp, told apart by lightness as well."""
+MARKS = ("o", "s", "^", "D", "v")
 
 
 @styled
 def ramps(scenes: Mapping[str, Example], column: int) -> Figure:
-    """Fig. 3a and b: one state over the load ramps, and what the proposed method and the floor make of it.
+    """Fig. 3a and b: one state over the load ramps, and what the proposed method and the reference make of it.
 
     Args:
         column: of ``states``: 0 pressure in bar, 1 temperature in degC.
@@ -43,16 +45,18 @@ def ramps(scenes: Mapping[str, Example], column: int) -> Figure:
         seconds, true = example.time_s[keep], states(example.truth[keep])[:, column]
         left.plot(seconds, true, zorder=1.5, **TRUTH_STYLE)
         tracked = {n: states(np.asarray(t.mean[keep], dtype=float))[:, column] for n, t in example.tracks.items()}
-        if FLOOR in tracked:
-            right.plot(seconds, tracked[FLOOR] - true, color=INK, linewidth=0.6, linestyle=":")
+        if REFERENCE in tracked:
+            right.plot(seconds, tracked[REFERENCE] - true, color=INK, linewidth=0.6, linestyle=":")
         if PROPOSED in tracked:
-            left.plot(seconds, tracked[PROPOSED], color=shade, linewidth=1.2)
-            right.plot(seconds, tracked[PROPOSED] - true, color=shade, linewidth=1.2)
+            marked = {"color": shade, "linewidth": 1.2, "marker": MARKS[RAMP_NAMES.index(name)], "markersize": 3.6,
+                      "markevery": max(len(keep) // MARKERS, 1)}  # fmt: skip
+            left.plot(seconds, tracked[PROPOSED], **marked)
+            right.plot(seconds, tracked[PROPOSED] - true, **marked)
     for bound in (-claimed, claimed):
         right.axhline(bound, color=MUTED, linewidth=0.8, linestyle="--")
     right.axhline(0.0, color=FAINT, linewidth=0.6)
     left.set_title("trajectory (truth: broad grey)")
-    right.set_title(f"estimate − truth (dashed: ±{claimed:g} {error_unit}; dotted: floor)")
+    right.set_title(f"estimate − truth (dashed: ±{claimed:g} {error_unit}; dotted: oracle)")
     left.set_ylabel(f"{quantity}, {unit}")
     right.set_ylabel(f"error, {error_unit}")
     for axes in (left, right):
@@ -71,7 +75,7 @@ def flow_parity(flow: Array) -> Figure:
     square = (ends[0], ends[1], ends[0], ends[1])
     drawn = axes.hexbin(true, estimated, gridsize=60, cmap="cividis_r", norm=LogNorm(), mincnt=1, extent=square)
     axes.plot(ends, ends, color=INK, linewidth=0.6, linestyle="--")
-    axes.text(0.05, 0.93, f"$R^2$ = {r_squared(flow):.4f}", transform=axes.transAxes)
+    axes.text(0.05, 0.93, f"R² = {r_squared(flow):.4f}", transform=axes.transAxes)
     axes.set_xlabel("true mass flow, g/s")
     axes.set_ylabel("estimated mass flow, g/s")
     axes.set_aspect("equal")
@@ -117,6 +121,8 @@ def innovations(nis: Mapping[str, Array]) -> Figure:
             axes.text(0.03, 0.9, f"median × {ratio:.2f}", transform=axes.transAxes)
         axes.plot(middle, expected, color=INK, linewidth=1.0, linestyle="--")
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_title(title)
         axes.set_xlabel("NIS, three channels")
     panels[0].set_ylabel("share of updates per bin")

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from bench.roster import FLOOR, LABELS, label, ordered
+from bench.roster import LABELS, PRIOR, REFERENCE, label, ordered
 
 INCH_MM = 25.4
 COLUMN_MM = 89.0
@@ -22,6 +22,9 @@ INK = "#1b1f24"
 MUTED = "#6b7580"
 FAINT = "#c9d0d6"
 PAPER = "#ffffff"
+
+MARKERS = 8
+"""Along each line: enough to follow it where lines cross, few enough to see it."""
 
 RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -53,6 +56,8 @@ RC: dict[Any, Any] = {
     "figure.facecolor": PAPER,
     "axes.facecolor": "none",
     "svg.hashsalt": "twinbench",
+    # Names are users': a channel called $x_ must not be read as a formula.
+    "text.parse_math": False,
 }
 styled = matplotlib.rc_context(RC)
 """Decorator of every drawing function: the house style, without touching the user's settings."""
@@ -65,11 +70,13 @@ class Look(NamedTuple):
     marker: str
 
 
-# Okabe and Ito's colour-blind-safe palette; the oracle in ink because it is the reference.
+# Okabe and Ito's colour-blind-safe palette; the oracle in ink and the prior in grey because they are there to compare
+# with; the mended filter as far as can be from all of them, the nominal one above all.
 _LOOKS = {
     "oracle": Look(INK, "D"),
+    "always_prior": Look("#5C5C5C", "*"),
     "nominal_ekf": Look("#E69F00", "s"),
-    "nominal_ekf_mended": Look("#B8A900", "P"),
+    "nominal_ekf_mended": Look("#5A3CE0", "P"),
     "gru_kf": Look("#56B4E9", "^"),
     "lstm_rls": Look("#009E73", "v"),
     "deeponet": Look("#CC79A7", "X"),
@@ -98,21 +105,31 @@ def legend_handles(names: list[str], line: bool = False) -> list[Line2D]:
     handles = []
     for name, look in looks(names).items():
         style: dict[str, Any] = (
-            {"linewidth": 1.6, "linestyle": line_style(name)} if line
-            else {"linestyle": "none", "marker": look.marker, "markersize": 5, "markerfacecolor": face(name, look)}
+            {"linewidth": 1.6, "linestyle": line_style(name), "markersize": 4} if line
+            else {"linestyle": "none", "markersize": 5}
         )
+        style |= {"marker": look.marker, "markerfacecolor": face(name, look)}
         handles.append(Line2D([], [], color=look.colour, label=label(name), **style))
     return handles
 
 
 def face(name: str, look: Look) -> str:
-    """Marker fill: the floor's is hollow wherever estimators are drawn as markers."""
-    return PAPER if name == FLOOR else look.colour
+    """Marker fill: the reference's is hollow wherever estimators are drawn as markers."""
+    return PAPER if name == REFERENCE else look.colour
 
 
 def line_style(name: str) -> str:
-    """The floor is dashed in every figure that draws estimators as lines."""
-    return "--" if name == FLOOR else "-"
+    """Dashed for the reference and dotted for the prior, wherever estimators are drawn as lines."""
+    return {REFERENCE: "--", PRIOR: ":"}.get(name, "-")
+
+
+def line_of(name: str, look: Look, place: int, several: int, points: int) -> dict[str, Any]:
+    """How an estimator's line is drawn: a marker now and then, each line's elsewhere, so that none needs colour."""
+    every = max(points // MARKERS, 1)
+    return {
+        "color": look.colour, "linestyle": line_style(name), "marker": look.marker, "markersize": 3.6,
+        "markerfacecolor": face(name, look), "markevery": (place * every // max(several, 1), every),
+    }  # fmt: skip
 
 
 def log_axis(axes: Axes, values: np.ndarray, axis: str = "y") -> None:

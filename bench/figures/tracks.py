@@ -18,12 +18,12 @@ from bench.figures.style import (
     PAGE_MM,
     canvas,
     legend_handles,
-    line_style,
+    line_of,
     looks,
     styled,
     thin,
 )  # fmt: skip
-from bench.roster import FLOOR, PROPOSED, axis_label, label, ordered
+from bench.roster import PRIOR, PROPOSED, REFERENCE, axis_label, label, ordered
 from data.batch import ESTIMATED, Array
 from methods.observe import observe
 
@@ -50,7 +50,8 @@ def _banded(names: list[str]) -> str:
 @styled
 def state_trajectories(example: Example) -> Figure:
     """Fig. 3 on one test sequence: truth and estimates on the left, estimate minus truth on the right."""
-    names = ordered(example.tracks)
+    # The prior's states are a mean over all training: they would only stretch the axes.
+    names = [n for n in ordered(example.tracks) if n != PRIOR] or [PRIOR]
     keep = thin(len(example.time_s), MOST_POINTS)
     minutes, true = example.time_s[keep] / 60.0, states(example.truth[keep])
     figure = canvas(PAGE_MM, 128.0)
@@ -59,10 +60,10 @@ def state_trajectories(example: Example) -> Figure:
     for name, look in looks(names).items():
         track = example.tracks[name]
         mean, low, high = (states(np.asarray(a[keep], dtype=float)) for a in (track.mean, track.low, track.high))
-        width = 1.3 if name in (FLOOR, banded) else 0.8
+        width = 1.3 if name in (REFERENCE, banded) else 0.8
         for row in range(3):
             left, right = panels[row]
-            style = {"color": look.colour, "linewidth": width, "linestyle": line_style(name)}
+            style = {"linewidth": width, **line_of(name, look, names.index(name), len(names), len(keep))}
             left.plot(minutes, mean[:, row], **style)
             right.plot(minutes, mean[:, row] - true[:, row], **style)
             if name == banded:
@@ -105,8 +106,8 @@ def track_panel(axes: Axes, parameter: str, example: Example) -> None:
     true = example.truth[keep, column]
     for name, look in looks(names).items():
         mean, low, high = (np.asarray(a[keep, column], dtype=float) for a in example.tracks[name])
-        axes.plot(minutes, mean, color=look.colour, linestyle=line_style(name),
-                  linewidth=1.3 if name in (FLOOR, banded) else 0.8)  # fmt: skip
+        axes.plot(minutes, mean, linewidth=1.3 if name in (REFERENCE, banded) else 0.8,
+                  **line_of(name, look, names.index(name), len(names), len(keep)))  # fmt: skip
         if name == banded:
             axes.fill_between(minutes, low, high, color=look.colour, alpha=0.25, linewidth=0)
     axes.plot(minutes, true, zorder=1.5, **TRUTH_STYLE)

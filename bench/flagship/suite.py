@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -14,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
 from rich.console import Console
 
 from bench.flagship.ask import CALIBRATED, MODEL
@@ -23,13 +21,15 @@ from bench.flagship.judge import COLUMNS, names, shares
 from bench.flagship.measure import Errors, at_design_point, at_known_health, errors
 from bench.flagship.plant import UNKNOWN_SHARE, Item, Plant, draw
 from bench.flagship.record import HELD_OUT, TRAINING, record
+from bench.progress import Progress
 from bench.prove.gates import as_markdown
 from bench.prove.seal import Sealed, check, seal
-from bench.runner import bars
 from bench.store import check_writable, key_of, write_text
 from bench.versions import code_version, provenance
+from bench.workers import side_by_side
 from data.batch import Batch
 from data.errors import BadInput
+from data.jobs import cores
 from data.recording import truth_table
 from mismatch.model import load_simulator
 
@@ -77,11 +77,10 @@ def run(
     todo = [(item, engine) for item, engine in listed if not _finished(_row_file(out, item, engine), item, seed)]
     if len(todo) < len(listed):
         console.print(f"{len(listed) - len(todo)} of {len(listed)} cases are there from an earlier run")
-    work = Parallel(n_jobs=jobs or os.cpu_count() or 1, return_as="generator_unordered")
-    with bars(console) as progress:
-        bar = progress.add_task("cases", total=len(todo))
-        for _ in work(delayed(run_case)(item, seed, out, engine) for item, engine in todo):
-            progress.advance(bar)
+    several = [(item, seed, out, engine) for item, engine in todo]
+    with Progress(console) as progress, progress.stage("cases", len(todo)) as going:
+        for _ in side_by_side(run_case, several, min(jobs or cores(), len(todo) or 1)):
+            going.step()
     return report(out, listed, seed, {"command": command, "wall_s": round(time.time() - began, 1)})
 
 

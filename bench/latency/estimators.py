@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from rich.progress import Progress
 
 from bench import cells
 from bench.cells import Cell, Outcome
 from bench.latency.timing import Name, Timed, back_to_back, percentiles
+from bench.progress import Progress
 from bench.registry import find, one_line
+from bench.roster import PRIOR
 from bench.store import Store, key_of, write_atomically
 from bench.threads import pin_torch
 from data.batch import SAMPLE_PERIOD_S, Array
@@ -55,11 +56,11 @@ def samples(readings: Array) -> list[Sample]:
 
 
 def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name, tuple[Timed, Stepped]], list[Outcome]]:
-    """Warm runners of every implementation, and who fails before it is warm."""
+    """Warm runners of every implementation, and who fails before it is warm; the prior does nothing worth timing."""
     ready: dict[Name, tuple[Timed, Stepped]] = {}
     failed = []
     ticks = samples(readings)
-    for cell in todo:
+    for cell in (c for c in todo if c.estimator != PRIOR):
         for implementation in find(cell.spec).implementations:
             try:
                 stepped = Stepped(variant(store, cell, implementation))

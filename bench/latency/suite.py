@@ -33,9 +33,9 @@ from bench.latency.stages import stages
 from bench.latency.tables import BACK_TO_BACK, PACED, latency_table, memory_table
 from bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
 from bench.page import write_figures
+from bench.progress import Progress
 from bench.report import FORMATS
 from bench.roster import PROPOSED
-from bench.runner import bars
 from bench.store import Store, check_writable, write_atomically, write_text
 from bench.table_formats import Table
 from bench.threads import pin_torch
@@ -69,7 +69,7 @@ def run(
     filled = FrontEnd.fit(cells.load_split(store, todo[0].data).train).run(readings[None])[0][0]
     proposed = _proposed(store, todo)
     took, parts = {}, {}
-    with one_core() as core, bars(console) as progress:
+    with Progress(console) as progress, one_core() as core:
         watch = Watch()
         ready, failed = runners(store, todo, readings)
         timed = [one for one, _ in ready.values()]

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich.progress import Progress
 
+from bench.progress import Progress
 from data.batch import SAMPLE_PERIOD_S, Array
 
 ROUNDS = 10
@@ -49,21 +49,19 @@ class Timed:
 def back_to_back(several: Sequence[Timed], updates: int, progress: Progress) -> dict[Name, Array]:
     """Microseconds (updates,) of each; the rounds interleaved, so that a disturbance hits all alike."""
     blocks: dict[Name, list[float]] = {one.name: [] for one in several}
-    bar = progress.add_task("latency", total=ROUNDS * len(several))
-    with _swept():
+    with _swept(), progress.stage("latency", ROUNDS * len(several)) as going:
         for count in map(len, np.array_split(np.arange(updates), ROUNDS)):
             for one in several:
                 gc.collect()
                 blocks[one.name] += [one.once() for _ in range(count)]
-                progress.advance(bar)
+                going.step()
     return {name: np.array(us) for name, us in blocks.items()}
 
 
 def paced(several: Sequence[Timed], ticks: int, progress: Progress) -> dict[Name, Array]:
     """The same, one update each 50 ms with nothing in between: caches and clock have gone cold, as on a machine."""
     took: dict[Name, Array] = {}
-    bar = progress.add_task("at 20 Hz", total=len(several))
-    with _swept():
+    with _swept(), progress.stage("at 20 Hz", len(several)) as going:
         for one in several:
             gc.collect()
             us, due = np.empty(ticks), time.perf_counter()
@@ -72,7 +70,7 @@ def paced(several: Sequence[Timed], ticks: int, progress: Progress) -> dict[Name
                 time.sleep(max(due - time.perf_counter(), 0.0))
                 us[i] = one.once()
             took[one.name] = us
-            progress.advance(bar)
+            going.step()
     return took
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from bench.opponents.base import Progress, calibrated, finding, quiet, told
 from data.recording import Recording
 from mismatch.explanation import Explanation, present, refit
+from mismatch.findings import uncertainty
 from mismatch.noise import ORDER, fit_whitener
 from mismatch.picture import Picture, picture, variants
 from mismatch.proof import held_out
-from mismatch.verdict import standard_deviations
 from physics.simulator import Mechanism, Simulator
 
 REFITS = 8
@@ -84,7 +84,7 @@ def _next(shown: Picture, n_present: int) -> list[tuple[int, ...]]:
 
 
 def _findings(best: Explanation) -> list[dict[str, Any]]:
-    machine, sd = best.problem.machine, standard_deviations(best)
+    machine, sd = best.problem.machine, np.sqrt(np.diag(uncertainty(best)))
     at = len(best.z) - sum(len(machine.candidates[v.candidate].at) for v in best.chosen)
     found = []
     for variant in best.chosen:

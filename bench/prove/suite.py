@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,10 +11,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from joblib import Parallel, delayed
 from rich.console import Console
-from rich.progress import TextColumn
 
+from bench.progress import Progress
 from bench.prove.case import close, digest, missing, row, run_case
 from bench.prove.engines import ENGINES, MAIN, ORACLE
 from bench.prove.gates import as_markdown, by, engine_table, engines_as_markdown, gate_table, misses, read_cases
@@ -24,7 +22,9 @@ from bench.prove.judge import COLUMNS
 from bench.prove.plan import cases
 from bench.store import check_writable, key_of, write_text
 from bench.versions import provenance
+from bench.workers import side_by_side
 from data.errors import BadInput
+from data.jobs import cores
 
 OURS = MappingProxyType({"twinbench": ENGINES["twinbench"]})
 _Plan = Sequence[tuple[Item, Mapping[str, str]]]
@@ -58,17 +58,14 @@ def run(
     todo = [(item, asked, left) for item, asked in plan if (left := missing(item, seed, out, asked))]
     if len(todo) < len(plan):
         console.print(f"{len(plan) - len(todo)} of {len(plan)} cases are there from an earlier run")
-    work = Parallel(n_jobs=jobs or os.cpu_count() or 1, return_as="generator_unordered")
-    from bench.runner import bars
-
+    several = [(item, seed, out, asked, left) for item, asked, left in todo]
+    # Cases differ in how many engines they ask, so answers count.
+    answers = sum(len(left) for *_, left in todo)
     try:
-        with bars(console) as progress:
-            progress.columns = (*progress.columns, TextColumn("{task.fields[pace]}"))
-            task = progress.add_task("cases", total=len(todo), pace="")
-            answers, total = 0, sum(len(left) for _, _, left in todo)
-            for done, asked in enumerate(work(delayed(run_case)(i, seed, out, e, left) for i, e, left in todo), 1):
-                answers += asked
-                progress.update(task, advance=1, pace=pace(done, answers, total, progress.tasks[task].elapsed or 0.0))
+        with Progress(console) as progress, progress.stage("answers", answers) as going:
+            for done, asked in enumerate(side_by_side(run_case, several, min(jobs or cores(), len(todo) or 1)), 1):
+                going.step(asked)
+                going.says = f"{done} of {len(todo)} cases"
     finally:
         close(out)
     facts = {"command": command, "opponent_cases": opponent_cases, "wall_s": round(time.time() - began, 1)}
@@ -85,12 +82,6 @@ def planned(n: int, seed: int, engines: Mapping[str, str], opponent_cases: int |
     shared = set(np.linspace(0, n - 1, min(few, n)).round())
     plan = [(item, engines if i in shared else main) for i, item in enumerate(cases(n, seed))]
     return [(item, asked) for item, asked in plan if asked]
-
-
-def pace(done: int, answers: int, total: int, elapsed_s: float) -> str:
-    """Cases per minute, and how long it goes on: cases differ in how many engines they ask, so answers count."""
-    left_s = elapsed_s * max(total - answers, 0) / answers
-    return f"{60.0 * done / max(elapsed_s, 1e-3):.1f} cases/min, {left_s / 60.0:.0f} min left"
 
 
 def report(

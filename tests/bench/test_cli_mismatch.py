@@ -13,7 +13,9 @@ import pytest
 from refusals import refused
 from tiny_run import twinbench
 
+from bench.mismatch_status import NAMED, SAYS, STATUS
 from data.errors import BadInput
+from mismatch.verdict import VERDICTS
 
 LAG = """
 import numpy as np
@@ -80,7 +82,7 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """In place of the engine: what it was called with. Set ``fails`` to have it fail."""
-    called: dict[str, Any] = {"fails": None}
+    called: dict[str, Any] = {"fails": None, "page_fails": None, "verdict": "missing physics"}
 
     def diagnose(simulator: Any, recordings: Any, **others: Any) -> Any:
         if called["fails"]:
@@ -88,15 +90,20 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         called.update(others, simulator=simulator, recordings=recordings)
         mechanisms = [m for m in others["catalogue"] if m.name == "loss"]
         values = {"tau_s": 25.0, **{v.name: 0.2 for m in mechanisms for v in m.parameters}}
+        found = called["verdict"]
         return SimpleNamespace(
-            says="heat is lost", mechanisms=mechanisms, values=values, to_dict=lambda: {"verdict": "missing physics"}
-        )
+            verdict=found, says="Heat is lost.", points=("It is lost through the wall.", "And " + "so on " * 20),
+            mechanisms=mechanisms, values=values, to_dict=lambda: {"verdict": found},
+            diagnosis=SimpleNamespace(joined=SimpleNamespace(inputs="held")),
+        )  # fmt: skip
 
-    def write(verdict: Any, out: Path) -> None:
-        (out / "verdict.json").write_text(json.dumps(verdict.to_dict()))
+    def write_page(verdict: Any, out: Path) -> None:
+        called["there"] = sorted(p.name for p in out.iterdir())
+        if called["page_fails"]:
+            raise called["page_fails"]
 
     monkeypatch.setattr("mismatch.diagnose", diagnose)
-    monkeypatch.setattr("bench.mismatch_report.write", write)
+    monkeypatch.setattr("bench.mismatch_report.write_page", write_page)
     return called
 
 
@@ -104,7 +111,7 @@ def test_mismatch_hands_on_what_it_read_and_writes_the_mended_model(
     workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ("mismatch", "lag.py", "day.csv", "--hold-out", "next.csv", "--catalogue", "loss.py", "--out", "found")
-    assert twinbench(*arguments, "--json") == 0
+    assert twinbench(*arguments, "--json") == NAMED
     assert json.loads(capsys.readouterr().out) == {"verdict": "missing physics"}
     assert [r.name for r in engine["recordings"]] == ["day"]
     assert [r.name for r in engine["hold_out"]] == ["next"]
@@ -113,11 +120,53 @@ def test_mismatch_hands_on_what_it_read_and_writes_the_mended_model(
     assert len(names) == len(set(names))
     assert engine["simulator"].name == "lag"
     assert {p.name for p in Path("found").iterdir()} == {"verdict.json", "model.toml"}
-    assert twinbench(*arguments) == 0
-    assert capsys.readouterr().out.startswith("heat is lost\nreport: ")
-    assert twinbench("mismatch", "found/model.toml", "day.csv", "--out", "again") == 0
+    assert twinbench("mismatch", "found/model.toml", "day.csv", "--out", "again") == NAMED
     assert engine["simulator"].mechanisms == ("loss",)
     assert engine["simulator"].theta().tolist() == [25.0, 0.2]
+
+
+def test_the_terminal_has_one_sentence_then_a_list_then_the_files(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    twinbench("mismatch", "lag.py", "day.csv", "--out", "found")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:3] == ["Heat is lost.", "", "- It is lost through the wall."]
+    assert lines[3].startswith("- And so on")
+    assert lines[4].startswith(("  so on", "  on"))
+    assert max(map(len, lines[:6])) <= 60
+    files = [line.rpartition("/")[2] for line in lines if "/found/" in line]
+    assert files == ["report.html", "verdict.json", "model.toml"]
+    assert lines[-3:] == [line for line in lines if "/found/" in line]
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_exit_status_tells_the_verdict_and_help_and_docs_say_which(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str], verdict: str
+) -> None:
+    engine["verdict"] = verdict
+    status = twinbench("mismatch", "lag.py", "day.csv", "--out", "found")
+    assert status == STATUS[verdict]
+    assert (status == 0) == (verdict in ("consistent", "parameter change"))
+    assert status not in (1, 2, 3, 130)
+    capsys.readouterr()
+    with pytest.raises(SystemExit):
+        twinbench("mismatch", "--help")
+    assert f"{status} {SAYS[status]}" in capsys.readouterr().out
+    page = (Path(__file__).parents[2] / "docs" / "mismatch_tutorial.md").read_text(encoding="utf-8")
+    assert f"| {status} | {SAYS[status]} |" in page
+
+
+def test_findings_and_model_are_there_before_anything_is_drawn(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    engine["page_fails"] = BadInput("cannot write found/figures/x.png: No space left on device")
+    assert twinbench("mismatch", "lag.py", "day.csv", "--out", "found") == 2
+    assert engine["there"] == ["model.toml", "verdict.json"]
+    assert {p.name for p in Path("found").iterdir()} == {"model.toml", "verdict.json"}
+    said, complaint = capsys.readouterr()
+    assert said.startswith("Heat is lost.")
+    assert complaint == "twinbench: cannot write found/figures/x.png: No space left on device\n"
 
 
 def test_simulate_runs_a_simulator_over_recorded_inputs(workplace: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,7 +184,7 @@ BIASED = 'base = "lag.py"\n[[mechanisms]]\nname = "sensor_bias@T_out"\nfrom = "f
 
 def test_mismatch_goes_on_from_the_faults_that_a_mended_model_holds(workplace: Path, engine: dict[str, Any]) -> None:
     Path("model.toml").write_text(BIASED)
-    assert twinbench("mismatch", "model.toml", "day.csv", "--out", "again") == 0
+    assert twinbench("mismatch", "model.toml", "day.csv", "--out", "again") == NAMED
     (fault,) = engine["faults"]
     assert (fault.name, fault.parameters[0].nominal) == ("sensor_bias@T_out", 5.0)
 

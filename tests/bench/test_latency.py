@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from rich.progress import Progress
+from rich.console import Console
 from tiny_run import run_arguments, twinbench, write_profile
 
 from bench.latency import forms, stages, timing
 from bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
+from bench.progress import Progress
 from methods.deeponet_kalman import DeepONetKalman
 
 SETTINGS = "[settings.deeponet_kalman]\n" + "".join(f"{k} = {v}\n" for k, v in DeepONetKalman.contract_settings.items())
@@ -92,7 +93,7 @@ def test_rounds_interleave_and_every_sample_is_kept() -> None:
     calls: list[str] = []
     several = [Timed(Name(n, "", 1), lambda _, n=n: calls.append(n), [0]) for n in "ab"]
     calls.clear()
-    took = back_to_back(several, 25, Progress(disable=True))
+    took = back_to_back(several, 25, Progress(Console(quiet=True)))
     assert [us.shape for us in took.values()] == [(25,), (25,)]
     assert "".join(calls).startswith("aaabbbaaabbb")
 
@@ -101,7 +102,7 @@ def test_the_pace_is_kept() -> None:
     at: list[float] = []
     one = Timed(Name("a", "", 1), lambda _: at.append(timing.time.perf_counter()), [0])
     at.clear()
-    paced([one], 5, Progress(disable=True))
+    paced([one], 5, Progress(Console(quiet=True)))
     assert np.diff(at).mean() == pytest.approx(0.05, rel=0.2)
 
 

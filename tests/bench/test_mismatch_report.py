@@ -22,6 +22,7 @@ from bench.replays import Replay, level, most_telling, replays, window
 from data.recording import Recording
 from mismatch import Verdict, diagnose
 from mismatch.faults import faults
+from mismatch.onset import Onset
 from mismatch.tracks import Track
 from mismatch.verdict import conclude
 from physics.integrate import simulate
@@ -29,14 +30,19 @@ from physics.simulator import Mechanism, Simulator, Variable
 
 FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "explanations"}
 NUMBER = (int, float)
+VERDICT = [
+    "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "spikes", "weighed", "unfollowed",
+    "held_out", "more_data",
+]  # fmt: skip
+NULL = type(None)
 FINDING = {
-    "kind": str, "mechanism": (str, type(None)), "term": str, "probability": NUMBER, "indistinguishable_from": list,
-    "port": str, "ports": list, "since_s": (*NUMBER, type(None)), "intervals_s": list, "regime": str,
-    "parameters": dict, "says": str,
+    "kind": str, "mechanism": (str, NULL), "term": str, "probability": (*NUMBER, NULL), "indistinguishable_from": list,
+    "candidates": list, "port": str, "ports": list, "since_s": (*NUMBER, NULL), "onsets": list, "intervals_s": list,
+    "regime": str, "parameters": dict, "force": (dict, NULL), "says": str,
 }  # fmt: skip
 FIT = {
-    "channel": str, "unit": str, "held_out": bool, "rmse_before": NUMBER, "rmse_after": NUMBER, "noise_floor": NUMBER,
-    "reduction_low": NUMBER, "reduction_high": NUMBER,
+    "channel": str, "unit": str, "held_out": bool, "rmse_before": NUMBER, "rmse_after": NUMBER, "change_low": NUMBER,
+    "change_high": NUMBER, "noise_sd": NUMBER,
 }  # fmt: skip
 
 
@@ -89,7 +95,9 @@ def named() -> Verdict:
     verdict = diagnosed(OVEN.with_(dataclasses.replace(LOSS, name="loss")))
     assert [m.name for m in verdict.mechanisms] == [LOSS.name]
     # As an onset would be: the figures and the page have to show it.
-    late = dataclasses.replace(verdict.findings[0], since_s=60.0, regime="heater_C > 120 and probe_C <= 250.5")
+    onsets = (Onset("monday", "from", 60.0, 60.0), Onset("tuesday", "throughout", None, None))
+    regime = "heater_C > 120 and probe_C <= 250.5"
+    late = dataclasses.replace(verdict.findings[0], since_s=60.0, onsets=onsets, regime=regime)
     return dataclasses.replace(verdict, findings=(late,))
 
 
@@ -111,8 +119,13 @@ def folders(
     out = {}
     for name, verdict in (("named", named), ("abstaining", abstaining), ("consistent", consistent)):
         out[name] = tmp_path_factory.mktemp(name)
-        mismatch_report.write(verdict, out[name])
+        write(verdict, out[name])
     return out
+
+
+def write(verdict: Verdict, out: Path) -> None:
+    mismatch_report.write_findings(verdict, "", out)
+    mismatch_report.write_page(verdict, out)
 
 
 def page(folder: Path) -> str:
@@ -128,7 +141,7 @@ def holds(record: dict[str, Any], schema: dict[str, Any]) -> None:
 @pytest.mark.parametrize("which", ["named", "abstaining", "consistent"])
 def test_the_json_follows_its_schema(folders: dict[str, Path], which: str) -> None:
     found = json.loads((folders[which] / "verdict.json").read_text(), parse_constant=pytest.fail)
-    assert list(found) == ["verdict", "says", "findings", "parameters", "fit", "more_data"]
+    assert list(found) == VERDICT
     assert found["verdict"] == {"named": "missing physics", "abstaining": "unexplained"}.get(which, "consistent")
     for finding in found["findings"]:
         holds(finding, FINDING)
@@ -144,7 +157,7 @@ def test_the_json_follows_its_schema(folders: dict[str, Path], which: str) -> No
 
 
 def test_the_json_has_null_for_what_is_no_number(named: Verdict) -> None:
-    fit = dataclasses.replace(named.fit[0], rmse_before=math.nan, rmse_after=np.float64(np.inf))  # type: ignore[arg-type]
+    fit = named.fit[0]._replace(rmse_before=math.nan, rmse_after=np.float64(np.inf))
     written = mismatch_report.to_json(dataclasses.replace(named, fit=(fit,)))
     found = json.loads(written, parse_constant=pytest.fail)["fit"][0]
     assert found["rmse_before"] is None
@@ -174,8 +187,8 @@ def test_every_figure_in_both_formats(folders: dict[str, Path]) -> None:
 def test_the_page_says_what_was_found(folders: dict[str, Path], named: Verdict) -> None:
     text = page(folders["named"])
     assert "wall_loss&lt;1&gt;" in text
-    assert "heat goes through the wall &amp; out" in re.sub("H", "h", text.split("<h1>")[1].split("</h1>")[0])
-    for said in ("about 60 s", "heater_C &gt; 120", "tau_s", "sunday (360 samples", "sensor_bias@probe_C"):
+    assert "heat goes through the wall &amp; out" in re.sub("H", "h", text.split("<h1")[1].split("</h1>")[0])
+    for said in ("heater_C &gt; 120", "tau_s", "sunday (360 samples", "sensor_bias@probe_C"):
         assert said in text, said
     assert "Not drawn" not in text
 
@@ -186,6 +199,7 @@ def test_nothing_is_drawn_of_what_is_not_there(folders: dict[str, Path]) -> None
     assert not (folders["consistent"] / "figures" / "where_by_port.svg").exists()
     assert "Nothing was named." in text
     assert "None: no effect had to be added." in text
+    assert list(json.loads((folders["consistent"] / "verdict.json").read_text())["findings"]) == []
 
 
 def test_what_was_refused_is_marked_so(folders: dict[str, Path], abstaining: Verdict, named: Verdict) -> None:
@@ -208,7 +222,7 @@ def test_a_recording_without_readings_is_said_to_be_so(named: Verdict) -> None:
 
 
 def test_writing_again_gives_the_same(folders: dict[str, Path], named: Verdict, tmp_path: Path) -> None:
-    mismatch_report.write(named, tmp_path)
+    write(named, tmp_path)
     assert page(tmp_path) == page(folders["named"])
 
 
@@ -249,5 +263,7 @@ def test_bins_hold_equal_shares_and_keep_equal_values_together() -> None:
 
 
 def test_bounds_are_read_from_the_words_of_a_regime() -> None:
-    assert regime_bounds("N_rpm > 1400 and p <= -3.5e-2") == [("N_rpm", 1400.0), ("p", -0.035)]
-    assert regime_bounds("") == []
+    names = ["p", "N_rpm", "oil p"]
+    assert regime_bounds("N_rpm > 1400 and p <= -3.5e-2", names) == [("N_rpm", 1400.0), ("p", -0.035)]
+    assert regime_bounds("oil p > 3", names) == [("oil p", 3.0)]
+    assert regime_bounds("", names) == []

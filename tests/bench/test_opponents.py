@@ -28,7 +28,7 @@ from bench.prove.judge import COLUMNS, score
 from bench.prove.machines import MACHINES
 from bench.prove.plan import cases
 from bench.prove.seal import Sealed, seal
-from bench.prove.suite import pace, planned, run
+from bench.prove.suite import planned, run
 from data.errors import BadInput
 from data.recording import Recording
 from mismatch.guards import Guards
@@ -267,10 +267,6 @@ def test_engines_are_compared_on_the_cases_that_all_answered() -> None:
     assert all(f"{column}_cases" in table for column in COMPARED)
 
 
-def test_the_pace_tells_what_is_left_in_answers() -> None:
-    assert pace(done=2, answers=6, total=18, elapsed_s=120.0) == "1.0 cases/min, 4 min left"
-
-
 # The run.
 
 
@@ -300,6 +296,7 @@ def test_an_engine_that_joins_later_is_asked_alone_under_the_same_seal(counting:
     run(1, 1, out, console, one, jobs=1)
     sealed = json.loads((out / "seals.json").read_text())
     run(1, 1, out, console, one | two, jobs=1)
+    assert "answers: done in" in console.file.getvalue()
     assert counting.read_text().split() == ["one", "two"]
     assert json.loads((out / "seals.json").read_text()) == sealed
     opened = json.loads((out / "cases" / "0000" / "truth.json").read_text())

@@ -69,6 +69,22 @@ def test_a_file_that_is_not_there_or_lacks_the_class(tmp_path: Path) -> None:
     assert "has no Estimator class 'Other'; it has: Constant" in refused(write_estimator(tmp_path, "mine") + ":Other")
 
 
+@pytest.mark.parametrize("spec", [r"C:\x\my.py", r"C:\x\my.py:Mine", r"C:\x\my.py:Mine:no_scale"])
+def test_a_path_of_windows_is_a_file(spec: str) -> None:
+    assert r"no file C:\x\my.py; give the path of a .py file" in refused(spec)
+
+
+def test_a_file_of_windows_is_planned_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench.profile import load_profile
+    from bench.runner import plan
+
+    monkeypatch.chdir(tmp_path)
+    Path(write_estimator(tmp_path, "mine")).rename(r"C:\x\mine.py")  # a name like any other, here
+    for spec in (r"C:\x\mine.py", r"C:\x\mine.py:Constant"):
+        (cell,) = {c.spec for c in plan(load_profile("quick"), (spec,))}
+        assert cell == str(tmp_path / spec)
+
+
 def test_a_file_may_not_take_one_of_our_names(tmp_path: Path) -> None:
     assert "'oracle' is one of the benchmark's own names" in refused(write_estimator(tmp_path, "oracle"))
 

@@ -22,7 +22,10 @@ from bench.table_formats import to_text
 from bench.tables import comparison, cost_table
 from data.errors import BadInput
 
-TABLES = ("comparison", "parameters", "coverage", "paired", "regimes", "latency", "cost")
+TABLES = (
+    "comparison", "forecast", "parameters", "following", "coverage", "consistency", "ranks", "paired", "regimes",
+    "latency", "cost",
+)  # fmt: skip
 FIGURES = (
     "fig3_states", "fig3c_parity", "fig4_parameters", "fig5a_errors", "fig5b_ranks_forecast", "fig5b_ranks_parameters",
     "fig5c_parameter_errors", "coverage", "coverage_regimes", "latency", "fig7c_accuracy_time",
@@ -32,7 +35,7 @@ FAILED = (("pinn_ukf", 0, "fit", "RuntimeError: the loss is <NaN> & gone"),)
 
 @pytest.fixture(scope="module")
 def full(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Seven estimators, ten sequences, all went well."""
+    """Eight estimators, ten sequences, all went well."""
     out = write_run(tmp_path_factory.mktemp("full"), seconds=300)
     write_report(out)
     return out
@@ -60,7 +63,7 @@ def test_the_cost_table_adds_up_seeds_and_leaves_ablations_out() -> None:
     rows.append(("oracle", 0, "fit", np.nan))
     shown = cost_table(pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])).rows
     assert [[cell.text for cell in row] for row in shown] == [
-        ["Oracle (floor)", "–", "–"], ["GRU + KF", "11.0", "33.0"],
+        ["Oracle (reference)", "–", "–"], ["GRU + KF", "11.0", "33.0"],
     ]  # fmt: skip
 
 
@@ -71,7 +74,7 @@ def html(out: Path) -> str:
 def test_every_table_in_every_format(full: Path) -> None:
     expected = {f"{name}.{suffix}" for name in TABLES for suffix in ("csv", "md", "tex")}
     assert {p.name for p in (full / "tables").iterdir()} == expected
-    for name in TABLES[:3]:
+    for name in TABLES[:7]:
         assert (full / "tables" / f"{name}.csv").read_text().count("\n") == 1 + len(LEVELS)
         for suffix in ("md", "tex"):
             text = (full / "tables" / f"{name}.{suffix}").read_text()
@@ -104,7 +107,7 @@ def test_the_report_says_what_its_numbers_are(full: Path) -> None:
     page = html(full)
     for metric in ("p_nrmse_pct", "parameter_error_pct", "coverage95_pct", "delay_s"):
         assert DEFINITIONS[metric].replace("'", "&#39;") in page, metric
-    assert "× is the multiple of the floor" in page
+    assert "× is the multiple of the reference" in page
     assert "Resolution floor of 10 sequences and 6 estimators" in page
     assert "None: every cell of this run finished." in page
     for said in ("twinbench run --profile quick", "0123abc", "some &lt;processor&gt;"):
@@ -140,6 +143,12 @@ def test_one_estimator_on_one_sequence_compares_nothing_and_says_so(alone: Path)
     assert (alone / "tables" / "comparison.csv").read_text().count("\n") == 2
 
 
+def test_a_run_of_the_prior_alone_has_its_report(tmp_path: Path) -> None:
+    write_report(write_run(tmp_path, {"always_prior": 1.0}, 2, seconds=300))
+    assert "Always at the prior" in html(tmp_path)
+    assert "Nothing to compare" in html(tmp_path)
+
+
 def test_drawn_again_it_is_the_same_to_the_byte_and_stale_figures_go(failed: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(failed, out)
@@ -153,7 +162,8 @@ def test_drawn_again_it_is_the_same_to_the_byte_and_stale_figures_go(failed: Pat
 
 def test_the_terminal_table_fits_its_terminal(full: Path) -> None:
     results = load_results(full)
-    table = comparison(summarise(results.scores, results.failures), results.latency)
+    table = comparison(summarise(results.scores, results.failures), "quick")
+    assert to_text(table).startswith("Profile quick")
     for width in (60, 80, 200):
         lines = to_text(table, width).splitlines()
         assert max(map(len, lines)) <= width

@@ -80,9 +80,17 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_check_writable_leaves_the_empty_folder(tmp_path: Path) -> None:
-    check_writable(tmp_path / "out")
-    assert listing(tmp_path) == ["out"]
+def test_check_writable_leaves_nothing(tmp_path: Path) -> None:
+    check_writable(tmp_path / "out" / "deeper")
+    assert listing(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["a" * 300, "file/x"])
+def test_a_folder_that_cannot_be_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(CannotWrite):
+        check_writable(tmp_path / name)
+    assert listing(tmp_path) == ["file"]
 
 
 def test_sweep_takes_what_a_kill_left_and_no_more(tmp_path: Path) -> None:

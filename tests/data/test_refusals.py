@@ -14,6 +14,7 @@ from data.errors import BadInput
 from data.recording import Recording, check_overlap, read_recording
 
 MENDS = ("check", "copy", "record", "name", "--map", "leave", "sort", "give", "write", "every row", "choose", "move")
+MENDS += ("save", "export", "split", "mend")
 
 
 def refusal(path, *mapping: str, must_vary: tuple[str, ...] = ()) -> str:
@@ -86,7 +87,7 @@ def test_a_damaged_gzip(tmp_path):
 
 def test_bytes_that_are_no_text(tmp_path):
     (tmp_path / "run.csv").write_bytes(bytes(range(128, 256)) * 4)
-    assert "no table" in refusal(tmp_path / "run.csv")
+    assert "no UTF-8 text" in refusal(tmp_path / "run.csv")
 
 
 def test_rows_longer_than_the_header(tmp_path):
@@ -188,10 +189,16 @@ def test_time_that_is_missing(tmp_path):
     assert "row 5: time_s is missing" in refusal(write(spoilt("time_s", 3, np.nan), tmp_path))
 
 
-def test_time_in_milliseconds_would_fill_the_memory(tmp_path):
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize("since_s", [0.0, 1.7e9])
+def test_time_in_parts_of_a_second(tmp_path, unit, factor, since_s):
     frame = table(40)
-    frame["time_s"] *= 1e6
-    assert "is it in ms?" in refusal(write(frame, tmp_path))
+    frame["time_s"] = ((frame["time_s"] + since_s) * factor).astype("int64")
+    path = write(frame.rename(columns={"time_s": "-stamp"}), tmp_path)
+    assert f"looks like {unit}" in refusal(path, "-stamp=time_s")
+    assert f"--map='-stamp[{unit}]=time_s'" in refusal(path, "-stamp=time_s")
+    told = read_recording(path, [f"-stamp[{unit}]=time_s"])
+    assert np.allclose(told.time_s - told.time_s[0], table(40)["time_s"], atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.parquet"])

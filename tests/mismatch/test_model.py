@@ -66,7 +66,8 @@ def test_it_moves_with_its_base(tmp_path, spec, monkeypatch):
     assert load_simulator("moved/model.toml").mechanisms[0] == "spill"
 
 
-def test_a_mended_simulator_can_be_mended_again(tmp_path, spec):
+def test_a_mended_simulator_can_be_mended_again(tmp_path, spec, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     first = mended(tmp_path, spec)
     (tmp_path / "again").mkdir()
     again = tmp_path / "again" / "model.toml"

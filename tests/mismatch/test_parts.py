@@ -20,7 +20,7 @@ from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, no
 from mismatch.picture import RARE, Picture, Variant
 from mismatch.proof import Gain
 from mismatch.search import PENALTY, best_sets, local_search, wander
-from mismatch.tracks import despiked, held, prepare
+from mismatch.tracks import held, prepare
 from physics.integrate import simulate
 from physics.nominal import NOMINAL
 
@@ -44,7 +44,7 @@ def test_the_machine_runs_as_the_simulator_does(machine, track):
 
 def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(machine):
     slow = prepare([record("slow", 4, seconds=60.0, dt_s=0.02)], MOTOR, blocks=600)[0]
-    assert slow.coarse.samples.tolist() == [4] * 750  # of five, the current's means would lose too much
+    assert slow.coarse.samples.tolist() == [5] * 600
     machine.settle_step([slow], np.array([1.0, 0.5, 0.5]))
     x0 = machine.start(slow)
     fine = slow.block_means(machine.run(slow, machine.theta, x0))
@@ -110,17 +110,6 @@ def test_the_noise_floor_of_white_noise_on_a_smooth_signal():
     t = np.linspace(0, 20, 4000)
     y = np.stack([np.sin(t), t**2], axis=-1) + rng.normal(size=(4000, 2)) * [0.3, 2.0]
     assert noise_floor([y]) == pytest.approx([0.3, 2.0], rel=0.2)
-
-
-def test_spikes_go_and_steps_stay():
-    rng = np.random.default_rng(3)
-    clean = np.where(np.arange(400) < 200, 1.0, 5.0) + 0.02 * rng.normal(size=400)
-    spiked = clean.copy()
-    spiked[[50, 300]] += 3.0
-    found = despiked(spiked)
-    assert np.isnan(found[[50, 300]]).all()
-    assert np.isnan(found).sum() <= 8
-    assert np.isfinite(despiked(np.ones(100))).all()
 
 
 def test_gaps_in_inputs_are_held():
@@ -242,7 +231,7 @@ def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample
     values = np.tile([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12], (len(seconds), 1))
     values[:, 4:] *= 1.0 + 0.01 * np.sin(seconds / 10.0)[:, None]  # slow enough for blocks
     channels = tuple(v.name for v in (*NOMINAL.inputs, *NOMINAL.outputs))
-    track = prepare([Recording("run", seconds, channels, values)], NOMINAL, blocks=67)[0]
+    track = prepare([Recording("run", seconds, channels, values)], NOMINAL, blocks=66)[0]
     machine = Machine(NOMINAL, ())
     machine.settle_step([track], np.array([0.01, 0.5, 0.001]))
     x0 = machine.start(track)

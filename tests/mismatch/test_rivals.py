@@ -9,6 +9,7 @@ import pytest
 from motor import MOTOR
 from motor_case import NOISE, record
 
+from mismatch.calibrate import own_unknowns, shared_unknowns
 from mismatch.catalogue import generic
 from mismatch.explanation import Explanation, refit
 from mismatch.fit import Problem, solve
@@ -18,7 +19,6 @@ from mismatch.picture import picture, variants
 from mismatch.proof import held_out
 from mismatch.rivals import NEAR, rivals
 from mismatch.tracks import prepare
-from mismatch.walk import _own, _parameters
 
 NAMES = ("coulomb_friction@omega_rad_s", "quadratic_friction@omega_rad_s", "offset@omega_rad_s")
 
@@ -34,7 +34,7 @@ def fits():
 
     tracks = prepare([record(f"run {k}", k, dry) for k in (1, 2)], MOTOR)
     machine.settle_step(tracks, NOISE)
-    unknowns = (*_parameters(MOTOR), *_own(MOTOR, tracks))
+    unknowns = (*shared_unknowns(MOTOR), *own_unknowns(MOTOR, tracks))
     problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((3, 0)), NOISE))
     z, cost = solve(problem, problem.z0)
     choices = variants(machine.candidates)
@@ -66,7 +66,7 @@ def test_names_for_one_thing_count_once(fits):
     twins = [other(best, NAMES[1], 4.0), other(best, NAMES[2], 4.1)]
     assert rivals(before, best, twins)[0].things == 2
     assert rivals(before, best, [twins[0], other(best, NAMES[2], 6.0)])[0].things == 3
-    assert rivals(before, best, [])[0] == ([], 1)
+    assert rivals(before, best, [])[0] == ([], 1, ((NAMES[0],),))
 
 
 def test_more_effects_have_no_form_to_excuse(fits):
@@ -92,7 +92,7 @@ def test_what_stands_for_another_effect_is_no_rival(fits, monkeypatch):
 def test_a_held_out_fit_does_not_depend_on_whose_columns_it_begins_with(fits):
     _, best, dry = fits
     tracks = prepare([record("held", 7, dry, reach=1.3)], MOTOR)
-    own = _own(MOTOR, tracks)
+    own = own_unknowns(MOTOR, tracks)
     alone = held_out(best.problem, best.z, tracks, own)
     elsewhere = alone._replace(own=[z + 5.0 for z in alone.own], columns=[-c for c in alone.columns])
     from_there = held_out(best.problem, best.z, tracks, own, elsewhere)

@@ -31,8 +31,9 @@ def test_it_is_named_dated_and_its_readings_bend_nothing_else():
     assert finding.mechanism == "sensor_stuck@speed_rad_s"
     assert finding.port == "output:speed_rad_s"
     assert finding.since_s == pytest.approx(70.0, abs=4.0)
-    assert "stands still" in verdict.says
-    assert "run 2" in verdict.says
+    assert verdict.says.startswith("The sensor of speed_rad_s stands still: on held out the RMS error of ")
+    assert "s of run 2" in verdict.points[0]
+    assert finding.probability is None
     assert verdict.values["R_ohm"] == pytest.approx(0.65, rel=0.01)
     seen = verdict.diagnosis.tracks[1].y[:, SPEED]
     assert np.isnan(seen[verdict.diagnosis.tracks[1].time_s > 75.0]).all()

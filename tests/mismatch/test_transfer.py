@@ -8,6 +8,7 @@ from motor import MOTOR
 from motor_case import NOISE, record
 from scipy.stats import chi2
 
+from mismatch.calibrate import own_unknowns, shared_unknowns
 from mismatch.explanation import Explanation, rewhitened
 from mismatch.fit import Problem, solve
 from mismatch.machine import Machine
@@ -15,7 +16,6 @@ from mismatch.noise import Whitener
 from mismatch.proof import held_out
 from mismatch.tracks import prepare
 from mismatch.transfer import Transfer, transfer
-from mismatch.walk import _own, _parameters
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def learnt():
     machine = Machine(MOTOR, ())
     tracks = prepare([record(f"train_{k}", k) for k in (1, 2)], MOTOR)
     machine.settle_step(tracks, NOISE)
-    unknowns = (*_parameters(MOTOR), *_own(MOTOR, tracks))
+    unknowns = (*shared_unknowns(MOTOR), *own_unknowns(MOTOR, tracks))
     problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((3, 0)), NOISE))
     z, _ = solve(problem, problem.z0)
     problem = rewhitened(problem.refined(z), z, 0.1 * NOISE, 3)
@@ -33,13 +33,13 @@ def learnt():
 
 def asked(learnt: Explanation, *recordings) -> Transfer:  # type: ignore[no-untyped-def]
     tracks = prepare(recordings, MOTOR)
-    own = _own(MOTOR, tracks)
+    own = own_unknowns(MOTOR, tracks)
     return transfer(learnt, held_out(learnt.problem, learnt.z, tracks, own), tracks, own)
 
 
 def test_the_same_machine_wants_what_was_learnt(learnt):
     found = asked(learnt, record("held", 7, reach=0.7))
-    assert 4 <= found.sizes <= len(_parameters(MOTOR))
+    assert 4 <= found.sizes <= len(shared_unknowns(MOTOR))
     assert found.chi2 < 2.0 * chi2.isf(0.01, found.sizes)
     assert not found.fails
 

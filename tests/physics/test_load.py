@@ -134,6 +134,7 @@ def test_a_wrong_name_in_a_file(tmp_path):
     ("x[0] - x[1]", "np.sqrt(-x[0])", "rhs(x, u, theta) returns nan for b at the nominal values"),
     ("np.array([x[1]])", "np.array([x[1] / (x[0] - 0.5)])", "output(x, u, theta) returns inf for h"),
     ("def output(x, u, theta):", "def output(x, u, theta):\n    x[0] = 0.0", "changes its arguments"),
+    ('Variable("k", "', 'Variable("k", None and "', "unit of 'k' must be text"),
     ('Variable("flow"', 'Variable("h"', "'h' is the name of one of its inputs and of its outputs"),
     ('Variable("k"', 'Variable("a"', "'a' is the name of one of its states and of its parameters"),
     ('Variable("b"', 'Variable("a"', "states named twice: ['a']"),

@@ -1,0 +1,86 @@
+"""The simulator as it came, fitted: its parameters, where recordings start, and what drifts in each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from mismatch.explanation import rewhitened
+from mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
+from mismatch.machine import Machine
+from mismatch.noise import Whitener, noise_floor
+from mismatch.tracks import Track
+from physics.simulator import Array, Mechanism, Simulator
+
+PRIOR = 4.0
+"""Prior standard deviation of a parameter or start state, in its scales."""
+
+
+def calibrated(
+    machine: Machine, tracks: Sequence[Track], floor: Array, advance: Callable[[float], None] = lambda share: None
+) -> tuple[Problem, Array, float]:
+    """The simulator as it came, fitted.
+
+    Args:
+        advance: told the share that is done.
+    """
+    unknowns = (*shared_unknowns(machine.simulator), *own_unknowns(machine.simulator, tracks))
+    problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
+    z, _ = solve(problem, problem.z0, 12, share=NEARLY, advance=lambda share: advance(0.6 * share))
+    # What blocks leave out depends on where the fit is.
+    problem = problem.refined(z)
+    z, _ = solve(problem, z, 4, share=NEARLY, advance=lambda share: advance(0.6 + 0.2 * share))
+    # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
+    problem = rewhitened(problem.refined(z), z, floor, 0)
+    return problem, *solve(problem, z, 4, advance=lambda share: advance(0.8 + 0.2 * share))
+
+
+def is_parameter(simulator: Simulator, mechanism: Mechanism) -> bool:
+    """Is the mechanism only a parameter that calibration moves anyway?"""
+    if mechanism.term is not None or mechanism.series is not None:
+        return False
+    return any(v.name in free_names(simulator) for v in mechanism.parameters)
+
+
+def free_names(simulator: Simulator) -> tuple[str, ...]:
+    """Parameters that calibration may move."""
+    return (*simulator.calibrate, *simulator.drifts) or tuple(v.name for v in simulator.parameters)
+
+
+def block_noise(tracks: Sequence[Track], simulator: Simulator) -> Array:
+    """Noise (ny,) of block means; at least a ten-thousandth of what the channel does."""
+    floor = noise_floor([t.means for t in tracks])
+    whole = np.concatenate([t.means for t in tracks])
+    scale = np.array([v.scale for v in simulator.outputs])
+    span = np.array([np.nanstd(y) if np.isfinite(y).any() else 0.0 for y in whole.T])
+    least = 1e-4 * np.where(span > 0, span, scale)
+    return np.maximum(np.nan_to_num(floor), least)
+
+
+def shared_unknowns(simulator: Simulator) -> tuple[Unknown, ...]:
+    """The parameters that all recordings have in common."""
+    names = free_names(simulator)
+    return tuple(
+        Unknown(v.name, "parameter", i, v.low, v.high, v.nominal, PRIOR * v.scale, v.scale)
+        for i, v in enumerate(simulator.parameters)
+        if v.name in names and v.name not in simulator.drifts and v.low < v.high
+    )
+
+
+def own_unknowns(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown, ...]:
+    """What each recording has for itself: where it starts, and how its drifting parameters go."""
+    found = []
+    for r, track in enumerate(tracks):
+        for i, v in enumerate(simulator.states):
+            found.append(
+                Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, PRIOR * v.scale, 0.2 * v.scale, r)
+            )
+        for name in simulator.drifts:
+            i = simulator.index(name)
+            v = simulator.parameters[i]
+            found += [
+                Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR * v.scale, v.scale, r, k)
+                for k in range(max(KNOTS, 1 + round((track.time_s[-1] - track.time_s[0]) / DRIFT_S)))
+            ]
+    return tuple(found)

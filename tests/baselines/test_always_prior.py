@@ -1,0 +1,48 @@
+"""The row that never looks: the filters' prior, whatever is measured."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from baselines.always_prior import AlwaysPrior
+from baselines.oracle import Oracle
+from bench.contract.subject import record, recordings, small_benchmark
+from data.batch import STATES
+from physics.health import HEALTHY
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    split = small_benchmark()
+    estimators = AlwaysPrior(), Oracle()
+    for estimator in estimators:
+        estimator.fit(split.train, split.validation, 0)
+    return estimators
+
+
+def test_it_says_what_the_filters_say_before_they_look(fitted):
+    prior, oracle = (estimator.init(2) for estimator in fitted)
+    health = slice(len(STATES), None)
+    for part in ("mean", "low", "high"):
+        np.testing.assert_allclose(getattr(prior, part)[:, health], getattr(oracle, part)[:, health], rtol=1e-12)
+    np.testing.assert_allclose(prior.mean[:, health], np.tile(HEALTHY, (2, 1)), rtol=1e-12)
+    # The filter takes every fiftieth state, this one all.
+    spread = np.sqrt(np.diagonal(oracle.cov[0]))[: len(STATES)]
+    assert (np.abs(prior.mean - oracle.mean)[:, : len(STATES)] < 0.1 * spread).all()
+
+
+def test_it_says_so_whatever_is_measured(fitted):
+    prior, _ = fitted
+    calm, absurd = (record(prior, recordings()[name][:, :200]) for name in ("undisturbed", "absurd"))
+    np.testing.assert_array_equal(calm.mean, absurd.mean)
+    assert np.ptp(calm.mean, axis=0).max() == 0.0
+    assert np.isnan(calm.nis).all()
+
+
+def test_it_forecasts_the_mean_of_training_whatever_the_inputs(fitted):
+    prior, _ = fitted
+    truth = small_benchmark().train.truth
+    assert truth is not None
+    said = prior.forecast(prior.init(2), np.zeros((2, 30, 4)))
+    np.testing.assert_allclose(said, np.tile(truth.outputs.mean(axis=(0, 1)), (2, 30, 1)))

@@ -1,0 +1,81 @@
+"""Cases made, run and judged one after the other."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from fuzz import worker
+from fuzz.answers import ANSWERS, Answer
+from fuzz.cases import Case
+from fuzz.commands import make, unspoilt
+from fuzz.judge import Outcome, judge, listing
+from fuzz.world import World, build
+
+MEASURING_S = 120.0
+"""Processor time that latency may take: it starts Python anew for the memory of each of its peers."""
+
+
+class Fuzz:
+    """A world, and cases in it."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder, self.seed = folder, seed
+        self.world: World = build(folder / "world")
+        self._unspoilt = functools.cache(self._answer)
+
+    def outcome(self, command: str, index: int, keep: bool = False) -> Outcome:
+        """Make, run and judge a case; its folder goes, unless it is kept."""
+        folder = self.folder / f"{command}-{index}"
+        case = make(command, index, self.seed, folder, self.world)
+        before = listing(folder)
+        ended = self._run(case)
+        result = judge(case, ended, before, lambda c: self._unspoilt(c.command, "model.toml" in c.arguments))
+        if not keep:
+            shutil.rmtree(folder, ignore_errors=True)
+        return result
+
+    def _run(self, case: Case) -> worker.Ended:
+        with tempfile.TemporaryDirectory(dir=self.folder) as logs:
+            longest_s = MEASURING_S if case.command == "latency" else worker.LONGEST_S
+            return worker.run(case.arguments, case.folder, Path(logs), longest_s)
+
+    def _answer(self, command: str, model: bool) -> Answer:
+        """What the command says of good input."""
+        case = unspoilt(command, self.folder / f"{command}-unspoilt-{model}", self.world, model)
+        ended = self._run(case)
+        if ended.status not in (0, 1):
+            raise RuntimeError(f"{command} does not take good input: {ended.err}")
+        return ANSWERS[command](case.folder, ended)
+
+
+@contextlib.contextmanager
+def started(seed: int) -> Iterator[Fuzz]:
+    """A fuzz in a folder that goes when it ends."""
+    _import_all()
+    with tempfile.TemporaryDirectory(prefix="twinbench-fuzz-") as folder:
+        yield Fuzz(Path(folder), seed)
+
+
+def _import_all() -> None:
+    """What the commands import late: forks share it. One process, whatever the machine has."""
+    os.environ["LOKY_MAX_CPU_COUNT"] = "1"
+    import bench.apply
+    import bench.contract
+    import bench.explain
+    import bench.latency.suite
+    import bench.mismatch_report
+    import bench.replay
+    import bench.runner
+    import bench.tune  # noqa: F401
+
+
+def outcomes(fuzz: Fuzz, cases: Sequence[tuple[str, int]]) -> Iterator[Outcome]:
+    """One after the other."""
+    for command, index in cases:
+        yield fuzz.outcome(command, index)

@@ -1,0 +1,30 @@
+"""A simulator that numba refuses runs as the same one that it compiles, only slowly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tank_files import TANK, tank_table, write_python, write_recording
+
+from mismatch.machine import Machine
+from mismatch.model import load_simulator
+from mismatch.recordings import read
+from mismatch.tracks import prepare
+
+PLAIN = TANK.replace("def rhs(x, u, theta):\n", "def rhs(x, u, theta):\n    SEEN.append(1)\n    SEEN.clear()\n")
+
+
+@pytest.mark.parametrize("states", [False, True])
+@pytest.mark.parametrize("blocks", [False, True])
+def test_what_cannot_be_compiled_gives_the_same(tmp_path, blocks, states):
+    path = write_recording(tmp_path, tank_table())
+
+    def runs(text: str, name: str) -> np.ndarray:
+        simulator = load_simulator(write_python(tmp_path, text, name))
+        (track,) = prepare(read([path], simulator), simulator)
+        machine = Machine(simulator, ())
+        return machine.clean(track, machine.theta, machine.start(track), blocks=blocks, states=states)
+
+    with pytest.warns(RuntimeWarning, match="plain Python"):
+        plain = runs("SEEN = []\n" + PLAIN, "plain.py")
+    np.testing.assert_allclose(plain, runs(TANK, "tank.py"), rtol=1e-9)
