@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bench.contract.promise import NotOffered, at_most, need, promise
-from bench.contract.subject import EXACT, SHORT, Subject, deviation, recordings, sample_at, stacked, ticked
+from bench.contract.subject import EXACT, SHORT, Subject, begun, deviation, recordings, sample_at, stacked, ticked
 from data.batch import OUTPUTS, Array
 from methods.estimator import Estimator
 
@@ -20,7 +20,7 @@ def _implementations(s: Subject) -> str:
     # Each tick from the same state: left to themselves, finite differences let round-off grow to 1e-8.
     said: list[list[tuple[Any, ...]]] = [[] for _ in s.kind.implementations]
     measured = recordings()["missing"][:, : 2 * SHORT]
-    state = first.init(len(measured))
+    state = begun(first, len(measured))
     for k in range(measured.shape[1]):
         before = state
         state, info = first.step(before, sample_at(measured, k))

@@ -15,6 +15,7 @@ from bench.contract.subject import (
     SHORT,
     Subject,
     Trace,
+    begun,
     deviation,
     record,
     recordings,
@@ -65,7 +66,7 @@ def _shapes(s: Subject) -> str:
 def _step_is_pure(s: Subject) -> str:
     measured = recordings()["late"]
     tried = (0, 1, 39, 40, 41, 63, 64, 65, 200, 399)
-    state = s.fitted.init(2)
+    state = begun(s.fitted, 2)
     for k in range(measured.shape[1]):
         if k not in tried:
             state, _ = s.fitted.step(state, sample_at(measured, k))

@@ -139,7 +139,7 @@ class Subject:
 
 def record(estimator: Estimator, measured: Array) -> Trace:
     """Step through readings (B, N, 7) from the beginning and keep everything."""
-    state = estimator.init(len(measured))
+    state = begun(estimator, len(measured))
     ticks = []
     for k in range(measured.shape[1]):
         state, info = estimator.step(state, sample_at(measured, k))
@@ -157,9 +157,18 @@ def stacked(ticks: list[tuple[Any, ...]]) -> Trace:
     return Trace(*(np.stack(column) for column in zip(*ticks, strict=True)))
 
 
+def begun(estimator: Estimator, machines: int) -> State:
+    """The state before the first sample; not of its shape, it would make everything that follows slow."""
+    state = estimator.init(machines)
+    shape = np.shape(getattr(state, "mean", None))
+    expected = (machines, len(ESTIMATED))
+    need(shape == expected, f"init gives a state whose mean has shape {shape}, must be {expected}")
+    return state
+
+
 def state_after(estimator: Estimator, measured: Array) -> State:
     """The state after the last of the readings (B, N, 7)."""
-    state = estimator.init(len(measured))
+    state = begun(estimator, len(measured))
     for k in range(measured.shape[1]):
         state, _ = estimator.step(state, sample_at(measured, k))
     return state

@@ -48,3 +48,11 @@ def test_a_method_that_ends_python_fails_its_promises_and_its_cell(tmp_path, cap
     arguments = run_arguments(write_profile(tmp_path), tmp_path / "out", [path])
     assert twinbench(*arguments) == 1
     assert "SystemExit: 0" in capsys.readouterr().out
+
+
+def test_a_state_of_another_shape_is_told_at_once(tmp_path, capsys):
+    path = Path(write_estimator(tmp_path, "mine"))
+    path.write_text(path.read_text().replace("truth.mean(axis=0)", "truth"))
+    assert twinbench("check", path, "--json") == 1
+    details = [row["detail"] for row in json.loads(capsys.readouterr().out) if row["status"] == "fail"]
+    assert any("must be (2, 10)" in detail for detail in details)
