@@ -211,7 +211,7 @@ def _unsound(manner: Manner, references: References, who: str) -> tuple[str, str
     reference = references.of(manner)
     trained = references.of(tuple(min(m, 1) for m in manner))
     every = references.of((1,) * len(manner))
-    if sound(reference, every):
+    if sound(reference, every) or not sound(every, every):  # who never learns anything says so by the next rule
         return None
     lacks = [name for name, ticks in zip(CHANNELS, manner, strict=True) if not ticks]
     if not sound(trained, every):

@@ -31,14 +31,17 @@ from methods.estimator import Estimator, State
 KIND = "reference"
 EVERY_TICK: Manner = (1,) * len(CHANNELS)
 """As the estimators are trained."""
-STRIDE = 20
-"""Coverage is counted once a second: intervals hardly change in less."""
+STRIDE = 19
+"""Ticks between those at which coverage is counted, a second. A prime, so as not to keep step with seldom readings."""
 ENVELOPE = (0.001, 0.999)
 """Quantiles of the training readings between which a channel is known: spikes, a five-hundredth of the readings,
 lie beyond. As for the operator's own envelope."""
 LEVEL = 0.999
 """Of the range in which a sound recording's median NIS is expected: one in a thousand is refused wrongly. At 0.99
 the range of the nominal filter, from six recordings, would refuse sound recordings, too."""
+NARROWER = 0.99
+"""Width of a health interval over that at the start, below which something was learnt. The estimators that were at
+their prior had 1.05 and more, those that learnt 0.8 and less in at least one parameter: anything between will do."""
 PERIODS_TICKS = (1200, 600, 400, 200, 100, 40, 20, 10, 4, 2, 1)
 """Tried one after the other, from a minute down to the trained period, for the slowest at which an answer holds."""
 
@@ -143,7 +146,7 @@ def sound(reference: Reference, trained: Reference) -> bool:
 
 def learns(narrowest: Array) -> bool:
     """Is any health parameter's interval narrower than at the start?"""
-    return bool((narrowest < 1.0).any())
+    return bool((narrowest < NARROWER).any())
 
 
 def narrowing(estimates: Estimates, start: State) -> Array:

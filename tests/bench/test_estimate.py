@@ -105,7 +105,7 @@ HOSTILE = {
     "speed ten times": (scaled(10.0, "N_rpm"), UNLIKE, "N_rpm has the median 1"),
     "speed a tenth": (scaled(0.1, "N_rpm"), UNLIKE, "N_rpm has the median"),
     "discharge pressure is gauge": (gauge(P_DIS), UNLIKE, "is it in barg? Then say --map 'COLUMN[barg]=p_dis_bar'"),
-    "discharge pressure a quarter low": (scaled(0.75, P_DIS), UNLIKE, "gauge or absolute pressure?"),
+    "discharge pressure a third too high": (scaled(4 / 3, P_DIS), UNLIKE, "gauge or absolute pressure?"),
     "flow a tenth too high": (scaled(1.1, "m_flow_kg_s"), UNLIKE, "the readings contradict each other, median NIS"),
     "no speed": (lambda t: changed(t, N_rpm=np.nan), "channels are missing", "N_rpm; on the validation recordings"),
     "no valve": (lambda t: changed(t, valve=np.nan), "channels are missing", "valve"),
@@ -215,7 +215,7 @@ def estimators(tmp_path_factory):
     ("learner", 1, 0, "usable"),
     ("hasty", 1, 0, "usable"),
     ("hasty", 40, 3, "read too seldom: it was read every 2 s, hasty is trained for every 0.05 s and goes down to every "
-     "0.05 s; on the validation recordings, read like that, hasty learnt nothing: its estimate was the prior"),
+     "0.1 s; on the validation recordings, read like that, hasty learnt nothing: its estimate was the prior"),
 ])  # fmt: skip
 def test_who_learns_nothing_says_so_and_from_where_on(estimators, tmp_path, capsys, name, every, status, says):
     estimators.table[::every].to_csv(tmp_path / "mine.csv", index=False)
