@@ -39,12 +39,13 @@ def good_files(folder: Path, world: World) -> None:
     write(folder / "tank.py", TANK)
     write(folder / "mine.py", MINE)
     write(folder / "a_file", "")
-    shutil.copy(world.profile, folder / "tiny.toml")
+    write(folder / "tiny.toml", PROFILE)
+    shutil.copy(world.profile, folder / "trained.toml")
 
 
 def command_line(command: str, world: World, **spoilt: Any) -> list[str]:
     """The good command line, with those of its parts that are spoilt in their places."""
-    trained = ["--profile", "tiny.toml", "--results", str(spoilt.get("run", world.run))]
+    trained = ["--profile", "trained.toml", "--results", str(spoilt.get("run", world.run))]
     recording, simulator = spoilt.get("recording", "day.csv"), spoilt.get("simulator", "tank.py")
     return {
         "estimate": ["estimate", ESTIMATOR, recording, "--out", "out", *trained],

@@ -18,8 +18,8 @@ left_behind: a refusal that changed files, or any end that left one half-written
 LONGEST_LINE = 2200
 """Characters of a refusal: longer is no line that anybody reads."""
 NOT_USABLE = 3
-RUNS_PYTHON = " runs Python from "
-"""Said ahead of whatever comes, of a model.toml."""
+NOTES = (" runs Python from ", "blanks around column names are left out")
+"""Said ahead of whatever comes, of a model.toml and of a recording."""
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 HALF_WRITTEN = (".part", ".tmp")
 
@@ -84,7 +84,7 @@ def _kind(case: Case, ended: Ended, before: Listing, unspoilt: Callable[[Case], 
 
 def _refused(case: Case, ended: Ended) -> tuple[str, str]:
     lines = ended.err.splitlines()
-    said = [line for line in lines if line.startswith("twinbench") and RUNS_PYTHON not in line]
+    said = [line for line in lines if line.startswith("twinbench") and not any(note in line for note in NOTES)]
     if not lines or len(said) != 1 or lines[-1] != said[0]:
         return "unclear", f"a refusal of {len(said)} lines: {ended.err[:300]!r}"
     if len(said[0]) > LONGEST_LINE or CONTROL.search(said[0]):

@@ -22,13 +22,20 @@ origin_every_s = 20.0
 
 [latency]
 updates = 0
-
+"""
+TRAINED = (
+    PROFILE.replace("n_train = 2", "n_train = 6")
+    .replace("n_validation = 1", "n_validation = 6")
+    .replace("minutes = 2.5", "minutes = 4.0")
+    + """
 [settings.deeponet_kalman]
 iterations = 20
 windows = 64
 copies = 1
 transitions = 3000
 """
+)
+"""Of the run that estimate, report, export and latency read: from fewer recordings none could be called usable."""
 PROFILES: Shelf[str] = Shelf()
 mutator = PROFILES
 NUMBERS = (

@@ -87,7 +87,7 @@ def an_input_emptied(given: Given, rng: np.random.Generator) -> None:
     given.frame[str(rng.choice(given.machine.inputs))] = np.nan
 
 
-@mutator(REFUSED)
+@mutator(TOLD)
 def every_channel_emptied(given: Given, rng: np.random.Generator) -> None:
     given.frame[list(given.machine.channels)] = np.nan
 

@@ -141,7 +141,7 @@ def test_what_fails_is_caught_and_what_hangs_is_ended(tmp_path):
 def world(tmp_path_factory) -> World:
     """As ``fuzz.world.build`` makes it, without the training."""
     folder = tmp_path_factory.mktemp("world")
-    (folder / "tiny.toml").write_text("")
+    (folder / "trained.toml").write_text("")
     tables = folder / "run" / "store" / "fit" / "k"
     tables.mkdir(parents=True)
     (folder / "run" / "store" / "estimate").mkdir()

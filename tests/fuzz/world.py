@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 
 from fuzz.given import COMPRESSOR, TANK, TIME, Given
-from fuzz.profiles import PROFILE
+from fuzz.profiles import TRAINED
 
-ESTIMATOR = "nominal_ekf"
-"""The cheapest to train that corrects itself by every reading."""
+ESTIMATOR = "oracle"
+"""Nothing to train, and it corrects itself by every reading."""
 EXPORTED = "deeponet_kalman"
 SECONDS = 60.0
 """Of the compressor's recording."""
@@ -39,7 +39,7 @@ class World:
 
     @property
     def profile(self) -> Path:
-        return self.folder / "tiny.toml"
+        return self.folder / "trained.toml"
 
     def recording(self, machine: str) -> Given:
         if machine == "tank":
@@ -52,8 +52,8 @@ def build(folder: Path) -> World:
     from bench.cli import main
 
     folder.mkdir(parents=True)
-    profile, run = folder / "tiny.toml", folder / "run"
-    profile.write_text(PROFILE)
+    profile, run = folder / "trained.toml", folder / "run"
+    profile.write_text(TRAINED)
     with _quiet():
         failed = main(["run", "--profile", str(profile), "--out", str(run), "--only", ESTIMATOR])
         failed += main(["simulate", "--profile", str(profile), "--out", str(folder / "good"), "--no-truth"])
