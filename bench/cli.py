@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 import logging
+import math
 import shlex
 import signal
 import sys
@@ -450,10 +451,15 @@ def _ablations() -> list[dict[str, Any]]:
     from bench.registry import discover
 
     return [
-        {"estimator": name, "ablation": ablation, "settings": dict(settings)}
+        {"estimator": name, "ablation": ablation, "settings": {k: _finite(v) for k, v in settings.items()}}
         for name, kind in sorted(discover().items())
         for ablation, settings in kind.ablations.items()
     ]
+
+
+def _finite(setting: Any) -> Any:
+    """As it is, or in words: JSON has no infinity."""
+    return str(setting) if isinstance(setting, float) and not math.isfinite(setting) else setting
 
 
 def _mechanisms(spec: str | None = None, trust: bool = False) -> list[dict[str, Any]]:

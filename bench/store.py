@@ -73,13 +73,17 @@ def write_text(path: Path, text: str) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """See that files can be made in a folder, and leave nothing there: what comes next may refuse its input.
+    """See that a folder takes files and has room for one, and leave nothing: what comes next may refuse its input.
 
     Raises:
         CannotWrite: they cannot.
     """
 
     def leave_nothing(beside: Path) -> None:
+        with open(beside, "wb") as file:
+            file.write(b"room?")
+            file.flush()
+            os.fsync(file.fileno())
         raise _Writable
 
     with contextlib.suppress(_Writable):
