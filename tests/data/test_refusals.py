@@ -146,7 +146,7 @@ def test_a_sidecar_that_says_nothing_useful(tmp_path, content, says):
     assert "run.toml" in line
 
 
-@pytest.mark.parametrize("unit", ["flurb", "barg", "kg/", "(", "5 psi", "kg/h)"])
+@pytest.mark.parametrize("unit", ["flurb", "bargg", "kg/", "(", "5 psi", "kg/h)"])
 def test_an_unknown_unit(tmp_path, unit):
     line = refusal(write(table(), tmp_path), f"p_dis_bar[{unit}]=p_dis_bar")
     assert f"unknown unit {unit!r}" in line
@@ -165,7 +165,7 @@ def test_a_unit_of_another_kind(tmp_path, channel, unit):
         ("p_dis_bar", 100.0, 0.0, "kPa"),
         ("T_suc_K", 1.0, -273.15, "degC"),
         ("N_rpm", 1 / 60.0, 0.0, "Hz"),
-        ("valve", 100.0, 0.0, "per cent"),
+        ("valve", 100.0, 0.0, "percent"),
         ("m_flow_kg_s", 3600.0, 0.0, "kg/h"),
         ("m_flow_kg_s", -1.0, 0.0, "kg/h"),
     ],
