@@ -85,7 +85,7 @@ def test_a_file_that_is_named_on_the_command_line_is_meant(places, caplog):
 @pytest.mark.parametrize(("more", "says"), [
     ("[values]\nk = 1.5", "[values] k = 1.5 lies outside its bounds, 0 to 1; mend it"),
     ("[values]\ng = -1", "[values] g = -1 lies outside its bounds, 0 to 1"),
-    ("[values]\nk = 1" + 400 * "0", "must hold numbers only; '1000"),
+    ("[values]\nk = 1" + 400 * "0", "a whole number must have 63 bits at most"),
     ("[values]\nk = 1e999", "must hold numbers only"),
     ("[values]\nk = " + 5000 * "9", "not TOML"),
     ("[values]\nk = " + 50_000 * "[", "nested too deep"),
