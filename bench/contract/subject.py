@@ -160,7 +160,7 @@ def stacked(ticks: list[tuple[Any, ...]]) -> Trace:
 def begun(estimator: Estimator, machines: int) -> State:
     """The state before the first sample; not of its shape, it would make everything that follows slow."""
     state = estimator.init(machines)
-    shape = np.shape(getattr(state, "mean", None))
+    shape = np.asarray(getattr(state, "mean", None)).shape
     expected = (machines, len(ESTIMATED))
     need(shape == expected, f"init gives a state whose mean has shape {shape}, must be {expected}")
     return state
