@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import logging
+import os
 import re
 import zlib
 from pathlib import Path
@@ -52,11 +53,11 @@ def read_table(path: Path) -> pd.DataFrame:
     Raises:
         BadInput: no such file, no table, or too large.
     """
-    if not path.exists():
+    if not os.path.exists(path):  # unlike Path's, false for what can be no name
         raise BadInput(f"{path}: no such file; check the path")
     if path.is_dir():
         raise BadInput(f"{path}: is a folder; name the recording's file")
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise BadInput(f"{path}: is no ordinary file; write what comes out of it to a file first")
     if not path.name.endswith(KINDS):
         raise BadInput(f"{path}: unknown kind of file; a recording is {', '.join(KINDS)}")

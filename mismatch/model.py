@@ -21,6 +21,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -233,7 +234,7 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
 
 def _content(path: Path) -> dict[str, Any]:
     """What the file says, checked and complete."""
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise ValueError(f"no file {path}; check the path")
     raw = read_toml(path)
     base, mechanisms, values = raw.pop("base", None), raw.pop("mechanisms", []), raw.pop("values", {})

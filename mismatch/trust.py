@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import logging
+import os
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -61,7 +62,7 @@ def _file_of(spec: str) -> Path | None:
     """The file whose code a spec runs, links followed; of a package its top. Nothing if there is none to be run."""
     file, _ = split_spec(spec)
     if file:
-        return Path(file).resolve() if Path(file).is_file() else None
+        return Path(file).resolve() if os.path.isfile(file) else None
     package = spec.partition(":")[0].partition(".")[0]
     try:
         found = importlib.util.find_spec(package) or PathFinder.find_spec(package, [str(Path.cwd())])

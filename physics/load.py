@@ -6,6 +6,7 @@ import contextlib
 import difflib
 import importlib
 import importlib.util
+import os
 import re
 import sys
 import traceback
@@ -162,7 +163,7 @@ def _module_of(spec: str) -> tuple[ModuleType | None, str]:
 
 
 def _import_file(path: Path) -> ModuleType:
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise ValueError(f"no file {path}; check the path")
     name = USER_FILE + path.stem
     spec = importlib.util.spec_from_file_location(name, path)

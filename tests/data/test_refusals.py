@@ -36,6 +36,7 @@ def spoilt(column: str, row: int, value: object) -> pd.DataFrame:
 
 def test_a_missing_file(tmp_path):
     assert "no such file" in refusal(tmp_path / "run.csv")
+    assert "no such file" in refusal(tmp_path / f"{'a' * 300}.csv")
 
 
 def test_a_folder(tmp_path):

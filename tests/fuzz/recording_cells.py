@@ -69,11 +69,13 @@ def a_column_of_noise(given: Given, rng: np.random.Generator) -> None:
     """Of the right size, and of nothing."""
     channel = given.moving(rng)
     values = given.frame[channel]
-    given.frame[channel] = values.mean() + 3.0 * values.std() * rng.standard_normal(len(values))
+    size = max(3.0 * values.std(), 0.05 * abs(values.mean()))
+    given.frame[channel] = values.mean() + size * rng.standard_normal(len(values))
 
 
-@mutator(TOLD, simulate=ORDERLY)
+@mutator(CLOSE_OR_TOLD, mismatch=TOLD, simulate=ORDERLY)
 def an_output_emptied(given: Given, rng: np.random.Generator) -> None:
+    """From the other two an estimator may know what it says it knows."""
     given.frame[str(rng.choice(given.machine.outputs))] = np.nan
 
 

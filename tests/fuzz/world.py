@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from data.batch import SAMPLE_PERIOD_S
 from fuzz.given import COMPRESSOR, TANK, TIME, Given
 from fuzz.profiles import TRAINED
 
@@ -60,9 +61,15 @@ def build(folder: Path) -> World:
     if failed:
         raise RuntimeError(f"the run that the cases start from failed; see {folder}")
     _train(profile, run)
-    compressor = pd.read_csv(min((folder / "good").glob("*.csv")))
-    compressor = compressor[compressor[TIME] < compressor[TIME].iloc[0] + SECONDS].reset_index(drop=True)
+    compressor = _liveliest([pd.read_csv(path) for path in sorted((folder / "good").glob("*.csv"))])
     return World(folder, compressor, tank_recording(1, TANK_SAMPLES), tank_recording(2, TANK_SAMPLES // 2))
+
+
+def _liveliest(tables: list[pd.DataFrame]) -> pd.DataFrame:
+    """The SECONDS in which the speed moves most: at a steady load a shuffled column is none."""
+    samples = round(SECONDS / SAMPLE_PERIOD_S)
+    windows = [t.iloc[k : k + samples] for t in tables for k in range(0, len(t) - samples + 1, samples // 6)]
+    return max(windows, key=lambda window: window["N_rpm"].std()).reset_index(drop=True)
 
 
 def _train(profile: Path, run: Path) -> None:
