@@ -16,6 +16,7 @@ test-slow: .venv/.ready-dev
 
 lint: .venv/.ready-dev
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

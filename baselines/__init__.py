@@ -1,3 +1,1 @@
-"""The opponents, and the oracle."""
-
-import physics as _physics  # noqa: F401  settles where compiled code is kept
+"""The estimators that the proposed method is compared with."""

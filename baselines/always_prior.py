@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.batch import HEALTH, OUTPUTS, STATES, Array, Batch
-from methods.estimator import Estimator, Info, Sample, State, no_info, register
-from methods.reporting import report
+from twinbench.data.batch import HEALTH, OUTPUTS, STATES, Array, Batch
+from twinbench.methods.estimator import Estimator, Info, Sample, State, no_info, register
+from twinbench.methods.reporting import report
 
 N = len(STATES) + len(HEALTH)
 

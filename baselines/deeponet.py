@@ -13,17 +13,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from baselines import features
-from baselines.features import FeatureMemory
-from data.batch import CHANNELS, HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.estimator import Estimator, Info, Sample, State, register
-from methods.frontend import FrontEnd, Memory
-from methods.kalman import update_all
-from methods.noise import output_sd
-from methods.operator import KERNEL, TOKENS, WINDOW
-from methods.reporting import clean_flags, report
-from physics.compressor import M_REF_KG_S
-from physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
+from twinbench.baselines import features
+from twinbench.baselines.features import FeatureMemory
+from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.methods.estimator import Estimator, Info, Sample, State, register
+from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.kalman import update_all
+from twinbench.methods.noise import output_sd
+from twinbench.methods.operator import KERNEL, TOKENS, WINDOW
+from twinbench.methods.reporting import clean_flags, report
+from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
 PRESSURE, FLOW, PROBE, ZETA, SIZE = 1, 4, 5, 6, 11
 KEEP = np.r_[0 : len(STATES), ZETA:SIZE]
@@ -40,7 +40,7 @@ def network_of(widths: dict[str, int]) -> Any:
     from torch import Tensor, nn
     from torch.nn import functional
 
-    from methods.operator import Branch, second_moment_norm
+    from twinbench.methods.operator import Branch, second_moment_norm
 
     class Network(nn.Module):
         def __init__(self) -> None:
@@ -91,8 +91,8 @@ class DeepONet(Estimator):
         import torch
         from torch.nn import functional
 
-        from methods.resimulate import resimulate
-        from methods.training import adamw, seeded, weights_of
+        from twinbench.methods.resimulate import resimulate
+        from twinbench.methods.training import adamw, seeded, weights_of
 
         config = self.config
         rng, _ = seeded(seed)

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from data.batch import SAMPLE_PERIOD_S, Array
-from methods.frontend import Clean, FrontEnd, Memory
+from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.methods.frontend import Clean, FrontEnd, Memory
 
 TAUS_S = (0.5, 2.0, 30.0, 300.0)
 """Time constants of the running means."""

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
 
-from data.batch import Array
+from twinbench.data.batch import Array
 
 
 class _EKF(ExtendedKalmanFilter):
@@ -60,9 +60,7 @@ def _ukf(size: int, alpha: float) -> UnscentedKalmanFilter:
     return UnscentedKalmanFilter(size, 3, dt=1.0, hx=None, fx=None, points=points)
 
 
-def ukf_predict(
-    z: Array, P: Array, Q: Array, alpha: float, move: Callable[[Array], Array]
-) -> tuple[Array, Array]:
+def ukf_predict(z: Array, P: Array, Q: Array, alpha: float, move: Callable[[Array], Array]) -> tuple[Array, Array]:
     """State and covariance a step on; ``move`` takes one sigma point (n,) a step on."""
     ukf = _ukf(len(z), alpha)
     ukf.x, ukf.P, ukf.Q = z, P, Q

@@ -16,17 +16,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from baselines import features
-from baselines.features import FeatureMemory
-from baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
-from data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.estimator import Estimator, Info, Sample, State, register
-from methods.frontend import FrontEnd, Memory
-from methods.kalman import linear_filter, update_all
-from methods.noise import coloured_tau_s, output_sd
-from methods.reporting import clean_flags, report
-from physics.compressor import M_REF_KG_S
-from physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
+from twinbench.baselines import features
+from twinbench.baselines.features import FeatureMemory
+from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
+from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.methods.estimator import Estimator, Info, Sample, State, register
+from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.kalman import linear_filter, update_all
+from twinbench.methods.noise import coloured_tau_s, output_sd
+from twinbench.methods.reporting import clean_flags, report
+from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
 GAS, PROBE, ZETA, SIZE = 2, 5, 6, 11
 CHANNELS_READ = 7
@@ -67,10 +67,10 @@ class GRUKalman(Estimator):
         import torch
         from torch.nn import functional
 
-        from baselines.recurrent import SlowFast
-        from baselines.sequences import fit_sequences, read_out
-        from methods.resimulate import resimulate
-        from methods.training import seeded, weights_of
+        from twinbench.baselines.recurrent import SlowFast
+        from twinbench.baselines.sequences import fit_sequences, read_out
+        from twinbench.methods.resimulate import resimulate
+        from twinbench.methods.training import seeded, weights_of
 
         config = self.config
         rng, _ = seeded(seed)

@@ -15,16 +15,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from baselines import features
-from baselines.features import FeatureMemory
-from baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
-from data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.estimator import Estimator, Info, Sample, State, register
-from methods.frontend import FrontEnd, Memory
-from methods.noise import coloured_tau_s, output_sd
-from methods.reporting import clean_flags, report
-from physics.compressor import M_REF_KG_S
-from physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
+from twinbench.baselines import features
+from twinbench.baselines.features import FeatureMemory
+from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
+from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.methods.estimator import Estimator, Info, Sample, State, register
+from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.noise import coloured_tau_s, output_sd
+from twinbench.methods.reporting import clean_flags, report
+from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
 N_TARGETS = len(STATES) + 1  # the probe's temperature too
 N_ZETA = len(HEALTH) - 1  # the sensor's bias does not move the machine
@@ -66,10 +66,10 @@ class LSTMRecursiveLeastSquares(Estimator):
         import torch
         from torch.nn import functional
 
-        from baselines.recurrent import SlowFast
-        from baselines.sequences import fit_sequences, read_out
-        from methods.resimulate import resimulate
-        from methods.training import seeded, weights_of
+        from twinbench.baselines.recurrent import SlowFast
+        from twinbench.baselines.sequences import fit_sequences, read_out
+        from twinbench.methods.resimulate import resimulate
+        from twinbench.methods.training import seeded, weights_of
 
         config = self.config
         rng, _ = seeded(seed)
@@ -83,9 +83,7 @@ class LSTMRecursiveLeastSquares(Estimator):
             return features.run(standard[..., : len(INPUTS)])
 
         read = read_of(more)
-        network = SlowFast(
-            "lstm", read.shape[-1], config["hidden"], config["readout"], N_TARGETS * (1 + 2 * N_ZETA)
-        )
+        network = SlowFast("lstm", read.shape[-1], config["hidden"], config["readout"], N_TARGETS * (1 + 2 * N_ZETA))
 
         def loss(out: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
             terms = out.unflatten(-1, (N_TARGETS, 1 + 2 * N_ZETA))

@@ -15,17 +15,18 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numba import njit
 
-from baselines.filterpy_filters import ekf_predict, ekf_update
-from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.estimator import Estimator, Info, Sample, State
-from methods.frontend import FrontEnd, Memory
-from methods.kalman import linear_filter, predict_covariance, update
-from methods.noise import coloured_keep, health_walk_var, input_sd, output_sd
-from methods.reporting import clean_flags, report
-from physics.compile import as_argument, compiled
-from physics.health import ZETA_LIMIT, theta_and_slope, to_theta
-from physics.integrate import rk4, simulate
-from physics.simulator import Simulator
+from twinbench.baselines.filterpy_filters import ekf_predict, ekf_update
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.methods.estimator import Estimator, Info, Sample, State
+from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.kalman import linear_filter, predict_covariance, update
+from twinbench.methods.noise import coloured_keep, health_walk_var, input_sd, output_sd
+from twinbench.methods.reporting import clean_flags, report
+from twinbench.physics.compile import compiled
+from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_theta
+from twinbench.physics.integrate import rk4, simulate
+from twinbench.physics.jit import as_argument
+from twinbench.physics.simulator import Simulator
 
 N_HEALTH, N_NOISE = len(HEALTH), 3
 INNOVATION_CLIP_SD = 6.0
@@ -210,9 +211,7 @@ class ModelEKF(Estimator):
         low, high = (np.array([getattr(v, end) for v in machine.states]) for end in ("low", "high"))
         low[STATES.index("flow_memory")] = LEAST_FLOW
         bounds = np.concatenate([low, -ZETA_LIMIT]), np.concatenate([high, ZETA_LIMIT])
-        self._model = Filter(
-            machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, self.config["substeps"], *bounds
-        )
+        self._model = Filter(machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, self.config["substeps"], *bounds)
 
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, a healthy machine."""

@@ -7,13 +7,13 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from baselines.model_ekf import ModelEKF
-from data.batch import HEALTH, OUTPUTS, Array, Batch
-from methods.estimator import register
-from methods.frontend import FrontEnd
-from physics.integrate import simulate
-from physics.nominal import NOMINAL, RECALIBRATED
-from physics.simulator import Simulator
+from twinbench.baselines.model_ekf import ModelEKF
+from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
+from twinbench.methods.estimator import register
+from twinbench.methods.frontend import FrontEnd
+from twinbench.physics.integrate import simulate
+from twinbench.physics.nominal import NOMINAL, RECALIBRATED
+from twinbench.physics.simulator import Simulator
 
 
 @register

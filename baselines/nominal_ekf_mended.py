@@ -7,14 +7,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from baselines.model_ekf import ModelEKF
-from baselines.nominal_ekf import NominalEKF, recalibrate, rescaled
-from data.batch import CHANNELS, INPUTS, Array, Batch
-from data.recording import Recording
-from methods.estimator import register
-from mismatch import diagnose
-from physics.nominal import NOMINAL
-from physics.simulator import Simulator
+from twinbench.baselines.model_ekf import ModelEKF
+from twinbench.baselines.nominal_ekf import NominalEKF, recalibrate, rescaled
+from twinbench.data.batch import CHANNELS, INPUTS, Array, Batch
+from twinbench.data.recording import Recording
+from twinbench.methods.estimator import register
+from twinbench.mismatch import diagnose
+from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.simulator import Simulator
 
 
 @register

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from baselines.model_ekf import ModelEKF
-from methods.estimator import register
-from physics.compressor import PLANT
-from physics.simulator import Simulator
+from twinbench.baselines.model_ekf import ModelEKF
+from twinbench.methods.estimator import register
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.simulator import Simulator
 
 
 @register

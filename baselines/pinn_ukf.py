@@ -14,16 +14,16 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from baselines.filterpy_filters import ukf_predict, ukf_update
-from baselines.unscented import correct, linear_filter, moments, sigma_points, weights
-from data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
-from methods.augmented import probe_lag
-from methods.estimator import Estimator, Info, Sample, State, register
-from methods.frontend import FrontEnd, Memory
-from methods.noise import coloured_keep, health_walk_var, output_sd
-from methods.reporting import clean_flags, report
-from physics.compressor import M_REF_KG_S, PLANT
-from physics.health import ZETA_LIMIT, to_theta, to_zeta
+from twinbench.baselines.filterpy_filters import ukf_predict, ukf_update
+from twinbench.baselines.unscented import correct, linear_filter, moments, sigma_points, weights
+from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.methods.estimator import Estimator, Info, Sample, State, register
+from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.noise import coloured_keep, health_walk_var, output_sd
+from twinbench.methods.probe import probe_lag
+from twinbench.methods.reporting import clean_flags, report
+from twinbench.physics.compressor import M_REF_KG_S, PLANT
+from twinbench.physics.health import ZETA_LIMIT, to_theta, to_zeta
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, 3
 ZETA, BIAS, PROBE, NOISE, SIZE = 5, 9, 10, 11, 14
@@ -77,11 +77,11 @@ class PINNUnscentedKalman(Estimator):
         from torch import nn
         from torch.nn import functional
 
-        from methods.resimulate import resimulate
-        from methods.training import adamw, seeded, weights_of
-        from methods.transitions import draw_transitions
-        from physics.integrate import advance
-        from physics.nominal import NOMINAL
+        from twinbench.methods.resimulate import resimulate
+        from twinbench.methods.training import adamw, seeded, weights_of
+        from twinbench.methods.transitions import draw_transitions
+        from twinbench.physics.integrate import advance
+        from twinbench.physics.nominal import NOMINAL
 
         config = self.config
         rng, _ = seeded(seed)
@@ -99,7 +99,7 @@ class PINNUnscentedKalman(Estimator):
         hidden = train.truth.states[moves.sequence, moves.sample, N_X:]
         u = train.truth.inputs[moves.sequence, moves.sample]
         nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, HEALTH, theta)
-        elsewhere = np.concatenate([x, read[:, N_X : -N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
+        elsewhere = np.concatenate([x, read[:, N_X:-N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
 
         def tensor(a: Array) -> torch.Tensor:
             return torch.from_numpy(a.astype(np.float32))
@@ -142,9 +142,7 @@ class PINNUnscentedKalman(Estimator):
         """Rebuild the network and assemble Q."""
         a = self.arrays
         self._front_end = FrontEnd.from_arrays(a)
-        self._layers = [
-            (np.ascontiguousarray(a[f"net.{i}.weight"].T), a[f"net.{i}.bias"]) for i in (0, 2, 4)
-        ]
+        self._layers = [(np.ascontiguousarray(a[f"net.{i}.weight"].T), a[f"net.{i}.bias"]) for i in (0, 2, 4)]
         self._keep = coloured_keep()
         Q = np.zeros((SIZE, SIZE))
         Q[:N_X, :N_X] = self.config["model_noise"] * a["residual.cov"]

@@ -8,8 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from baselines.recurrent import TICKS_PER_STEP, SlowFast
-from methods.training import adamw
+from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFast
+from twinbench.methods.training import adamw
 
 STEPS = 75
 """Slow steps of back-propagation through time."""

@@ -11,8 +11,8 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from data.batch import Array
-from methods.kalman import cholesky_solve
+from twinbench.data.batch import Array
+from twinbench.methods.kalman import cholesky_solve
 
 
 def weights(size: int, alpha: float) -> tuple[Array, Array]:

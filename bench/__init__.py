@@ -1,3 +1,1 @@
-"""Registry, runner, scores, statistics, report and command line."""
-
-import physics as _physics  # noqa: F401  settles where compiled code is kept
+"""The benchmark: profiles, cells, the runner, statistics, the contract, latency, reports, the command line."""

@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.estimates import Estimates
-from bench.evaluate import run as evaluate
-from bench.profile import Profile
-from bench.registry import find, one_line
-from bench.roster import is_ablation
-from bench.store import CannotWrite, Store, key_of, reading, write_text
-from bench.threads import pin_torch
-from bench.versions import code_version
-from data.batch import CHANNELS, HEALTH, INPUTS, OUTPUTS, Batch, Truth
-from data.benchmark import PARTS, Split, simulate_benchmark
-from methods.estimator import Estimator
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.evaluate import run as evaluate
+from twinbench.bench.profile import Profile
+from twinbench.bench.registry import find, one_line
+from twinbench.bench.roster import is_ablation
+from twinbench.common.store import CannotWrite, Store, key_of, reading, write_text
+from twinbench.common.threads import pin_torch
+from twinbench.common.versions import code_version
+from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, OUTPUTS, Batch, Truth
+from twinbench.data.benchmark import PARTS, Split, simulate_benchmark
+from twinbench.methods.estimator import Estimator
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,8 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
         code=code_version(kind.__module__), data=data,
     )  # fmt: skip
     evaluation = asdict(profile.evaluation)
-    estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code_version("bench.evaluate"))
+    code = code_version("twinbench.bench.evaluate")
+    estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code)
     return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
 
@@ -80,9 +81,8 @@ def of_first_seed(done: Iterable[Cell], profile: Profile) -> list[Cell]:
 
 def data_key(profile: Profile) -> str:
     """What the simulated sequences depend on."""
-    return key_of(
-        design=asdict(profile.data), corruption=asdict(profile.corruption), code=code_version("data.benchmark")
-    )
+    code = code_version("twinbench.data.benchmark")
+    return key_of(design=asdict(profile.data), corruption=asdict(profile.corruption), code=code)
 
 
 def ensure_data(store: Store, profile: Profile, key: str) -> None:

@@ -14,14 +14,14 @@ from typing import Any
 
 import pandas as pd
 
-from bench.cells import Cell
-from bench.estimates import Estimates
-from bench.profile import Profile, flattened
-from bench.results import load_results
-from bench.roster import ABLATION
-from bench.scenes import KIND, recordings_key
-from bench.store import Store
-from bench.versions import provenance
+from twinbench.bench.cells import Cell
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.profile import Profile, flattened
+from twinbench.bench.results import load_results
+from twinbench.bench.roster import ABLATION
+from twinbench.bench.scenes import KIND, recordings_key
+from twinbench.common.store import Store
+from twinbench.common.versions import provenance
 
 FILES = ("scores.csv", "failures.csv", "latency.csv", "cost.csv", "robustness.csv", "tables/regimes.csv")
 COMPARABLE = ("seeds", "data.", "corruption.", "evaluation.")
@@ -100,7 +100,7 @@ def _attributed(manifest: Mapping[str, Any], store: Store) -> dict[str, dict[str
 
 
 def made_by(about: Mapping[str, Any], command: str) -> dict[str, Any]:
-    """Which commit, command and processor made something, from what ``bench.versions.provenance`` returns."""
+    """Which commit, command and processor made something, from what ``common.versions.provenance`` returns."""
     return {
         "command": command,
         "commit": about.get("commit"),

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.store import reading
-from data.batch import ESTIMATED, OUTPUTS
+from twinbench.common.store import reading
+from twinbench.data.batch import ESTIMATED, OUTPUTS
 
 
 @dataclass(frozen=True)

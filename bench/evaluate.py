@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.estimates import Estimates
-from bench.profile import Evaluation
-from data.batch import ESTIMATED, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
-from methods.estimator import Estimator, Sample
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.profile import Evaluation
+from twinbench.data.batch import ESTIMATED, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.methods.estimator import Estimator, Sample
 
 
 def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -> Estimates:

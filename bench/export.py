@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import cells
-from bench.apply import trained_cells
-from bench.registry import find
-from bench.store import write_atomically
-from data.errors import BadInput
-from methods.deeponet_kalman import DeepONetKalman
-from methods.export import filter_arrays, operator_graph
+from twinbench.bench import cells
+from twinbench.bench.estimate.apply import trained_cells
+from twinbench.bench.registry import find
+from twinbench.common.errors import BadInput
+from twinbench.common.store import write_atomically
+from twinbench.methods.deeponet_kalman.export import filter_arrays, operator_graph
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 
 
 def export(name: str, out: Path, profile_name: str, results: Path | None) -> list[Path]:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from data.errors import BadInput
+from twinbench.common.errors import BadInput
 
 NUMBER = (int, float)
 SHAPE: dict[str, Any] = {

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
-from data.benchmark import DesignConfig
-from data.corrupt import Corruption
-from data.errors import BadInput
-from data.toml_file import read_toml
+from twinbench.common.errors import BadInput
+from twinbench.common.toml_file import read_toml
+from twinbench.data.benchmark import DesignConfig
+from twinbench.data.corrupt import Corruption
 
 FOLDER = Path(__file__).parent / "profiles"
 

@@ -9,18 +9,23 @@ import importlib
 import importlib.metadata
 import importlib.util
 import pkgutil
+import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from bench.roster import LABELS
-from data.errors import BadInput
-from methods.estimator import REGISTRY, Estimator, ablated
-from physics.filespec import split_spec
-from physics.trial import about_to, tried
+from twinbench import baselines, methods
+from twinbench.bench.roster import LABELS
+from twinbench.common.errors import BadInput
+from twinbench.common.filespec import split_spec
+from twinbench.common.trial import about_to, tried
+from twinbench.methods.estimator import REGISTRY, Estimator, ablated
 
 GROUP = "twinbench.estimators"
+LONGEST_NAME = 60
+"""Characters: a name is part of a file's name and the head of a column."""
 
 
 def discover() -> dict[str, type[Estimator]]:
@@ -29,9 +34,9 @@ def discover() -> dict[str, type[Estimator]]:
     Raises:
         BadInput: a plug-in fails to import or is no estimator.
     """
-    for package in ("methods", "baselines"):
-        for module in pkgutil.iter_modules(importlib.import_module(package).__path__):
-            importlib.import_module(f"{package}.{module.name}")
+    for room in (methods, baselines):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
     for entry in importlib.metadata.entry_points(group=GROUP):
         where = f"plug-in {entry.name!r} ({entry.value})"
         try:
@@ -59,7 +64,7 @@ def find(name: str) -> type[Estimator]:
     if own in known:
         return _without(known[own], part)
     near = difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {near[0]!r}?" if near else "give a path ending in .py for one of your own"
+    hint = f"did you mean {near[0]!r}?" if near else "give a path ending in .py for one of your own."
     raise BadInput(f"no estimator {name!r}; {hint} Known: {', '.join(sorted(known))}")
 
 
@@ -131,7 +136,21 @@ def _is_estimator(what: Any) -> bool:
 def _complete(kind: type[Estimator], where: str) -> type[Estimator]:
     if missing := sorted(kind.__abstractmethods__):
         raise BadInput(f"{where}: {kind.__name__} has no {', no '.join(missing)}; write that method")
+    if wrong := wrong_name(kind.name):
+        raise BadInput(f"{where}: {wrong}")
+    for declared in ("settings", "search_space", "ablations"):
+        value = getattr(kind, declared)
+        if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+            raise BadInput(f"{where}: {declared} of {kind.__name__} is no dict by name; write one")
     return kind
+
+
+def wrong_name(name: Any) -> str:
+    """What is wrong with an estimator's name, which becomes part of file names; empty if nothing."""
+    if isinstance(name, str) and len(name) <= LONGEST_NAME and re.fullmatch(r"\w[\w.-]*", name):
+        return ""
+    shown = repr(name) if len(repr(name)) <= LONGEST_NAME else f"{repr(name)[:LONGEST_NAME]}..."
+    return f"the name {shown} cannot be a file name; use at most {LONGEST_NAME} letters, digits, _, - and ."
 
 
 def one_line(error: BaseException) -> str:

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.cells import load_batches, load_split
-from bench.estimates import Estimates
-from bench.manifest import read_manifest, unusable
-from bench.scenes import KIND, RECORDINGS
-from bench.store import Store
-from data.batch import Batch
+from twinbench.bench.cells import load_batches, load_split
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.manifest import read_manifest, unusable
+from twinbench.bench.scenes import KIND, RECORDINGS
+from twinbench.common.store import Store
+from twinbench.data.batch import Batch
 
 COLUMNS = {
     "scores.csv": ("estimator", "seed", "sequence", "metric", "value"),

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pandas as pd
 
-from bench import cells
-from bench.cells import Cell, Outcome
-from bench.estimates import Estimates
-from bench.evaluate import run as evaluate
-from bench.profile import Evaluation, Profile
-from bench.results import HARDER
-from bench.roster import PROPOSED
-from bench.scores import FORECAST_ERRORS, STATE_ERRORS, score
-from bench.store import Store, key_of
-from bench.versions import code_version
-from data.batch import Batch
-from data.benchmark import DesignConfig
-from data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Condition, simulate_condition
+from twinbench.bench import cells
+from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.evaluate import run as evaluate
+from twinbench.bench.profile import Evaluation, Profile
+from twinbench.bench.results import HARDER
+from twinbench.bench.roster import PROPOSED
+from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
+from twinbench.common.store import Store, key_of
+from twinbench.common.versions import code_version
+from twinbench.data.batch import Batch
+from twinbench.data.benchmark import DesignConfig
+from twinbench.data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Condition, simulate_condition
 
 COLUMNS = list(HARDER)
 METRICS = (
@@ -66,7 +66,7 @@ def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
 
 
 def _trial(cell: Cell, condition: Condition, profile: Profile) -> Trial:
-    code = [code_version("data.disturb"), code_version("bench.robustness")]
+    code = [code_version("twinbench.data.disturb"), code_version("twinbench.bench.robustness")]
     online = cells.online(cell)
     key = key_of(fit=cell.fit, online=online, condition=asdict(condition), design=asdict(profile.data), code=code)
     return Trial(cell, condition, key)

@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench import cells, robustness
-from bench.cells import Cell, Outcome
-from bench.earlier import Earlier, made_by
-from bench.latency import estimators as latency
-from bench.profile import Profile
-from bench.registry import find
-from bench.robustness import Trial
-from bench.roster import is_ablation, ordered
-from bench.scenes import Take
-from bench.scores import DEFINITIONS
-from bench.store import Store, write_atomically, write_text
-from bench.versions import code_version, provenance
+from twinbench.bench import cells, robustness
+from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.earlier import Earlier, made_by
+from twinbench.bench.latency import estimators as latency
+from twinbench.bench.profile import Profile
+from twinbench.bench.registry import find
+from twinbench.bench.robustness import Trial
+from twinbench.bench.roster import is_ablation, ordered
+from twinbench.bench.scenes import Take
+from twinbench.bench.statistics.scores import DEFINITIONS
+from twinbench.common.store import Store, write_atomically, write_text
+from twinbench.common.versions import code_version, provenance
 
 SCORES = ["estimator", "seed", "sequence", "metric", "value"]
 
@@ -64,9 +64,7 @@ def write_latency(out: Path, before: Earlier, timings: pd.DataFrame, stale: set[
     latency.write(out, _added(before.rows("latency.csv", {*timings["estimator"], *stale}), timings))
 
 
-def write_robustness(
-    out: Path, before: Earlier, store: Store, trials: Sequence[Trial], stale: set[str]
-) -> bool:
+def write_robustness(out: Path, before: Earlier, store: Store, trials: Sequence[Trial], stale: set[str]) -> bool:
     """``robustness.csv``; who was not tried this time keeps the rows of before unless ``stale``. Is there any?"""
     redone = {t.cell.estimator for t in trials}
     tables = [before.rows("robustness.csv", redone | stale), *robustness.finished(store, trials)]

@@ -16,23 +16,23 @@ import joblib
 import pandas as pd
 from rich.console import Console
 
-from bench import cells, robustness, run_files, scenes
-from bench.cells import Cell, Outcome
-from bench.earlier import Earlier, read_earlier, what_differs
-from bench.latency import estimators as latency
-from bench.profile import KINDS, Profile, fits
-from bench.progress import Progress
-from bench.registry import discover, find
-from bench.report import write_report
-from bench.roster import ABLATION, is_ablation, label, ordered
-from bench.scores import score
-from bench.store import Store, check_writable, sweep
-from bench.table_formats import Table
-from bench.workers import side_by_side
-from data.errors import BadInput
-from data.jobs import cores
-from methods.estimator import Estimator
-from physics.filespec import join_spec, split_spec
+from twinbench.bench import cells, robustness, run_files, scenes
+from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.earlier import Earlier, read_earlier, what_differs
+from twinbench.bench.latency import estimators as latency
+from twinbench.bench.profile import Profile
+from twinbench.bench.registry import discover, find
+from twinbench.bench.report.table_formats import Table
+from twinbench.bench.report.write import write_report
+from twinbench.bench.roster import ABLATION, is_ablation, label, ordered
+from twinbench.bench.settings import check_settings
+from twinbench.bench.statistics.scores import score
+from twinbench.common.errors import BadInput
+from twinbench.common.filespec import join_spec, split_spec
+from twinbench.common.jobs import cores
+from twinbench.common.progress import Progress
+from twinbench.common.store import Store, check_writable, sweep
+from twinbench.common.workers import side_by_side
 
 log = logging.getLogger(__name__)
 
@@ -182,31 +182,15 @@ def plan(profile: Profile, only: tuple[str, ...], ablations: bool = False) -> li
     for kind in kinds.values():
         if names.count(kind.name) > 1:
             raise BadInput(f"two of the estimators are named {kind.name!r}; rename one of them")
-        _check_settings(kind, profile)
+    check_settings(kinds.values(), profile)
     if ablations:
         whole = {spec if spec == k.name else join_spec(split_spec(spec)[0], k.__name__): k for spec, k in kinds.items()}
         parts = [f"{spec}{ABLATION}{part}" for spec, k in whole.items() for part in k.ablations]
         kinds |= {spec: find(spec) for spec in parts}
-    unplanned = set(profile.settings) - set(names)
-    if unplanned and (unknown := sorted(unplanned - set(discover()))):
-        raise BadInput(f"profile {profile.name!r} has settings for {unknown[0]!r}, which is no estimator; remove them")
     planned = [cells.make_cell(spec, seed, profile) for spec in kinds for seed in profile.seeds]
     work = {c.estimator: {**kinds[c.spec].settings, **dict(c.settings)}.get("iterations", 0) for c in planned}
     place = ordered(work)
     return sorted(planned, key=lambda c: (-work[c.estimator], place.index(c.estimator), c.seed))
-
-
-def _check_settings(kind: type[Estimator], profile: Profile) -> None:
-    own = profile.settings.get(kind.name, {})
-    where = f"profile {profile.name!r}, [settings.{kind.name}]"
-    try:
-        kind(**own)
-    except ValueError as error:
-        raise BadInput(f"{where}: {error}") from error
-    for key, value in own.items():
-        expected = type(kind.settings[key])
-        if expected in KINDS and not fits(value, expected):
-            raise BadInput(f"{where}: {key} is {value!r}, must be {KINDS[expected]}")
 
 
 def _absolute(spec: str) -> str:
@@ -236,9 +220,7 @@ def _score(store: Store, cell: Cell) -> pd.DataFrame:
     return table.assign(estimator=cell.estimator, seed=cell.seed)
 
 
-def _say_plan(
-    console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path, before: Earlier
-) -> None:
+def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path, before: Earlier) -> None:
     """What is about to happen, for whoever just pressed Enter."""
     data = profile.data
     names = ordered({c.estimator for c in todo if not is_ablation(c.estimator)})

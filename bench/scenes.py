@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from bench import cells
-from bench.cells import Cell, Outcome
-from bench.evaluate import run as evaluate
-from bench.profile import Evaluation, Profile
-from bench.store import Store, key_of
-from bench.versions import code_version
-from data.scenes import load_ramps, wearing
+from twinbench.bench import cells
+from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.evaluate import run as evaluate
+from twinbench.bench.profile import Evaluation, Profile
+from twinbench.common.store import Store, key_of
+from twinbench.common.versions import code_version
+from twinbench.data.scenes import load_ramps, wearing
 
 RECORDINGS, KIND = "scenes", "scene"
 SCENES = {"ramps": load_ramps, "wearing": wearing}
@@ -38,7 +38,8 @@ def ensure_recordings(store: Store, profile: Profile, key: str) -> None:
 
 def recordings_key(profile: Profile) -> str:
     """What the simulated scenes depend on."""
-    return key_of(seed=profile.data.seed, corruption=asdict(profile.corruption), code=code_version("data.scenes"))
+    code = code_version("twinbench.data.scenes")
+    return key_of(seed=profile.data.seed, corruption=asdict(profile.corruption), code=code)
 
 
 def takes(done: Sequence[Cell], profile: Profile) -> list[Take]:
@@ -48,7 +49,7 @@ def takes(done: Sequence[Cell], profile: Profile) -> list[Take]:
 
 
 def _take(cell: Cell, scene: str, recordings: str) -> Take:
-    code = code_version("bench.evaluate")
+    code = code_version("twinbench.bench.evaluate")
     key = key_of(fit=cell.fit, online=cells.online(cell), recordings=recordings, scene=scene, code=code)
     return Take(cell, scene, recordings, key)
 

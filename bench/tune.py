@@ -18,16 +18,17 @@ from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
 from rich.console import Console
 
-from bench import cells
-from bench.evaluate import run as evaluate
-from bench.profile import Evaluation, Profile
-from bench.progress import Progress
-from bench.registry import find
-from bench.scores import FORECAST_ERRORS, STATE_ERRORS, score
-from bench.store import Store, check_writable, write_atomically, write_text
-from bench.versions import provenance
-from data.errors import BadInput
-from methods.estimator import Estimator
+from twinbench.bench import cells
+from twinbench.bench.evaluate import run as evaluate
+from twinbench.bench.profile import Evaluation, Profile
+from twinbench.bench.registry import find
+from twinbench.bench.settings import check_settings, search_space
+from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
+from twinbench.common.errors import BadInput
+from twinbench.common.progress import Progress
+from twinbench.common.store import Store, check_writable, write_atomically, write_text
+from twinbench.common.versions import provenance
+from twinbench.methods.estimator import Estimator
 
 ERRORS = (*STATE_ERRORS, *FORECAST_ERRORS)
 """What a twin is for: to say what the machine does, and what it will do."""
@@ -37,6 +38,8 @@ PENALTY = 0.05
 worse."""
 FAILED = 1e6
 """Score of settings with which an estimator fails."""
+MOST_TRIALS = 10_000
+"""More is a slip of the finger."""
 EVALUATION = Evaluation(stride=10)
 SEED = 0
 
@@ -48,6 +51,23 @@ def merit(means: dict[str, float]) -> float:
     counts both ways: intervals that hold everything say nothing.
     """
     return float(np.nanmean([means[m] for m in ERRORS])) * (1.0 + PENALTY * abs(means[COVERAGE] - RIGHT_PCT))
+
+
+def searched(
+    spec: str, profile: Profile, online: bool
+) -> tuple[type[Estimator], dict[str, Any], dict[str, Sequence[Any]]]:
+    """An estimator, its settings in the profile, and the ranges of those that are searched.
+
+    Raises:
+        BadInput: nothing to tune, or settings that the estimator does not have.
+    """
+    kind = find(spec)
+    names = [name for name in kind.search_space if not online or name in kind.online]
+    if not names:
+        raise BadInput(f"{kind.name} has no search space, so nothing to tune; declare one in the class")
+    check_settings([kind], profile)
+    own = {**kind.settings, **profile.settings.get(kind.name, {})}
+    return kind, own, {name: search_space(kind, name, own[name]) for name in names}
 
 
 def tune(
@@ -65,14 +85,11 @@ def tune(
         What ``NAME.toml`` holds.
 
     Raises:
-        BadInput: nothing to tune, or ``out`` cannot be written to.
+        BadInput: nothing to tune, settings that the estimator does not have, or ``out`` cannot be written to.
     """
-    kind = find(spec)
-    spaces = {name: space for name, space in kind.search_space.items() if not online or name in kind.online}
-    if not spaces:
-        raise BadInput(f"{kind.name} has no search space, so nothing to tune; declare one in the class")
-    if trials < 1:
-        raise BadInput(f"--trials is {trials}, must be at least 1")
+    if not 1 <= trials <= MOST_TRIALS:
+        raise BadInput(f"--trials is {trials}, must lie in [1, {MOST_TRIALS}]")
+    kind, own, spaces = searched(spec, profile, online)
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
     store = Store(out / "store")
@@ -83,7 +100,6 @@ def tune(
         sampler=optuna.samplers.TPESampler(seed=SEED, multivariate=True, n_startup_trials=max(4, trials // 4)),
         load_if_exists=True,
     )
-    own = {**kind.settings, **profile.settings.get(kind.name, {})}
     if not study.trials:
         study.enqueue_trial({name: own[name] for name in spaces})
     began = time.time()
@@ -91,7 +107,7 @@ def tune(
     with Progress(console) as progress, progress.stage(f"tune {kind.name}", trials, min(before, trials)) as going:
         while len(_finished(study)) < trials:
             trial = study.ask()
-            chosen = {name: _suggest(trial, name, own[name], space) for name, space in spaces.items()}
+            chosen = {name: _suggest(trial, name, kind.settings[name], space) for name, space in spaces.items()}
             means = _measure(spec, kind, replace(profile, seeds=(SEED,)), chosen, store)
             for name, value in means.items():
                 trial.set_user_attr(name, value)

@@ -66,8 +66,10 @@ class Batch:
     def select(self, sequences: slice | list[int], samples: slice = slice(None)) -> Batch:
         """Some sequences, some samples; views where numpy allows."""
         truth = self.truth and Truth(
-            *(field[sequences][:, samples] for field in (
-                self.truth.states, self.truth.health, self.truth.outputs, self.truth.inputs))
+            *(
+                field[sequences][:, samples]
+                for field in (self.truth.states, self.truth.health, self.truth.outputs, self.truth.inputs)
+            )
         )
         return Batch(
             tuple(self.names[i] for i in np.arange(len(self))[sequences]),

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
-from data.corrupt import Corruption, corrupt
-from data.errors import BadInput
-from data.scenario import KINDS, Scenario, draw, latin_hypercube, stream
-from physics.compressor import PLANT
-from physics.integrate import simulate
-from physics.steady import steady_state
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
+from twinbench.data.corrupt import Corruption, corrupt
+from twinbench.data.scenario import KINDS, Scenario, draw, latin_hypercube, stream
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import simulate
+from twinbench.physics.steady import steady_state
 
 PARTS = ("train", "validation", "test")
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array
-from data.errors import BadInput
-from physics.sensors import (
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array
+from twinbench.physics.sensors import (
     INPUT_NOISE,
     OUTPUT_NOISE,
     PRESSURE_DRIFT_SHARE,
@@ -34,7 +34,7 @@ class Corruption:
     jitter_s: float = 0.005
 
     def __post_init__(self) -> None:
-        for name, high in (("noise", 100.0), ("drift", 100.0), ("dropout", 1.0), ("spikes", 1.0), ("jitter_s", 0.025)):
+        for name, high in (("noise", 100.0), ("drift", 100.0), ("dropout", 0.99), ("spikes", 1.0), ("jitter_s", 0.025)):
             value = getattr(self, name)
             if not 0.0 <= value <= high:
                 raise BadInput(f"corruption: {name} is {value}, must lie in [0, {high}]")

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
-from data.benchmark import DesignConfig, design, run
-from data.corrupt import Corruption
-from data.scenario import N_LIMITS_RPM, RATIO_LIMITS, Scenario, stream
-from physics.sensors import INPUT_NOISE, OUTPUT_NOISE
+from twinbench.data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.benchmark import DesignConfig, design, run
+from twinbench.data.corrupt import Corruption
+from twinbench.data.scenario import N_LIMITS_RPM, RATIO_LIMITS, Scenario, stream
+from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE
 
 MINUTES = 10.0
 """Length of a disturbed sequence: a filter has settled by half of it, and has time to recover in the other half."""

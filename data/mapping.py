@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from data.errors import BadInput
-from data.shown import as_map, shown
-from data.toml_file import read_toml
-from data.units import is_unit
+from twinbench.common.errors import BadInput
+from twinbench.common.shown import as_map, shown
+from twinbench.common.toml_file import read_toml
+from twinbench.data.units import is_unit
 
 TIME = "time_s"
 TIME_UNIT = "second"

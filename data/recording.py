@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
-from data.errors import BadInput
-from data.mapping import TIME, TIME_UNIT, Source, sources
-from data.shown import as_map, bare, shown
-from data.table import LARGEST, TRUTH_PREFIX, numbers, read_table, row, stem
-from data.units import PLAUSIBLE, UNITS, Limits, check_plausible, convert
+from twinbench.common.errors import BadInput
+from twinbench.common.shown import as_map, bare, shown
+from twinbench.data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.mapping import TIME, TIME_UNIT, Source, sources
+from twinbench.data.table import LARGEST, TRUTH_PREFIX, numbers, read_table, row, stem
+from twinbench.data.units import PLAUSIBLE, UNITS, Limits, check_plausible, convert
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -143,8 +143,7 @@ def _clock(table: pd.DataFrame, clock: Source, path: Path, longest_s: float, per
     """The time of each row, checked: it increases, and neither its unit nor a gap makes it endless."""
     if clock.column not in table.columns:
         raise BadInput(
-            f"{path}: has no column {shown(clock.column)}; add the time in seconds, "
-            f"or name it with --map COLUMN={TIME}"
+            f"{path}: has no column {shown(clock.column)}; add the time in seconds, or name it with --map COLUMN={TIME}"
         )
     time_s = _channel(table, clock, TIME_UNIT, path)
     if len(time_s) < 2:
@@ -194,9 +193,7 @@ def check_overlap(recordings: Sequence[Recording]) -> None:
     Raises:
         BadInput: names the two that have nothing in common.
     """
-    measured = [
-        {c for c, v in zip(r.channels, r.values.T, strict=True) if not np.isnan(v).all()} for r in recordings
-    ]
+    measured = [{c for c, v in zip(r.channels, r.values.T, strict=True) if not np.isnan(v).all()} for r in recordings]
     for recording, channels in zip(recordings[1:], measured[1:], strict=True):
         if not channels & measured[0]:
             raise BadInput(

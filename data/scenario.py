@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from data.batch import HEALTH, SAMPLE_PERIOD_S, Array
-from physics.steady import valve_for
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array
+from twinbench.physics.steady import valve_for
 
 N_LIMITS_RPM = (900.0, 1800.0)
 P_SUC_LIMITS_BAR = (0.82, 1.08)

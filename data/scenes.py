@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from data.batch import SAMPLE_PERIOD_S, Batch
-from data.benchmark import run
-from data.corrupt import Corruption
-from data.scenario import HEALTHY, WORN, Change, Scenario, draw
+from twinbench.data.batch import SAMPLE_PERIOD_S, Batch
+from twinbench.data.benchmark import run
+from twinbench.data.corrupt import Corruption
+from twinbench.data.scenario import HEALTHY, WORN, Change, Scenario, draw
 
 WARMUP_MINUTES = 5.0
 MINUTES = 30.0

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 
 import numpy as np
 
-from data.batch import Array
-from data.errors import BadInput
-from data.shown import bare, printable, shown
+from twinbench.common.errors import BadInput
+from twinbench.common.shown import bare, printable, shown
+from twinbench.data.batch import Array
 
 if TYPE_CHECKING:
     import pandas as pd

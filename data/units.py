@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from data.batch import CHANNELS, Array
-from data.errors import BadInput
-from data.shown import as_map, shown
+from twinbench.common.errors import BadInput
+from twinbench.common.shown import as_map, shown
+from twinbench.data.batch import CHANNELS, Array
 
 UNITS = {
     "p_suc_bar": "bar",
@@ -138,9 +138,7 @@ def _counts_turns(unit: Any) -> bool:
 def likely_units(median: float, unit: str, low: float, high: float) -> list[str]:
     """The units under which a median that was taken to be in ``unit`` would lie in [low, high], usual ones first."""
     return [
-        other
-        for other in OTHERWISE.get(unit, ())
-        if low <= float(convert(np.array(median), other, unit, "")) <= high
+        other for other in OTHERWISE.get(unit, ()) if low <= float(convert(np.array(median), other, unit, "")) <= high
     ]
 
 

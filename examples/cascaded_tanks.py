@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from physics.simulator import Simulator, Variable
+from twinbench import Simulator, Variable
 
 
 def rhs(x, u, theta):

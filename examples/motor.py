@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from physics.simulator import Simulator, Variable
+from twinbench import Simulator, Variable
 
 COPPER_1_K = 0.0039  # rise of the winding's resistance
 

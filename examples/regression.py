@@ -1,6 +1,6 @@
 import numpy as np
 
-from methods.estimator import Estimator, gaussian_state, no_info, register
+from twinbench import Estimator, gaussian_state, no_info, register
 
 
 @register

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from physics.simulator import Simulator, Variable
+from twinbench import Simulator, Variable
 
 
 def rhs(x, u, theta):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from physics.simulator import Simulator, Variable
+from twinbench import Simulator, Variable
 
 AREA_CM2 = 154.0  # cross-section of either tank, measured
 G_CM_S2 = 981.0

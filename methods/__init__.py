@@ -1,3 +1,1 @@
-"""The estimator protocol, the operator network and DeepONet-Kalman."""
-
-import physics as _physics  # noqa: F401  settles where compiled code is kept
+"""What every estimator uses: the protocol, filters, front end, noise; and in its own room DeepONet-Kalman."""

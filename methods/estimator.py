@@ -10,9 +10,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from data.batch import ESTIMATED, STATES, Array, Batch
-from methods.observe import observe
-from physics.health import HIGH, LOW
+from twinbench.data.batch import ESTIMATED, STATES, Array, Batch
+from twinbench.methods.observe import observe
+from twinbench.physics.health import HIGH, LOW
 
 Z95 = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -178,9 +178,7 @@ REGISTRY: dict[str, type[Estimator]] = {}
 def register(estimator: type[Estimator]) -> type[Estimator]:
     """Class decorator: make an estimator known under its ``name``."""
     known = REGISTRY.get(estimator.name)
-    if known is not None and (known.__module__, known.__qualname__) != (
-        estimator.__module__, estimator.__qualname__
-    ):
+    if known is not None and (known.__module__, known.__qualname__) != (estimator.__module__, estimator.__qualname__):
         raise ValueError(f"two estimators are named {estimator.name!r}: {known} and {estimator}")
     REGISTRY[estimator.name] = estimator
     return estimator

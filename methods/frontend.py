@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from data.batch import CHANNELS, INPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import CHANNELS, INPUTS, SAMPLE_PERIOD_S, Array, Batch
 
 WINDOW = 11
 """Samples in the Hampel window, the present one included."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from data.batch import Array
+from twinbench.data.batch import Array
 
 
 @njit(cache=True, error_model="numpy")

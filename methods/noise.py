@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
-from physics.health import d_theta_d_zeta
-from physics.sensors import INPUT_NOISE, OUTPUT_NOISE, speed_factor
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
+from twinbench.physics.health import d_theta_d_zeta
+from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE, speed_factor
 
 HEALTH_WALK = np.array([4e-4, 4e-4, 1.2e-4, 2e-3, 0.05])
 """Standard deviation of what health moves by in a second, order HEALTH, before a filter's ``health_walk``."""

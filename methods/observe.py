@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.batch import Array
-from physics.compressor import M_REF_KG_S
+from twinbench.data.batch import Array
+from twinbench.physics.compressor import M_REF_KG_S
 
 
 def observe(mean: Array) -> Array:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from data.batch import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 
 WINDOW = 64
 KERNEL = 4  # samples per column of a block; block 2 reaches KERNEL**2 samples
@@ -114,9 +114,7 @@ class Heads(nn.Module):
     def forward(self, latent: Tensor, condition: Tensor) -> Tensor:
         first = functional.silu(self.from_latent(latent) + self.from_condition(condition))
         per_head = first.unflatten(-1, (N_HEADS, -1)).transpose(0, 1)  # (heads, B, width)
-        second = functional.silu(
-            torch.baddbmm(self.hidden_bias.unsqueeze(1), per_head, self.hidden_weight)
-        )
+        second = functional.silu(torch.baddbmm(self.hidden_bias.unsqueeze(1), per_head, self.hidden_weight))
         of_state = second[list(HEAD_OF_STATE)]  # (5, B, width)
         return (of_state * self.out_weight.unsqueeze(1)).sum(-1).T + self.out_bias
 

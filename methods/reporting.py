@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from data.batch import STATES, Array
-from methods.estimator import FLAG_MISSING, FLAG_SPIKE, Z95, State
-from methods.frontend import Clean
-from physics.health import map_one
+from twinbench.data.batch import STATES, Array
+from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE, Z95, State
+from twinbench.methods.frontend import Clean
+from twinbench.physics.health import map_one
 
 N_STATES = len(STATES)
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from data.batch import HEALTH, Array, Batch, Truth
-from data.corrupt import Corruption, corrupt
-from data.scenario import RATIO_LIMITS
-from methods.transitions import HEALTH_HIGH, HEALTH_LOW
-from physics.compressor import PLANT
-from physics.health import HEALTHY
-from physics.integrate import simulate
-from physics.steady import steady_state, valve_for
+from twinbench.data.batch import HEALTH, Array, Batch, Truth
+from twinbench.data.corrupt import Corruption, corrupt
+from twinbench.data.scenario import RATIO_LIMITS
+from twinbench.methods.transitions import HEALTH_HIGH, HEALTH_LOW
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.health import HEALTHY
+from twinbench.physics.integrate import simulate
+from twinbench.physics.steady import steady_state, valve_for
 
 _LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
 _HIGH = np.array([1.01, 1.01, 0.055, 1.02, 6.5])
@@ -69,8 +69,6 @@ def _path(samples: int, rng: np.random.Generator) -> Array:
 def joined(batches: list[Batch]) -> Batch:
     """Batches of equal length as one."""
     truths = [b.truth for b in batches if b.truth is not None]
-    truth = Truth(
-        *(np.concatenate([getattr(t, f) for t in truths]) for f in ("states", "health", "outputs", "inputs"))
-    )
+    truth = Truth(*(np.concatenate([getattr(t, f) for t in truths]) for f in ("states", "health", "outputs", "inputs")))
     names = tuple(n for b in batches for n in b.names)
     return Batch(names, batches[0].time_s, np.concatenate([b.measured for b in batches]), truth)

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from physics.compressor import PLANT
-from physics.health import HIGH, LOW, SPAN
-from physics.integrate import advance
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.health import HIGH, LOW, SPAN
+from twinbench.physics.integrate import advance
 
 STATE_SPREAD = np.array([0.006, 0.06, 6.0, 8.0, 0.04])
 """sd of the state perturbations: bar, bar, K, K, 1."""
@@ -137,9 +137,7 @@ def plant_slopes(train: Batch, transitions: Transitions, rng: np.random.Generato
     return Slopes(along_x, along_theta, (ends[0] - ends[1]) / (2.0 * step) - along_x)
 
 
-def plant_sensitivities(
-    train: Batch, transitions: Transitions, step: float = 1e-3
-) -> tuple[Array, Array]:
+def plant_sensitivities(train: Batch, transitions: Transitions, step: float = 1e-3) -> tuple[Array, Array]:
     """Central differences of the plant at transitions, for audits.
 
     Returns:

@@ -1,6 +1,6 @@
 """Simulator against recordings: calibrate, test, locate, name, model, prove. Knows no compressor.
 
-from mismatch import diagnose
+from twinbench.mismatch import diagnose
 verdict = diagnose(simulator, recordings, hold_out=others)
 print(verdict.says)
 """
@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from data.recording import Recording
-from mismatch.guards import Guards
-from mismatch.joining import AUTO
-from mismatch.verdict import Finding, Verdict, conclude
-from mismatch.walk import examine
-from physics.simulator import Mechanism, Simulator
+from twinbench.data.recording import Recording
+from twinbench.mismatch.guards import Guards
+from twinbench.mismatch.joining import AUTO
+from twinbench.mismatch.verdict import Finding, Verdict, conclude
+from twinbench.mismatch.walk import examine
+from twinbench.physics.simulator import Mechanism, Simulator
 
 __all__ = ["Finding", "Guards", "Verdict", "diagnose"]
 

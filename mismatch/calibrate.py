@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mismatch.explanation import rewhitened
-from mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
-from mismatch.machine import Machine
-from mismatch.noise import Whitener, noise_floor
-from mismatch.tracks import Track
-from physics.simulator import Array, Mechanism, Simulator
+from twinbench.mismatch.explanation import rewhitened
+from twinbench.mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.noise import Whitener, noise_floor
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array, Mechanism, Simulator
 
 PRIOR = 4.0
 """Prior standard deviation of a parameter or start state, in its scales."""

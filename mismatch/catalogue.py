@@ -7,13 +7,14 @@ Faults of sensors and actuators - saturation, lag and delay of inputs and output
 from __future__ import annotations
 
 import functools
+import re
 
 import numpy as np
 
-from mismatch import effects
-from mismatch.place import Place
-from physics.compose import plain_rhs
-from physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.mismatch import effects
+from twinbench.mismatch.place import Place
+from twinbench.physics.compose import plain_rhs
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 TEMPERATURES = {
     "K": (240.0, 325.0, 295.0), "kelvin": (240.0, 325.0, 295.0),
@@ -21,6 +22,8 @@ TEMPERATURES = {
     "degF": (-20.0, 120.0, 70.0),
 }  # fmt: skip
 """Units of temperature, and in each a cold, a hot and a common ambient."""
+AMBIENT = re.compile(r"(?<![a-z])t?amb(ient)?(?![a-z])")
+"""Names of an ambient temperature: T_amb_K, Tamb, ambient; not T_chamber_K."""
 SPEEDS = {"rpm", "r/min", "1/min", "Hz", "rad/s", "rad/min", "deg/s", "m/s", "cm/s", "mm/s", "km/h"}
 """Units of states that move: friction holds them back even if they never turn round."""
 CONTENTS = {"m", "cm", "mm", "m3", "m^3", "l", "L", "kg", "V", "%"}
@@ -115,7 +118,7 @@ def _loss_to_ambient(p: Place, simulator: Simulator) -> Mechanism:
     """To the machine's own ambient, if an input or a parameter of that name is there."""
     for kind, variables in (("input", simulator.inputs), ("parameter", simulator.parameters)):
         for at, v in enumerate(variables):
-            if "amb" in v.name.lower() and v.unit == p.variable.unit:
+            if AMBIENT.search(v.name.lower()) and v.unit == p.variable.unit:
                 return effects.loss_to_ambient(p, kind, at, v.name)
     return effects.loss_to_unknown_ambient(p, *TEMPERATURES[p.variable.unit])
 

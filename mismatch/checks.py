@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm
 
-from mismatch.noise import Whitener
-from mismatch.spikes import Spike
-from mismatch.tracks import LOST, Track, lost
-from physics.simulator import Array, Simulator
+from twinbench.mismatch.noise import Whitener
+from twinbench.mismatch.spikes import Spike
+from twinbench.mismatch.tracks import LOST, Track, lost
+from twinbench.physics.simulator import Array, Simulator
 
 LAGS = 20
 MOST_NAMED = 3

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from mismatch.explanation import Explanation, with_candidates
-from mismatch.fit import Problem, solve
-from mismatch.machine import Candidate
-from mismatch.noise import LONGEST
-from mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
-from mismatch.place import CLOCK
-from physics.simulator import Array
+from twinbench.mismatch.explanation import Explanation, with_candidates
+from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.machine import Candidate
+from twinbench.mismatch.noise import LONGEST
+from twinbench.mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
+from twinbench.mismatch.place import CLOCK
+from twinbench.physics.simulator import Array
 
 GROSS, CHEAP_BLOCKS = 5.0, 1200
 """Errors of so many noises are far beyond any linear picture; with so few blocks in all, sets are fitted instead."""

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mismatch.place import CLOCK, Place, bracketed
-from mismatch.series import held, play
-from physics.simulator import Array, Mechanism, Variable
+from twinbench.mismatch.place import CLOCK, Place, bracketed
+from twinbench.mismatch.series import held, play
+from twinbench.physics.simulator import Array, Mechanism, Variable
 
 RIM = 1000.0
 """What runs over a rim may grow to this many times its typical value."""

@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mismatch.explanation import Explanation
-from mismatch.noise import noise_floor
-from mismatch.onset import Onset, told_onsets
-from mismatch.picture import is_fault
-from mismatch.proof import piece_squares, resamples
-from mismatch.rivals import NEAR
-from mismatch.tracks import Track
-from mismatch.walk import Diagnosis
-from physics.simulator import Array
+from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.onset import Onset, told_onsets
+from twinbench.mismatch.picture import is_fault
+from twinbench.mismatch.proof import piece_squares, resamples
+from twinbench.mismatch.rivals import NEAR
+from twinbench.mismatch.tracks import Track
+from twinbench.mismatch.walk import Diagnosis
+from twinbench.physics.simulator import Array
 
 SELDOM = 0.01
 """Probability below which a port is not told."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mismatch.fit import Problem, Unknown, solve
-from mismatch.noise import fit_whitener
-from mismatch.picture import Picture, Variant, is_amplitude, is_fault, price, shape_count, typical
-from physics.simulator import Array
+from twinbench.mismatch.fit import Problem, Unknown, solve
+from twinbench.mismatch.noise import fit_whitener
+from twinbench.mismatch.picture import Picture, Variant, is_amplitude, is_fault, price, shape_count, typical
+from twinbench.physics.simulator import Array
 
 
 @dataclass(frozen=True)

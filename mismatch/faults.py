@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mismatch.place import bracketed
-from mismatch.series import delay_reading, delay_steps, held, lag_reading, lag_steps, stuck_from
-from physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.mismatch.place import bracketed
+from twinbench.mismatch.series import delay_reading, delay_steps, held, lag_reading, lag_steps, stuck_from
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 Series = Callable[[Array, Array, Array], Array]
 _DRIFT_S = 600.0  # a typical drift moves by one scale in ten minutes

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from mismatch import evidence
-from mismatch.evidence import Onset
-from mismatch.explanation import Explanation
-from mismatch.force import as_force, inertia
-from mismatch.locate import Located, regime
-from mismatch.walk import Diagnosis, residual_chi2
-from mismatch.words import digits_worth, interval, listed, number, sentence, spoken, with_unit
-from physics.simulator import Array, Mechanism, Simulator
+from twinbench.mismatch import evidence
+from twinbench.mismatch.evidence import Onset
+from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.force import as_force, inertia
+from twinbench.mismatch.locate import Located, regime
+from twinbench.mismatch.walk import Diagnosis, residual_chi2
+from twinbench.mismatch.words import digits_worth, interval, listed, number, sentence, spoken, with_unit
+from twinbench.physics.simulator import Array, Mechanism, Simulator
 
 Z90 = 1.645
 KINDS = {"physics": "missing physics"}

@@ -9,11 +9,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from data.jobs import cores
-from mismatch.machine import Machine
-from mismatch.noise import Whitener
-from mismatch.tracks import Grid, Track
-from physics.simulator import Array
+from twinbench.common.jobs import cores
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.noise import Whitener
+from twinbench.mismatch.tracks import Grid, Track
+from twinbench.physics.simulator import Array
 
 KNOTS, DRIFT_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
@@ -27,6 +27,8 @@ TRIES, AGREES = 6, 0.25
 """How often damping is raised tenfold, and the share of the promised fall in cost at which a step is good enough."""
 LITTLE = 0.1
 """Share of the cost by which a fit may fall and still be where it was, more or less."""
+ENDLESS = 1e100
+"""Of any reading, in any unit. Nothing depends on it but that its square is a number and no machine reads it."""
 STEP = 0.02
 """Forward-difference step, in scales of an unknown."""
 
@@ -85,10 +87,6 @@ class Problem:
     def z0(self) -> Array:
         return np.array([u.mean for u in self.unknowns])
 
-    def affecting(self, r: int) -> list[int]:
-        """Unknowns that recording r depends on."""
-        return [k for k, u in enumerate(self.unknowns) if u.recording in (-1, r)]
-
     def readings(self, r: int, z: Array) -> Array:
         """Simulated readings (N, ny) of recording r, sample by sample."""
         return self.machine.run(*self._setting(r, z, self.tracks[r].fine))
@@ -109,6 +107,7 @@ class Problem:
         """
         track, theta, _, _, _, since_s = self._setting(r, z, self.machine.grid(self.tracks[r]), theta)
         y = self.machine.read(track, theta, self.clean(r, z, theta) if clean is None else clean, since_s)
+        y = np.where(np.abs(y) < ENDLESS, y, np.nan)  # as good as diverged: sums of its squares are no numbers
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 
     def refined(self, z: Array) -> Problem:
@@ -260,6 +259,8 @@ class Problem:
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
     """Run thunks on the machine's cores; the compiled loop lets go of Python's lock."""
+    if len(tasks) == 1:
+        return [tasks[0]()]
     with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(lambda task: task(), tasks))
 

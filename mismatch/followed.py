@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mismatch.leftover import LOUD
-from mismatch.noise import noise_floor
-from mismatch.proof import PIECES, resamples
-from mismatch.tracks import Track
-from physics.simulator import Array, Variable
+from twinbench.mismatch.leftover import LOUD
+from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.proof import PIECES, resamples
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array, Variable
 
 IMPLAUSIBLE = 0.3
 """Noise of so much of an output's scale is no sensor's; a smaller share asks of noisy sensors to be followed."""

@@ -12,11 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from data.errors import BadInput
-from data.units import convert
-from mismatch.catalogue import SPEEDS, scattered
-from physics.compose import plain_rhs
-from physics.simulator import Simulator, Variable
+from twinbench.common.errors import BadInput
+from twinbench.data.units import convert
+from twinbench.mismatch.catalogue import SPEEDS, scattered
+from twinbench.physics.compose import plain_rhs
+from twinbench.physics.simulator import Simulator, Variable
 
 FORCES = ("N", "N m")
 """What a mass times an acceleration may be: a force, or with an inertia a torque."""

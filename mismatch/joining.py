@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mismatch.calibrate import block_noise, calibrated
-from mismatch.machine import Machine
-from mismatch.proof import PIECES, resamples
-from mismatch.tracks import Track
-from physics.simulator import Array
+from twinbench.mismatch.calibrate import block_noise, calibrated
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.proof import PIECES, resamples
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
 
 HELD, LINEAR, AUTO = "held", "linear", "auto"
 STRETCH = 1000

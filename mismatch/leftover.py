@@ -1,7 +1,7 @@
 """Is what a model leaves of the readings noise? Three signs that it is not, whatever the catalogue holds.
 
-Errors that last too long, errors far above what the sensor scatters from reading to reading, and errors that are far
-larger on the recordings held back.
+Errors that last too long, errors far above what the sensor scatters from reading to reading, where they were learnt
+from or where they were held back, and errors that are far larger on the recordings held back.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mismatch.explanation import Explanation
-from mismatch.proof import Held, piece_squares, resamples
-from mismatch.tracks import Track
-from physics.simulator import Array
+from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.proof import Held, piece_squares, resamples
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
 
 LASTING = 60.0
 """Blocks to an independent error from which on errors last too long for noise, beyond doubt."""
@@ -23,17 +24,20 @@ WORSE = 2.0
 """Times as large on the held-out recordings as where it was fitted."""
 
 
-def leftovers(e: Explanation, held: Held | None, tracks: Sequence[Track], floor: Array) -> list[str]:
+def leftovers(
+    e: Explanation, held: Held | None, tracks: Sequence[Track], held_tracks: Sequence[Track], floor: Array
+) -> list[str]:
     """Why errors under ``e`` are no noise, in words, for each output where they are none.
 
     Args:
         held: how ``e`` does on held-out recordings, if there are any.
-        tracks: what it was fitted to.
-        floor: (ny,) scatter of block means.
+        tracks, held_tracks: what it was fitted to, and what was held back.
+        floor: (ny,) scatter of block means in ``tracks``.
     """
     outputs = e.problem.machine.simulator.outputs
     residuals = e.problem.residuals(e.z)
     memory = np.broadcast_to(e.problem.whitener.memory, len(outputs))
+    floor_held = noise_floor([t.means for t in held_tracks]) if held_tracks else floor
     found = []
     for c, v in enumerate(outputs):
         fitted = piece_squares(residuals, c)
@@ -50,6 +54,12 @@ def leftovers(e: Explanation, held: Held | None, tracks: Sequence[Track], floor:
             if least > WORSE * max(rms, scatter):
                 times = np.sqrt(np.mean(apart)) / rms
                 found.append(f"the errors of {v.name} are {times:.2g} times as large on recordings held back")
+            # Readings in disorder scatter as much as they err: those held back tell what the sensor scatters.
+            elif least > LOUD * (scatter_held := max(float(floor_held[c]), _step(held_tracks, c))):
+                times = np.sqrt(np.mean(apart)) / scatter_held
+                found.append(
+                    f"the errors of {v.name} are {times:.2g} times what its sensor scatters in recordings held back"
+                )
     return found
 
 

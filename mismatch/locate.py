@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
-from mismatch.catalogue import positions_of
-from mismatch.evidence import port_weights
-from mismatch.fit import Unknown
-from mismatch.walk import Diagnosis
-from physics.simulator import Array, Variable
+from twinbench.mismatch.catalogue import positions_of
+from twinbench.mismatch.evidence import port_weights
+from twinbench.mismatch.fit import Unknown
+from twinbench.mismatch.walk import Diagnosis
+from twinbench.physics.simulator import Array, Variable
 
 KNOTS_FORCE = 8
 _SIZES = np.logspace(-2, 4, 25)

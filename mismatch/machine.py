@@ -15,12 +15,13 @@ from itertools import product
 import numpy as np
 from numba import njit
 
-from mismatch.march import RUNGE_KUTTA, legendre, march
-from mismatch.place import CLOCK
-from mismatch.tracks import Grid, Track
-from physics.compile import EQUATION, as_argument, compiled
-from physics.compose import compose
-from physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.mismatch.march import RUNGE_KUTTA, legendre, march
+from twinbench.mismatch.place import CLOCK
+from twinbench.mismatch.tracks import Grid, Track
+from twinbench.physics.compile import compiled
+from twinbench.physics.compose import compose
+from twinbench.physics.jit import EQUATION, as_argument
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 HALVINGS = 7
 PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
-from mismatch.fit import NEARLY, Problem, solve
-from mismatch.noise import ORDER, Whitener
-from mismatch.picture import Picture, Variant, is_fault, picture
-from mismatch.search import LARGEST, PENALTY, local_search, wander
-from physics.simulator import Array
+from twinbench.mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
+from twinbench.mismatch.fit import NEARLY, Problem, solve
+from twinbench.mismatch.noise import ORDER, Whitener
+from twinbench.mismatch.picture import Picture, Variant, is_fault, picture
+from twinbench.mismatch.search import LARGEST, PENALTY, local_search, wander
+from twinbench.physics.simulator import Array
 
 MANY = 3
 """From so many effects on."""

@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit, types
 from numba.extending import register_jitable
 
-from physics.compile import FUNCTION, VECTOR
-from physics.integrate import INDICES, MATRIX
-from physics.simulator import Array
+from twinbench.physics.integrate import INDICES, MATRIX
+from twinbench.physics.jit import FUNCTION, VECTOR
+from twinbench.physics.simulator import Array
 
 RUNGE_KUTTA = np.empty((0, 4))
 """Scheme of the classical integrator, fourth order."""

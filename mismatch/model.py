@@ -28,17 +28,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from data.errors import BadInput
-from data.shown import shown
-from data.toml_file import read_toml
-from mismatch.catalogue import generic
-from mismatch.faults import faults
-from mismatch.trust import Trust
-from physics import load
-from physics.check import check_mechanism
-from physics.compose import compose
-from physics.filespec import moved
-from physics.simulator import Mechanism, Simulator, Variable
+from twinbench.common.errors import BadInput
+from twinbench.common.filespec import moved
+from twinbench.common.shown import shown
+from twinbench.common.toml_file import read_toml
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.trust import Trust
+from twinbench.physics import load
+from twinbench.physics.check import check_mechanism
+from twinbench.physics.compose import compose, with_mechanism
+from twinbench.physics.simulator import Mechanism, Simulator, Variable
 
 DEEPEST = 20
 """Bases of bases. Each round of mending adds one; what is deeper was not made by mending."""
@@ -207,7 +207,7 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
         elif mechanism.term is not None:
             terms.append(mechanism)
         else:
-            simulator = simulator.with_(mechanism)
+            simulator = with_mechanism(simulator, mechanism)
     if terms:
         named = replace(simulator, mechanisms=(*simulator.mechanisms, *(m.name for m in terms)))
         simulator = compose(named, tuple(terms))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import lfilter
 
-from physics.simulator import Array
+from twinbench.physics.simulator import Array
 
 ORDER = 3
 LONGEST = 15

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mismatch.fit import Problem, Unknown
-from mismatch.picture import Picture, Variant, switched, typical
-from mismatch.tracks import Track
-from physics.simulator import Array
+from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.picture import Picture, Variant, switched, typical
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
 
 KNOTS = 20
 TRIED = 3

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mismatch.tracks import Track
-from physics.simulator import Array
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
 
 PADDED = 8
 """Frequencies tried per independent one."""
@@ -15,9 +15,7 @@ NEIGHBOURS = 2.0
 """Independent frequencies to either side that a period may turn out to have: beyond, a fit would lose count."""
 
 
-def loudest_periods_s(
-    tracks: Sequence[Track], white: Sequence[Array], longest_s: float
-) -> tuple[float, float, float]:
+def loudest_periods_s(tracks: Sequence[Track], white: Sequence[Array], longest_s: float) -> tuple[float, float, float]:
     """Period up to ``longest_s`` at which residuals are loudest, between the least and the greatest it may be, s.
 
     The recordings share one clock. A linear machine answers a force at the force's own frequency, whichever balance

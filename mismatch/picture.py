@@ -14,9 +14,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from mismatch.fit import Problem, parallel
-from mismatch.machine import Candidate, Machine
-from physics.simulator import Array
+from twinbench.mismatch.fit import Problem, parallel
+from twinbench.mismatch.machine import Candidate, Machine
+from twinbench.physics.simulator import Array
 
 PROBE = 0.2
 """Share of its typical size at which a candidate's column is taken."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from physics.simulator import Array, Equation, Mechanism, Variable
+from twinbench.physics.simulator import Array, Equation, Mechanism, Variable
 
 Term = Callable[[Array, Array, Array], float]
 SHARE = 0.1

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import ttest_1samp
 
-from mismatch.checks import holm
-from mismatch.fit import Problem, Unknown, parallel, solve
-from mismatch.tracks import Track
-from physics.simulator import Array, Variable
+from twinbench.mismatch.checks import holm
+from twinbench.mismatch.fit import Problem, Unknown, parallel, solve
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array, Variable
 
 RESAMPLES = 500
 CHORDS = 8

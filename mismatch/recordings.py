@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from data.errors import BadInput
-from data.recording import A_THOUSAND, Recording, read_recording
-from data.shown import bare
-from data.units import Limits
-from physics.simulator import Simulator, Variable
+from twinbench.common.errors import BadInput
+from twinbench.common.shown import bare
+from twinbench.data.recording import A_THOUSAND, Recording, read_recording
+from twinbench.data.units import Limits
+from twinbench.physics.simulator import Simulator, Variable
 
 SHORTEST = 30
 """Samples that a recording needs at least."""
@@ -19,7 +19,7 @@ LONGEST_S = 10 * 365.25 * 86400.0
 _SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
 
 
-def read(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = ()) -> list[Recording]:
+def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = ()) -> list[Recording]:
     """Read recordings of a simulator's machine; channels are its inputs, then its outputs, in its units.
 
     Every input has to be there. An output that has no column is missing throughout (NaN): real

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mismatch.explanation import Explanation, refit
-from mismatch.picture import Picture
-from mismatch.search import PENALTY, local_search, replacements
-from physics.simulator import Array
+from twinbench.mismatch.explanation import Explanation, refit
+from twinbench.mismatch.picture import Picture
+from twinbench.mismatch.search import PENALTY, local_search, replacements
+from twinbench.physics.simulator import Array
 
 NEAR, NEAR_SHARE, NEAR_MOST = 10.0, 0.02, 45.0
 """Units that the next explanation must stay behind to be ruled out: so many and a share of the gain, since no form

@@ -7,7 +7,7 @@ from collections.abc import Sequence, Set
 
 import numpy as np
 
-from mismatch.picture import Picture
+from twinbench.mismatch.picture import Picture
 
 PENALTY = 16.0
 """Log-likelihood units (twice) that each further effect must earn: log n + 2 log m for usual n and m."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, types
 
-from physics.compile import VECTOR
-from physics.simulator import Array
+from twinbench.physics.jit import VECTOR
+from twinbench.physics.simulator import Array
 
 
 def held(values: Array) -> Array:

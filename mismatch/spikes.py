@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from physics.simulator import Array
+from twinbench.physics.simulator import Array
 
 SIGMAS, WINDOW = 6.0, 31
 """Robust standard deviations that a spike lies off the middle of its neighbours, and the readings whose spread that

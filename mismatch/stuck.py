@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mismatch.tracks import Track
-from physics.simulator import Array
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
 
 STILL = 0.05
 """A sensor stands still where its variance is below this share of what the simulator says."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mismatch import evidence
-from mismatch.evidence import OutputError
-from mismatch.findings import Finding, Value, variable_names
-from mismatch.walk import Diagnosis
-from mismatch.words import count, counted, interval, listed, number, sentence, with_unit
+from twinbench.mismatch import evidence
+from twinbench.mismatch.evidence import OutputError
+from twinbench.mismatch.findings import Finding, Value, variable_names
+from twinbench.mismatch.walk import Diagnosis
+from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 MOST_NAMED = 6
 """Names in a sentence that a table has all of."""

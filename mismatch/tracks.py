@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from data.recording import Recording
-from mismatch.noise import noise_floor
-from mismatch.spikes import Spike, find_spikes, is_followed
-from physics.simulator import Array, Simulator
+from twinbench.data.recording import Recording
+from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.spikes import Spike, find_spikes, is_followed
+from twinbench.physics.simulator import Array, Simulator
 
 BLOCKS = 1000
 """Blocks that a long recording is averaged into, or up to twice as many: what a fit sees, whatever the sample rate."""

@@ -10,10 +10,10 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.stats import chi2
 
-from mismatch.explanation import Explanation
-from mismatch.fit import Problem, Unknown
-from mismatch.proof import Held
-from mismatch.tracks import Track
+from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.proof import Held
+from twinbench.mismatch.tracks import Track
 
 FORM = 2.0
 """Times that the chi-square may exceed what chance makes in one of a hundred: no drift's form is exact."""
@@ -68,4 +68,3 @@ def transfer(best: Explanation, held: Held, tracks: Sequence[Track], own: Sequen
     told = information > TOLD
     far = along[told] ** 2 / (information[told] * (1.0 + information[told]))
     return Transfer(float(np.sum(far)) / noise, int(told.sum()))
-

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-from data.shown import printable
-from physics.filespec import split_spec
-from physics.load import BUILTIN
+from twinbench.common.filespec import split_spec
+from twinbench.common.shown import printable
+from twinbench.physics.load import BUILTIN
 
 _LOG = logging.getLogger("twinbench")
-_OURS = "physics."
+_OURS = "twinbench.physics."
 
 
 @dataclass(frozen=True)

@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from mismatch import evidence, findings, telling
-from mismatch.evidence import OutputError
-from mismatch.explanation import Explanation
-from mismatch.findings import KINDS, UNNAMED, Z90, Finding, Value
-from mismatch.leftover import leftovers
-from mismatch.locate import Located, locate
-from mismatch.walk import Diagnosis, residual_chi2
-from mismatch.weigh import LEAST_SHARE
-from mismatch.words import listed, number, sentence
-from physics.simulator import Array, Mechanism
+from twinbench.mismatch import evidence, findings, telling
+from twinbench.mismatch.evidence import OutputError
+from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.findings import KINDS, UNNAMED, Z90, Finding, Value
+from twinbench.mismatch.leftover import leftovers
+from twinbench.mismatch.locate import Located, locate
+from twinbench.mismatch.walk import Diagnosis, residual_chi2
+from twinbench.mismatch.weigh import LEAST_SHARE
+from twinbench.mismatch.words import listed, number, sentence
+from twinbench.physics.simulator import Array, Mechanism
 
 VERDICTS = ("consistent", "parameter change", "sensor fault", "missing physics", "incomplete", "unexplained")
 """All that ``verdict`` may say."""
@@ -78,7 +78,7 @@ def conclude(d: Diagnosis) -> Verdict:
     parameters = _parameters(d, held)
     chi2, limit = residual_chi2(held)
     noisy = chi2 > limit
-    left = leftovers(held, d.held_before if d.chosen is None else d.held_after, d.tracks, d.floor)
+    left = leftovers(held, d.held_before if d.chosen is None else d.held_after, d.tracks, d.held, d.floor)
     located = locate(d) if (d.best is not None or noisy or left) else None
     effects = findings.named(d, located) if d.chosen is not None else _unnamed(d, located, left)
     found = (*findings.stuck(d), *effects)

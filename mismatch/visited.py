@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from mismatch.catalogue import generic
-from mismatch.faults import faults
-from mismatch.fit import Problem
-from mismatch.machine import Candidate
-from mismatch.periods import loudest_periods_s
-from physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.machine import Candidate
+from twinbench.mismatch.periods import loudest_periods_s
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 PERIODS = 8
 """So often must something come back within a recording to be called periodic."""

@@ -9,32 +9,32 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from data.errors import BadInput
-from data.recording import Recording
-from mismatch.calibrate import block_noise, calibrated, is_parameter, own_unknowns
-from mismatch.checks import Test, audit, residual_tests
-from mismatch.climb import climb, gross
-from mismatch.explanation import Explanation, present, refit, rewhitened
-from mismatch.fit import Problem, solve
-from mismatch.followed import Followed, told_followed
-from mismatch.guards import Guards
-from mismatch.joining import AUTO, LINEAR, Joined, how_joined
-from mismatch.machine import Machine
-from mismatch.many import MANY, completed, from_everything
-from mismatch.model import whole_catalogue
-from mismatch.noise import ORDER, levels
-from mismatch.onset import find_onsets, settled_onsets
-from mismatch.picture import Picture, Variant, picture, variants
-from mismatch.proof import BorneOut, Gain, Held, Worse, borne_out, gain, held_out, worse_outputs
-from mismatch.rivals import Rivals, alternatives, losses, nearest, plainest, rivals
-from mismatch.search import LARGEST, PENALTY, best_sets, local_search
-from mismatch.spikes import Spike
-from mismatch.stuck import Stuck, find_stuck, without
-from mismatch.tracks import Track, prepare
-from mismatch.transfer import Transfer, transfer
-from mismatch.visited import resized
-from mismatch.weigh import Beside, HeldBack, by_chance, contended, plainest_that_predicts, refusal
-from physics.simulator import Array, Mechanism, Simulator
+from twinbench.common.errors import BadInput
+from twinbench.data.recording import Recording
+from twinbench.mismatch.calibrate import block_noise, calibrated, is_parameter, own_unknowns
+from twinbench.mismatch.checks import Test, audit, residual_tests
+from twinbench.mismatch.climb import climb, gross
+from twinbench.mismatch.explanation import Explanation, present, refit, rewhitened
+from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.followed import Followed, told_followed
+from twinbench.mismatch.guards import Guards
+from twinbench.mismatch.joining import AUTO, LINEAR, Joined, how_joined
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.many import MANY, completed, from_everything
+from twinbench.mismatch.model import whole_catalogue
+from twinbench.mismatch.noise import ORDER, levels
+from twinbench.mismatch.onset import find_onsets, settled_onsets
+from twinbench.mismatch.picture import Picture, Variant, picture, variants
+from twinbench.mismatch.proof import BorneOut, Gain, Held, Worse, borne_out, gain, held_out, worse_outputs
+from twinbench.mismatch.rivals import Rivals, alternatives, losses, nearest, plainest, rivals
+from twinbench.mismatch.search import LARGEST, PENALTY, best_sets, local_search
+from twinbench.mismatch.spikes import Spike
+from twinbench.mismatch.stuck import Stuck, find_stuck, without
+from twinbench.mismatch.tracks import Track, prepare
+from twinbench.mismatch.transfer import Transfer, transfer
+from twinbench.mismatch.visited import resized
+from twinbench.mismatch.weigh import Beside, HeldBack, by_chance, contended, plainest_that_predicts, refusal
+from twinbench.physics.simulator import Array, Mechanism, Simulator
 
 LEAST_GAIN = 20.0
 """Log-likelihood units (twice) below which nothing is named, whatever the noise would allow."""

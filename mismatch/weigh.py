@@ -10,14 +10,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from mismatch.explanation import Explanation, refit
-from mismatch.fit import Unknown
-from mismatch.many import MANY, each_of_many
-from mismatch.picture import Picture
-from mismatch.proof import NOTHING, BorneOut, Gain, Held, Worse, clearly_worse, held_out, lost
-from mismatch.rivals import NEAR, fresh_rounds, slack
-from mismatch.search import PENALTY
-from mismatch.tracks import Track
+from twinbench.mismatch.explanation import Explanation, refit
+from twinbench.mismatch.fit import Unknown
+from twinbench.mismatch.many import MANY, each_of_many
+from twinbench.mismatch.picture import Picture
+from twinbench.mismatch.proof import NOTHING, BorneOut, Gain, Held, Worse, clearly_worse, held_out, lost
+from twinbench.mismatch.rivals import NEAR, fresh_rounds, slack
+from twinbench.mismatch.search import PENALTY
+from twinbench.mismatch.tracks import Track
 
 FORM, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from physics.simulator import Array, Mechanism, Simulator, Variable, index_of
-from physics.trial import about_to
+from twinbench.common.trial import about_to
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable, index_of
 
 _TRIAL_S = 10.0
 _TRIAL_SAMPLES = 50

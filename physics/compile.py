@@ -8,17 +8,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, types
 from numba.core.errors import NumbaError
 
-from physics.simulator import Simulator
-
-USER_FILE = "twinbench_file_"
-"""Modules of users' files are named so."""
-VECTOR = types.Array(types.float64, 1, "C")
-EQUATION = VECTOR(VECTOR, VECTOR, VECTOR)
-FUNCTION = types.FunctionType(EQUATION)
-"""A compiled equation as an argument: loops over equations compile once for all simulators."""
+from twinbench.physics.compose import plain_rhs
+from twinbench.physics.jit import equation
+from twinbench.physics.simulator import Simulator
 
 
 class Compiled(NamedTuple):
@@ -30,50 +24,11 @@ class Compiled(NamedTuple):
 
 
 @functools.cache
-def jit(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function compiled on first call; the same function twice compiles once."""
-    function = _native(function)
-    return function if hasattr(function, "py_func") else njit(error_model="numpy")(function)
-
-
-def _native(function: Any) -> Any:
-    """What to compile: of an equation that ``physics.source`` wrote, the one that calls compiled functions."""
-    return function.native() if hasattr(function, "native") else function
-
-
-class _Argument(types.WrapperAddressProtocol):  # type: ignore[misc]
-    """A compiled equation that numba types by its signature alone."""
-
-    def __init__(self, equation: Any) -> None:
-        self._equation = equation  # keeps the machine code alive
-        made = equation.get_compile_result(EQUATION)
-        self._address = made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name)
-
-    def __wrapper_address__(self) -> int:
-        return int(self._address)
-
-    def signature(self) -> Any:
-        return EQUATION
-
-
-@functools.cache
-def as_argument(equation: Callable[..., Any]) -> Any:
-    """An equation of ``compiled`` as an argument for compiled loops without an explicit signature.
-
-    Passed as it is, every equation is a type of its own: each loop would compile again for it, in
-    every process.
-    """
-    return _Argument(equation) if hasattr(equation, "get_compile_result") else equation
-
-
-@functools.cache
 def compiled(simulator: Simulator) -> Compiled:
     """Compile ``rhs`` and ``output``; a function numba refuses still works, slowly, with a warning."""
-    from physics.compose import plain_rhs  # which compiles closures with jit from here
-
     rhs, output = plain_rhs(simulator), simulator.output
     try:
-        return Compiled(_equation(rhs), _equation(output), True)
+        return Compiled(equation(rhs), equation(output), True)
     except NumbaError as error:
         reason = str(error).strip().splitlines()[0]
         warnings.warn(
@@ -82,25 +37,6 @@ def compiled(simulator: Simulator) -> Compiled:
             stacklevel=2,
         )
         return Compiled(_python(rhs), _python(output), False)
-
-
-def _equation(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile to the one signature; a tuple as the result is accepted too."""
-    source = _native(function)
-    source = getattr(source, "py_func", source)
-    # Closures may hold other compiled functions, which the disk cache cannot key; physics.native can.
-    # A user's file goes by a name of ours here, under which another process would look for it in vain.
-    own_file = (source.__module__ or "").startswith(USER_FILE)
-    cache = source.__closure__ is None and not source.__code__.co_filename.startswith("<") and not own_file
-    try:
-        return njit(EQUATION, error_model="numpy", cache=cache)(source)
-    except NumbaError:
-        inner = jit(function)
-
-        def as_array(x: Any, u: Any, theta: Any) -> Any:
-            return np.array(inner(x, u, theta))
-
-        return njit(EQUATION, error_model="numpy")(as_array)
 
 
 def _python(function: Callable[..., Any]) -> Callable[..., Any]:

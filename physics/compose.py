@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from physics.native import executed, native
-from physics.simulator import Array, Equation, Mechanism, Simulator, Variable, index_of
-from physics.source import Part, write
+from twinbench.physics.native import executed, native
+from twinbench.physics.simulator import Array, Equation, Mechanism, Simulator, Variable, index_of
+from twinbench.physics.source import Part, write
 
 
 def compose(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> Simulator:
@@ -31,6 +31,18 @@ def compose(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> Simulator:
         ValueError: a port that does not exist, states without their derivative, a name that is there twice.
     """
     return _composed(simulator, tuple(mechanisms))
+
+
+def with_mechanism(simulator: Simulator, mechanism: Mechanism) -> Simulator:
+    """The same machine with a mechanism switched on at its nominal size; again a Simulator.
+
+    Raises:
+        ValueError: as ``compose``, or amplitudes that the simulator does not have.
+    """
+    named = replace(simulator, mechanisms=(*simulator.mechanisms, mechanism.name))
+    if mechanism.term is None:
+        return named.with_values(**{v.name: v.nominal for v in mechanism.parameters})
+    return compose(named, (mechanism,))
 
 
 @functools.cache

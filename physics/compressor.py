@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from physics.simulator import Array, Simulator, Variable
+from twinbench.physics.simulator import Array, Simulator, Variable
 
 R_DRY = 287.05  # J/(kg K), air
 GAMMA = 1.4

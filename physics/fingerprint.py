@@ -14,7 +14,7 @@ import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
-from physics.compile import USER_FILE
+from twinbench.common.filespec import USER_FILE
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
 _MODULES = (builtins, math, np)

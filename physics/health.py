@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from physics.compressor import HEALTH
+from twinbench.physics.compressor import HEALTH
 
 Array = NDArray[np.float64]
 

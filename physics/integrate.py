@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit, types
 
-from physics.compile import FUNCTION, VECTOR, compiled
-from physics.simulator import Array, Simulator
+from twinbench.physics.compile import compiled
+from twinbench.physics.jit import FUNCTION, VECTOR
+from twinbench.physics.simulator import Array, Simulator
 
 MATRIX = types.Array(types.float64, 2, "C")
 INDICES = types.Array(types.int64, 1, "C")

@@ -15,15 +15,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from physics.check import check_mechanism, check_simulator
-from physics.compile import USER_FILE
-from physics.filespec import split_spec
-from physics.simulator import Mechanism, Simulator
-from physics.trial import about_to, tried
+from twinbench.common.filespec import USER_FILE, split_spec
+from twinbench.common.trial import about_to, tried
+from twinbench.physics.check import check_mechanism, check_simulator
+from twinbench.physics.simulator import Mechanism, Simulator
 
-BUILTIN = {"compressor": "physics.compressor:PLANT", "nominal": "physics.nominal:NOMINAL"}
+BUILTIN = {"compressor": "twinbench.physics.compressor:PLANT", "nominal": "twinbench.physics.nominal:NOMINAL"}
 """Simulators that are named without a file."""
-BUILTIN_CATALOGUE = "physics.mechanisms:CATALOGUE"
+BUILTIN_CATALOGUE = "twinbench.physics.mechanisms:CATALOGUE"
 
 
 def load_simulator(spec: str) -> Simulator:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from physics.compressor import AMPLITUDES, CONSTANTS
-from physics.simulator import Mechanism, Variable
+from twinbench.physics.compressor import AMPLITUDES, CONSTANTS
+from twinbench.physics.simulator import Mechanism, Variable
 
 _VARIABLES = {v.name: v for v in CONSTANTS + AMPLITUDES}
 

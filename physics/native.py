@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numba.core import config
 
-from physics.compile import jit
-from physics.fingerprint import Untold, fingerprint
+from twinbench.physics.fingerprint import Untold, fingerprint
+from twinbench.physics.jit import jit
 
 
 def executed(

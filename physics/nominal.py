@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from physics.compressor import PLANT
-from physics.simulator import Simulator
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.simulator import Simulator
 
 MISMATCH = 1.0
 REDUCED = {

@@ -35,9 +35,7 @@ class Variable:
             default = span / 6.0 if math.isfinite(span) and span > 0.0 else abs(self.nominal) / 5.0
             object.__setattr__(self, "scale", default or 1.0)
         if not self.low <= self.nominal <= self.high:
-            raise ValueError(
-                f"variable {self.name!r}: nominal {self.nominal} is outside [{self.low}, {self.high}]"
-            )
+            raise ValueError(f"variable {self.name!r}: nominal {self.nominal} is outside [{self.low}, {self.high}]")
 
 
 @dataclass(frozen=True)
@@ -151,15 +149,6 @@ class Simulator:
                 variable, nominal=value, low=min(variable.low, value), high=max(variable.high, value)
             )
         return replace(self, parameters=tuple(parameters))
-
-    def with_(self, mechanism: Mechanism) -> Simulator:
-        """The same machine with a mechanism switched on; again a Simulator."""
-        named = replace(self, mechanisms=(*self.mechanisms, mechanism.name))
-        if mechanism.term is None:
-            return named.with_values(**{v.name: v.nominal for v in mechanism.parameters})
-        from physics.compose import compose  # it compiles, which needs the records above
-
-        return compose(named, (mechanism,))
 
 
 def index_of(variables: tuple[Variable, ...], name: str, complaint: str) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from physics.simulator import Mechanism, Simulator
+from twinbench.physics.simulator import Mechanism, Simulator
 
 _HELPERS = '''
 def some(theta, at, absent):

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import root
 
-from physics.compile import compiled
-from physics.compressor import PLANT
-from physics.integrate import simulate
-from physics.simulator import Array, Simulator
+from twinbench.physics.compile import compiled
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import simulate
+from twinbench.physics.simulator import Array, Simulator
 
 DESIGN_POINT = (1350.0, 3.3)  # N_rpm, pressure ratio
 _GRID_N_RPM = np.linspace(800.0, 1900.0, 9)

@@ -12,23 +12,23 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.bootstrap import differences
-from bench.cli import _parser
-from bench.contract import run_battery
-from bench.contract.subject import small_benchmark
-from bench.prove.gates import read_cases
-from bench.prove.marks import marks
-from bench.registry import discover, find
-from bench.results import load_results
-from bench.roster import PRIOR, UNRANKED, is_ablation, label
-from bench.scores import STATE_ERRORS
-from bench.summary import FORECAST, PARAMETERS, summarise
-from bench.tables import COMPARED
-from data.batch import HEALTH, OUTPUTS
-from physics.compressor import PLANT
-from physics.integrate import simulate
-from physics.nominal import NOMINAL
-from physics.steady import steady_state
+from twinbench.bench.cli.main import build_parser
+from twinbench.bench.contract import run_battery
+from twinbench.bench.contract.subject import small_benchmark
+from twinbench.bench.registry import discover, find
+from twinbench.bench.report.tables import COMPARED
+from twinbench.bench.results import load_results
+from twinbench.bench.roster import PRIOR, UNRANKED, is_ablation, label
+from twinbench.bench.statistics.bootstrap import differences
+from twinbench.bench.statistics.scores import STATE_ERRORS
+from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, summarise
+from twinbench.data.batch import HEALTH, OUTPUTS
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import simulate
+from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.steady import steady_state
+from twinbench.proof.concealed.gates import read_cases
+from twinbench.proof.concealed.marks import marks
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -353,7 +353,7 @@ def test_the_example_file_is_the_example_on_the_page():
 
 @pytest.mark.parametrize("line", commands())
 def test_every_command_line_shown_is_one(line):
-    arguments = _parser().parse_args(shlex.split(line, comments=True)[1:])
+    arguments = build_parser().parse_args(shlex.split(line, comments=True)[1:])
     assert arguments.command == line.split()[1]
 
 
@@ -363,7 +363,7 @@ def test_the_pages_show_the_commands_that_matter():
 
 def test_a_command_line_that_is_none_would_be_noticed(capsys):
     with pytest.raises(SystemExit):
-        _parser().parse_args(["run", "--no-such-option"])
+        build_parser().parse_args(["run", "--no-such-option"])
     assert "--no-such-option" in capsys.readouterr().err
 
 

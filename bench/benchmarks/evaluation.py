@@ -1,6 +1,6 @@
 """How long each trained estimator takes over the test recordings with the cores of this machine shared between them.
 
-    python -m bench.benchmarks.evaluation --profile paper --out results/benchmarks
+    python -m twinbench.bench.benchmarks.evaluation --profile paper --out results/benchmarks
 
 Each of two processes steps half of the recordings in lockstep, forecasts included, as ``twinbench run`` does with all
 of them in one. Wall time of the second pass: the first, over a few samples, starts the processes and compiles.
@@ -13,7 +13,7 @@ import json
 import time
 from pathlib import Path
 
-from bench.threads import pin
+from twinbench.common.threads import pin
 
 pin()
 
@@ -21,14 +21,14 @@ import joblib  # noqa: E402  threads are pinned before NumPy is there
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 
-from bench.apply import trained_cells  # noqa: E402
-from bench.cells import Cell, load_fit, load_split  # noqa: E402
-from bench.evaluate import run as evaluate  # noqa: E402
-from bench.profile import Evaluation, load_profile  # noqa: E402
-from bench.store import Store, write_atomically, write_text  # noqa: E402
-from bench.threads import pin_torch  # noqa: E402
-from bench.versions import provenance  # noqa: E402
-from data.jobs import cores  # noqa: E402
+from twinbench.bench.cells import Cell, load_fit, load_split  # noqa: E402
+from twinbench.bench.estimate.apply import trained_cells  # noqa: E402
+from twinbench.bench.evaluate import run as evaluate  # noqa: E402
+from twinbench.bench.profile import Evaluation, load_profile  # noqa: E402
+from twinbench.common.jobs import cores  # noqa: E402
+from twinbench.common.store import Store, write_atomically, write_text  # noqa: E402
+from twinbench.common.threads import pin_torch  # noqa: E402
+from twinbench.common.versions import provenance  # noqa: E402
 
 FIRST_SAMPLES = 2400
 """Of the first pass: a minute's forecasts and a minute before."""

@@ -1,6 +1,6 @@
 """How fast the plant is simulated, against ``scipy.integrate.solve_ivp`` at the same accuracy.
 
-    python -m bench.benchmarks.simulation_speed --out results/benchmarks
+    python -m twinbench.bench.benchmarks.simulation_speed --out results/benchmarks
 
 Both hold inputs and health from one 20 Hz sample to the next. An error is the largest difference of a state from
 the reference (DOP853 restarted at every sample, rtol 1e-11) over all samples, in the state's ``scale``. The peer is
@@ -21,7 +21,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.threads import pin
+from twinbench.common.threads import pin
 
 pin()
 
@@ -29,14 +29,14 @@ import numpy as np  # noqa: E402  threads are pinned before NumPy is there
 from numba import njit  # noqa: E402
 from scipy.integrate import solve_ivp  # noqa: E402
 
-from bench.store import write_text  # noqa: E402
-from bench.versions import provenance  # noqa: E402
-from data.batch import HEALTH, SAMPLE_PERIOD_S, Array  # noqa: E402
-from data.benchmark import design, simulate_benchmark  # noqa: E402
-from physics.compile import compiled  # noqa: E402
-from physics.compressor import PLANT, balance, flux  # noqa: E402
-from physics.integrate import simulate  # noqa: E402
-from physics.steady import steady_state  # noqa: E402
+from twinbench.common.store import write_text  # noqa: E402
+from twinbench.common.versions import provenance  # noqa: E402
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array  # noqa: E402
+from twinbench.data.benchmark import design, simulate_benchmark  # noqa: E402
+from twinbench.physics.compile import compiled  # noqa: E402
+from twinbench.physics.compressor import PLANT, balance, flux  # noqa: E402
+from twinbench.physics.integrate import simulate  # noqa: E402
+from twinbench.physics.steady import steady_state  # noqa: E402
 
 SEQUENCES = ("test-00", "test-02", "test-03", "test-06")  # capacity, heat transfer, bias, leakage
 BEGIN = 12_600  # ten and a half minutes in: health changes soon

@@ -1,6 +1,6 @@
 """Ten million updates of DeepONet-Kalman in place, with random sensor faults: does it stay sound, and as small?
 
-    python -m bench.benchmarks.soak --profile paper --out results/benchmarks
+    python -m twinbench.bench.benchmarks.soak --profile paper --out results/benchmarks
 
 The test recordings go round and round. At random, channels are lost, stuck, off by up to a thousand training spreads,
 drifting, spiking, or read zero, several at once, for a tick up to a minute. After every single update the filter's
@@ -16,22 +16,22 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bench.threads import pin
+from twinbench.common.threads import pin
 
 pin()
 
 import numpy as np  # noqa: E402  threads are pinned before NumPy is there
 from numba import njit  # noqa: E402
 
-from bench.apply import trained_cells  # noqa: E402
-from bench.cells import load_fit, load_split  # noqa: E402
-from bench.progress import Progress  # noqa: E402
-from bench.roster import PROPOSED  # noqa: E402
-from bench.store import write_text  # noqa: E402
-from bench.versions import provenance  # noqa: E402
-from data.batch import Array  # noqa: E402
-from methods.cycle import SAID, scratch, update  # noqa: E402
-from methods.deeponet_kalman import DeepONetKalman  # noqa: E402
+from twinbench.bench.cells import load_fit, load_split  # noqa: E402
+from twinbench.bench.estimate.apply import trained_cells  # noqa: E402
+from twinbench.bench.roster import PROPOSED  # noqa: E402
+from twinbench.common.progress import Progress  # noqa: E402
+from twinbench.common.store import write_text  # noqa: E402
+from twinbench.common.versions import provenance  # noqa: E402
+from twinbench.data.batch import Array  # noqa: E402
+from twinbench.methods.deeponet_kalman.cycle import SAID, scratch, update  # noqa: E402
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman  # noqa: E402
 
 BLOCK = 10_000
 FAULTS_PER_BLOCK = 40

@@ -1,6 +1,6 @@
 """Where the training of an estimator spends its time, function by function.
 
-    python -m bench.benchmarks.training_profile --only deeponet_kalman gru_kf --out results/benchmarks
+    python -m twinbench.bench.benchmarks.training_profile --only deeponet_kalman gru_kf --out results/benchmarks
 
 Trains on the paper profile's recordings for so many iterations under Python's own profiler and lists the functions in
 which most time was spent, in themselves, not in what they call. Work in other threads, as the mended EKF's search
@@ -15,18 +15,18 @@ import json
 import pstats
 from pathlib import Path
 
-from bench.threads import pin
+from twinbench.common.threads import pin
 
 pin()
 
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 
-from bench.profile import load_profile  # noqa: E402
-from bench.registry import find  # noqa: E402
-from bench.store import write_atomically, write_text  # noqa: E402
-from bench.threads import pin_torch  # noqa: E402
-from bench.versions import provenance  # noqa: E402
-from data.benchmark import Split, simulate_benchmark  # noqa: E402
+from twinbench.bench.profile import load_profile  # noqa: E402
+from twinbench.bench.registry import find  # noqa: E402
+from twinbench.common.store import write_atomically, write_text  # noqa: E402
+from twinbench.common.threads import pin_torch  # noqa: E402
+from twinbench.common.versions import provenance  # noqa: E402
+from twinbench.data.benchmark import Split, simulate_benchmark  # noqa: E402
 
 MOST = 12
 """Functions that are listed of each."""

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from bench.contract import diagnostics, faults, filtering, forecasting, learning, stepping
-from bench.contract.promise import DECLARED, Broken, NotOffered
-from bench.contract.subject import Subject
-from bench.threads import pin_torch
-from methods.estimator import Estimator
+from twinbench.bench.contract import diagnostics, faults, filtering, forecasting, learning, stepping
+from twinbench.bench.contract.outcome import Broken, NotOffered
+from twinbench.bench.contract.promise import DECLARED
+from twinbench.bench.contract.subject import Subject
+from twinbench.common.threads import pin_torch
+from twinbench.methods.estimator import Estimator
 
 __all__ = ["PROMISES", "Result", "Subject", "judge", "run_battery"]
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.contract.promise import NotOffered, at_most, need, promise
-from bench.contract.subject import Subject, Trace, recordings, spikes
-from data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S
-from methods.estimator import FLAG_MISSING, FLAG_SPIKE
+from twinbench.bench.contract.outcome import NotOffered, at_most, need
+from twinbench.bench.contract.promise import promise
+from twinbench.bench.contract.subject import Subject, Trace, recordings, spikes
+from twinbench.data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S
+from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE
 
 
 def _offered(s: Subject, part: str, says: str) -> list[Trace]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.contract.promise import at_most, need, promise
-from bench.contract.subject import (
+from twinbench.bench.contract.outcome import at_most, need
+from twinbench.bench.contract.promise import promise
+from twinbench.bench.contract.subject import (
     EXACT,
     FAULTS,
     JUDGED,
@@ -17,8 +18,8 @@ from bench.contract.subject import (
     recordings,
     small_benchmark,
 )
-from data.batch import ESTIMATED, STATES, Array
-from physics.health import HIGH, LOW
+from twinbench.data.batch import ESTIMATED, STATES, Array
+from twinbench.physics.health import HIGH, LOW
 
 
 def _error(trace: Trace) -> Array:

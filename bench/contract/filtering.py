@@ -6,10 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from bench.contract.promise import NotOffered, at_most, need, promise
-from bench.contract.subject import EXACT, SHORT, Subject, begun, deviation, recordings, sample_at, stacked, ticked
-from data.batch import OUTPUTS, Array
-from methods.estimator import Estimator
+from twinbench.bench.contract.outcome import NotOffered, at_most, need
+from twinbench.bench.contract.promise import promise
+from twinbench.bench.contract.subject import (
+    EXACT,
+    SHORT,
+    Subject,
+    begun,
+    deviation,
+    recordings,
+    sample_at,
+    stacked,
+    ticked,
+)
+from twinbench.data.batch import OUTPUTS, Array
+from twinbench.methods.estimator import Estimator
 
 
 @promise("its implementations agree")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.contract.promise import at_most, need, promise
-from bench.contract.subject import (
+from twinbench.bench.contract.outcome import at_most, need
+from twinbench.bench.contract.promise import promise
+from twinbench.bench.contract.subject import (
     EXACT,
     ROUND_OFF,
     SHORT,
@@ -17,7 +18,7 @@ from bench.contract.subject import (
     snapshot,
     state_after,
 )
-from data.batch import OUTPUTS
+from twinbench.data.batch import OUTPUTS
 
 
 @promise("a forecast has its shape and is finite")

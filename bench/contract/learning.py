@@ -3,24 +3,35 @@
 from __future__ import annotations
 
 import json
-import re
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.contract.promise import Broken, NotOffered, need, promise
-from bench.contract.subject import SEED, SHORT, Subject, future, record, recordings, same, small_benchmark, state_after
-from bench.evaluate import run
-from bench.profile import Evaluation
-from data.benchmark import fingerprint
+from twinbench.bench.contract.outcome import Broken, NotOffered, need
+from twinbench.bench.contract.promise import promise
+from twinbench.bench.contract.subject import (
+    SEED,
+    SHORT,
+    Subject,
+    future,
+    record,
+    recordings,
+    same,
+    small_benchmark,
+    state_after,
+)
+from twinbench.bench.evaluate import run
+from twinbench.bench.profile import Evaluation
+from twinbench.bench.registry import wrong_name
+from twinbench.data.benchmark import fingerprint
 
 
 @promise("it declares itself consistently")
 def _declares(s: Subject) -> str:
     kind, known = s.kind, set(s.kind.settings)
-    need(re.fullmatch(r"[\w.-]+", kind.name) is not None, f"the name {kind.name!r} cannot be a file name")
+    need(not wrong_name(kind.name), wrong_name(kind.name))
     stray = {*kind.contract_settings, *kind.search_space, *(k for a in kind.ablations.values() for k in a)} - known
     need(not stray, f"not among its settings: {', '.join(sorted(stray))}")
     for key, space in kind.search_space.items():

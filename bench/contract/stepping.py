@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.contract.promise import at_most, need, promise
-from bench.contract.subject import (
+from twinbench.bench.contract.outcome import at_most, need
+from twinbench.bench.contract.promise import promise
+from twinbench.bench.contract.subject import (
     EXACT,
     FLOAT32,
     ROUND_OFF,
@@ -24,10 +25,10 @@ from bench.contract.subject import (
     small_benchmark,
     snapshot,
 )
-from bench.evaluate import run
-from bench.profile import Evaluation
-from data.batch import SAMPLE_PERIOD_S
-from methods.estimator import Info, State
+from twinbench.bench.evaluate import run
+from twinbench.bench.profile import Evaluation
+from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.methods.estimator import Info, State
 
 _SHAPES: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
     "mean": ((10,), np.float64), "cov": ((10, 10), np.float64), "low": ((10,), np.float64), "high": ((10,), np.float64),

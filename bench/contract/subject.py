@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.contract.promise import need
-from data.batch import CHANNELS, ESTIMATED, SAMPLE_PERIOD_S, STATES, Array, Batch, Truth
-from data.benchmark import DesignConfig, Split, fingerprint, simulate_benchmark
-from methods.estimator import Estimator, Info, Sample, State
-from physics.compressor import PLANT
+from twinbench.bench.contract.outcome import need
+from twinbench.data.batch import CHANNELS, ESTIMATED, SAMPLE_PERIOD_S, STATES, Array, Batch, Truth
+from twinbench.data.benchmark import DesignConfig, Split, fingerprint, simulate_benchmark
+from twinbench.methods.estimator import Estimator, Info, Sample, State
+from twinbench.physics.compressor import PLANT
 
 DESIGN = DesignConfig(seed=7, n_train=3, n_validation=1, n_test=2, minutes=2.5, warmup_minutes=0.5)
 SEED = 1

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from baselines.unscented import correct, moments, sigma_points, weights
-from bench.latency.peers import ALPHA, SIZE, STEP, Q, numba_move, numba_observe, start
-from data.batch import Array
-from methods.kalman import predict_covariance, update
-from methods.noise import output_sd_of
+from twinbench.baselines.unscented import correct, moments, sigma_points, weights
+from twinbench.bench.latency.peers import ALPHA, SIZE, STEP, Q, numba_move, numba_observe, start
+from twinbench.data.batch import Array
+from twinbench.methods.kalman import predict_covariance, update
+from twinbench.methods.noise import output_sd_of
 
 W_MEAN, W_COV = weights(SIZE, ALPHA)
 

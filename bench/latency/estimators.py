@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench import cells
-from bench.cells import Cell, Outcome
-from bench.latency.timing import Name, Timed, back_to_back, percentiles
-from bench.progress import Progress
-from bench.registry import find, one_line
-from bench.roster import PRIOR
-from bench.store import Store, key_of, write_atomically
-from bench.threads import pin_torch
-from data.batch import SAMPLE_PERIOD_S, Array
-from methods.estimator import Estimator, Sample
+from twinbench.bench import cells
+from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.latency.timing import Name, Timed, back_to_back, percentiles
+from twinbench.bench.registry import find, one_line
+from twinbench.bench.roster import PRIOR
+from twinbench.common.progress import Progress
+from twinbench.common.store import Store, key_of, write_atomically
+from twinbench.common.threads import pin_torch
+from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.methods.estimator import Estimator, Sample
 
 MODE = "back_to_back"
 COLUMNS = (

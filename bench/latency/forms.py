@@ -9,15 +9,15 @@ import numpy as np
 import torch
 from numba import njit
 
-from bench.latency.estimators import samples
-from bench.latency.timing import Name, Timed
-from data.batch import CHANNELS, Array
-from methods.cycle import scratch, take_in
-from methods.deeponet_kalman import DeepONetKalman
-from methods.online import Online
-from methods.operator import KERNEL
-from methods.plain import PlainTwin
-from methods.stream import heads_with_jacobian
+from twinbench.bench.latency.estimators import samples
+from twinbench.bench.latency.timing import Name, Timed
+from twinbench.data.batch import CHANNELS, Array
+from twinbench.methods.deeponet_kalman.cycle import scratch, take_in
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.online import Online
+from twinbench.methods.deeponet_kalman.plain import PlainTwin
+from twinbench.methods.deeponet_kalman.stream import heads_with_jacobian
+from twinbench.methods.operator import KERNEL
 
 WINDOWS = (16, 32, 64, 128, 256)
 IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
@@ -69,7 +69,7 @@ def _compiled(twin: DeepONetKalman) -> Callable[[Array], object]:
 def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
     import onnxruntime
 
-    from methods.export import operator_graph
+    from twinbench.methods.deeponet_kalman.export import operator_graph
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
@@ -97,5 +97,3 @@ def _torch(twin: DeepONetKalman) -> Callable[[Array], object]:
         plain.increments()
 
     return update
-
-

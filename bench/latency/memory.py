@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bench.latency.estimators import Stepped, weights_kB
-from bench.latency.forms import IN_PLACE
-from methods.deeponet_kalman import DeepONetKalman
-from methods.estimator import Sample
-from methods.online import Online
+from twinbench.bench.latency.estimators import Stepped, weights_kB
+from twinbench.bench.latency.forms import IN_PLACE
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.online import Online
+from twinbench.methods.estimator import Sample
 
 UPDATES = 100
 TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.3, 430.0, 0.117])
@@ -80,7 +80,7 @@ def table(rows: Sequence[Held], processes: Sequence[float]) -> pd.DataFrame:
 
 
 def _main(spec: str, fitted: str, implementation: str) -> None:
-    from bench.registry import find
+    from twinbench.bench.registry import find
 
     estimator = find(spec).load(Path(fitted))
     if implementation == IN_PLACE:

@@ -14,14 +14,14 @@ import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numba import njit
 
-from baselines.model_ekf import STATE_WALK
-from data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array
-from methods.noise import health_walk_var, output_sd
-from physics.compile import compiled
-from physics.compressor import balance, flux
-from physics.health import map_health, to_theta
-from physics.integrate import rk4
-from physics.nominal import NOMINAL
+from twinbench.baselines.model_ekf import STATE_WALK
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array
+from twinbench.methods.noise import health_walk_var, output_sd
+from twinbench.physics.compile import compiled
+from twinbench.physics.compressor import balance, flux
+from twinbench.physics.health import map_health, to_theta
+from twinbench.physics.integrate import rk4
+from twinbench.physics.nominal import NOMINAL
 
 N_STATES, SIZE = len(STATES), len(STATES) + len(HEALTH)
 ALPHA = 0.5

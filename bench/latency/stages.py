@@ -15,16 +15,24 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from bench.latency.timing import ROUNDS
-from data.batch import CHANNELS, Array
-from methods.augmented import tick
-from methods.cycle import INNOVATION_CLIP_SD, KEEP, SAID, scratch, standardise, take_in, update
-from methods.deeponet_kalman import DeepONetKalman
-from methods.frontend import gate_one
-from methods.noise import output_sd_of
-from methods.online import Online
-from methods.reporting import report_one
-from methods.stream import heads_with_jacobian
+from twinbench.bench.latency.timing import ROUNDS
+from twinbench.data.batch import CHANNELS, Array
+from twinbench.methods.deeponet_kalman.augmented import tick
+from twinbench.methods.deeponet_kalman.cycle import (
+    INNOVATION_CLIP_SD,
+    KEEP,
+    SAID,
+    scratch,
+    standardise,
+    take_in,
+    update,
+)
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.online import Online
+from twinbench.methods.deeponet_kalman.stream import heads_with_jacobian
+from twinbench.methods.frontend import gate_one
+from twinbench.methods.noise import output_sd_of
+from twinbench.methods.reporting import report_one
 
 STAGES = ("preprocessing", "operator", "sensitivity", "filter", "synchronisation")
 TICKS = 2000
@@ -41,9 +49,7 @@ def _whole(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-un
 def _preprocessing(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
     m, own, room = memory[0], twin[0], t[0]
     for k in range(readings.shape[0]):
-        gate_one(
-            m, own.front, readings[k], room.accepted, room.spike, room.confirmed, room.before, room.kept
-        )
+        gate_one(m, own.front, readings[k], room.accepted, room.spike, room.confirmed, room.before, room.kept)
         output_sd_of(m.filled, room.white, room.coloured)
         standardise(own, m.filled, room)
 

@@ -10,16 +10,14 @@ from typing import Any
 import pandas as pd
 from rich.console import Console
 
-from bench import cells
-from bench.apply import trained_cells
-from bench.cells import Cell, Outcome
-from bench.figures import Drawing
-from bench.figures.latency import decomposition, latency_percentiles, window_lengths
-from bench.latency import memory
-from bench.latency.compiled_peers import CompiledPeer, ekf, ukf
-from bench.latency.estimators import recording, runners, samples, save_samples
-from bench.latency.forms import IN_PLACE, operators, whole_updates
-from bench.latency.peers import (
+from twinbench.bench import cells
+from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.estimate.apply import trained_cells
+from twinbench.bench.latency import memory
+from twinbench.bench.latency.compiled_peers import CompiledPeer, ekf, ukf
+from twinbench.bench.latency.estimators import recording, runners, samples, save_samples
+from twinbench.bench.latency.forms import IN_PLACE, operators, whole_updates
+from twinbench.bench.latency.peers import (
     FilterpyEKF,
     FilterpyUKF,
     Move,
@@ -29,20 +27,21 @@ from bench.latency.peers import (
     numpy_move,
     numpy_observe,
 )
-from bench.latency.stages import stages
-from bench.latency.tables import BACK_TO_BACK, PACED, latency_table, memory_table
-from bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
-from bench.page import write_figures
-from bench.progress import Progress
-from bench.report import FORMATS
-from bench.roster import PROPOSED
-from bench.store import Store, check_writable, write_atomically, write_text
-from bench.table_formats import Table
-from bench.threads import pin_torch
-from bench.versions import provenance
-from data.batch import Array
-from methods.deeponet_kalman import DeepONetKalman
-from methods.frontend import FrontEnd
+from twinbench.bench.latency.stages import stages
+from twinbench.bench.latency.tables import BACK_TO_BACK, PACED, latency_table, memory_table
+from twinbench.bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
+from twinbench.bench.report.figures.latency import decomposition, latency_percentiles, window_lengths
+from twinbench.bench.report.table_formats import Table
+from twinbench.bench.report.write import FORMATS
+from twinbench.bench.roster import PROPOSED
+from twinbench.common.page import Drawing, write_figures
+from twinbench.common.progress import Progress
+from twinbench.common.store import Store, check_writable, write_atomically, write_text
+from twinbench.common.threads import pin_torch
+from twinbench.common.versions import provenance
+from twinbench.data.batch import Array
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.frontend import FrontEnd
 
 
 def run(

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bench.latency.timing import Name
-from bench.roster import label, ordered
-from bench.table_formats import Cell, Column, Table, number
+from twinbench.bench.latency.timing import Name
+from twinbench.bench.report.table_formats import Cell, Column, Table, number
+from twinbench.bench.roster import label, ordered
 
 BACK_TO_BACK, PACED = "back_to_back", "paced_20_hz"
 HEADS = {BACK_TO_BACK: "back to back", PACED: "at 20 Hz"}

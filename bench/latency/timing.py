@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.progress import Progress
-from data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.common.progress import Progress
+from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 
 ROUNDS = 10
 WARM_UP = 60

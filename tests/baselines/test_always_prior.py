@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from baselines.always_prior import AlwaysPrior
-from baselines.oracle import Oracle
-from bench.contract.subject import record, recordings, small_benchmark
-from data.batch import STATES
-from physics.health import HEALTHY
+from twinbench.baselines.always_prior import AlwaysPrior
+from twinbench.baselines.oracle import Oracle
+from twinbench.bench.contract.subject import record, recordings, small_benchmark
+from twinbench.data.batch import STATES
+from twinbench.physics.health import HEALTHY
 
 
 @pytest.fixture(scope="module")

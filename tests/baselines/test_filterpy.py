@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from baselines.nominal_ekf import NominalEKF
-from baselines.pinn_ukf import PINNUnscentedKalman
-from data.benchmark import DesignConfig, simulate_benchmark
-from methods.estimator import Sample
+from twinbench.baselines.nominal_ekf import NominalEKF
+from twinbench.baselines.pinn_ukf import PINNUnscentedKalman
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.methods.estimator import Sample
 
 SETTINGS = {"nominal_ekf": {"calibration_minutes": 0.5}, "pinn_ukf": PINNUnscentedKalman.contract_settings}
 

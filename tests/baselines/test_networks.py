@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 import torch
 
-from baselines import features
-from baselines.deeponet import N_QUERY, DeepONet, network_of
-from baselines.gru_kf import GRUKalman
-from baselines.lstm_rls import LSTMRecursiveLeastSquares
-from baselines.pinn_ukf import PINNUnscentedKalman
-from baselines.recurrent import TICKS_PER_STEP, SlowFast, SlowFastTwin
-from baselines.sequences import fit_sequences, read_out
-from data.benchmark import DesignConfig, simulate_benchmark
-from methods.operator import WINDOW, Operator
-from methods.training import parameter_count, weights_of
+from twinbench.baselines import features
+from twinbench.baselines.deeponet import N_QUERY, DeepONet, network_of
+from twinbench.baselines.gru_kf import GRUKalman
+from twinbench.baselines.lstm_rls import LSTMRecursiveLeastSquares
+from twinbench.baselines.pinn_ukf import PINNUnscentedKalman
+from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFast, SlowFastTwin
+from twinbench.baselines.sequences import fit_sequences, read_out
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.methods.operator import WINDOW, Operator
+from twinbench.methods.training import parameter_count, weights_of
 
 
 @pytest.mark.parametrize("cell", ["gru", "lstm"])

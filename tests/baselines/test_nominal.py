@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from baselines.nominal_ekf import recalibrate, rescaled
-from data.batch import HEALTH
-from data.benchmark import DesignConfig, simulate_benchmark
-from physics.compressor import PLANT
-from physics.integrate import simulate
-from physics.nominal import NOMINAL, RECALIBRATED
+from twinbench.baselines.nominal_ekf import recalibrate, rescaled
+from twinbench.data.batch import HEALTH
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import simulate
+from twinbench.physics.nominal import NOMINAL, RECALIBRATED
 
 
 @pytest.fixture(scope="module")

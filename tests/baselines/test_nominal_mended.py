@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from baselines import nominal_ekf_mended
-from baselines.nominal_ekf_mended import NominalEKFMended, mend
-from data.batch import CHANNELS, INPUTS, Batch
-from data.benchmark import DesignConfig, simulate_benchmark
-from physics.nominal import NOMINAL
+from twinbench.baselines import nominal_ekf_mended
+from twinbench.baselines.nominal_ekf_mended import NominalEKFMended, mend
+from twinbench.data.batch import CHANNELS, INPUTS, Batch
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.physics.nominal import NOMINAL
 
 
 @pytest.fixture(scope="module")

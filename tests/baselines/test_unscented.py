@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from baselines.unscented import correct, linear_filter, moments, sigma_points, weights
-from methods import kalman
+from twinbench.baselines.unscented import correct, linear_filter, moments, sigma_points, weights
+from twinbench.methods import kalman
 
 ALPHA = 0.5
 

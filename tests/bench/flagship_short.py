@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from bench.flagship.plant import Item, draw
-from bench.flagship.record import HELD_OUT, TRAINING, record
-from data.batch import HEALTH, Batch
+from twinbench.data.batch import HEALTH, Batch
+from twinbench.proof.flagship.plant import Item, draw
+from twinbench.proof.flagship.record import HELD_OUT, TRAINING, record
 
 SHORT_TRAINING = replace(TRAINING, minutes=2.0, wear=((), HEALTH))
 SHORT_HELD_OUT = replace(HELD_OUT, minutes=4.0, wear=(HEALTH,))

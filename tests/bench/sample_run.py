@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bench.cells import save_split
-from bench.estimates import Estimates
-from bench.scores import score
-from bench.store import Store
-from data.batch import ESTIMATED, Batch, Truth
-from data.benchmark import Split
-from physics.compressor import M_REF_KG_S
-from physics.health import HEALTHY, SPAN
+from twinbench.bench.cells import save_split
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.statistics.scores import score
+from twinbench.common.store import Store
+from twinbench.data.batch import ESTIMATED, Batch, Truth
+from twinbench.data.benchmark import Split
+from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.health import HEALTHY, SPAN
 
 LEVELS = {
     "oracle": 1.0, "always_prior": 2.2, "nominal_ekf": 2.6, "gru_kf": 2.0, "lstm_rls": 5.0, "deeponet": 3.2,
@@ -119,7 +119,7 @@ def write_run(
 
 
 def _failed_scores(failed: tuple[tuple[str, int, str, str], ...], truth: Batch) -> pd.DataFrame:
-    from bench.scores import DEFINITIONS
+    from twinbench.bench.statistics.scores import DEFINITIONS
 
     rows = [(e, seed, s, m, np.nan) for e, seed, _, _ in failed for s in truth.names for m in DEFINITIONS]
     return pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])

@@ -9,15 +9,15 @@ import pandas as pd
 import pytest
 from tiny_run import parts, twinbench, write_profile
 
-from bench.bootstrap import differences, sequence_scores
-from bench.cells import make_cell
-from bench.paired import ablation_table, rivals_table
-from bench.profile import load_profile
-from bench.registry import find
-from bench.scores import DEFINITIONS
-from data.errors import BadInput
-from methods.deeponet_kalman import DeepONetKalman
-from methods.estimator import ablated
+from twinbench.bench.cells import make_cell
+from twinbench.bench.profile import load_profile
+from twinbench.bench.registry import find
+from twinbench.bench.report.paired import ablation_table, rivals_table
+from twinbench.bench.statistics.bootstrap import differences, sequence_scores
+from twinbench.bench.statistics.scores import DEFINITIONS
+from twinbench.common.errors import BadInput
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.estimator import ablated
 
 
 def test_an_ablation_is_the_estimator_with_other_settings():
@@ -81,9 +81,9 @@ def test_a_failed_ablation_says_so():
     assert ablation_table(table, {"a:no_b": "seed 0, fit: broke"}).rows[0][1].text == "failed"
 
 
-ABLATED = '''
+ABLATED = """
 import numpy as np
-from methods.estimator import Estimator, gaussian_state, no_info, register
+from twinbench.methods.estimator import Estimator, gaussian_state, no_info, register
 
 @register
 class Constant(Estimator):
@@ -101,7 +101,7 @@ class Constant(Estimator):
 
     def step(self, state, sample):
         return gaussian_state(state.mean, self.arrays["cov"]), no_info(len(state.mean))
-'''
+"""
 
 
 def test_a_run_with_ablations_trains_what_differs_and_reports_it_apart(tmp_path):

@@ -14,7 +14,7 @@ from refusals import refused
 from sample_run import write_run
 from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
-from bench.report import write_report
+from twinbench.bench.report.write import write_report
 
 TABLES = ("scores.csv", "cost.csv", "failures.csv", "latency.csv", "tables/regimes.csv", "tables/comparison.csv")
 
@@ -24,7 +24,7 @@ def _quick() -> Iterator[None]:
     """Cells in this process, and no figures of runs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         yield
 
 
@@ -132,7 +132,7 @@ def test_recordings_of_other_code_are_refused_with_the_library_that_differs(
 def test_all_estimators_begin_anew_where_the_recordings_are_others(
     two: SimpleNamespace, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.runner.discover", lambda: {two.third: None})
+    monkeypatch.setattr("twinbench.bench.runner.discover", lambda: {two.third: None})
     assert twinbench("run", "--profile", two.profile, "--out", run) == 0
     assert set(pd.read_csv(run / "scores.csv")["estimator"]) == {"fails", "steady", "third", "wrong"}
     longer = tmp_path / "tiny.toml"
@@ -173,9 +173,9 @@ def test_rows_under_harder_conditions_stay_until_their_estimator_changes(
 def test_a_report_without_the_store_keeps_what_needed_it_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from bench.figures import draw
+    from twinbench.bench.report.figures import draw
 
-    monkeypatch.setattr("bench.report.draw", draw)
+    monkeypatch.setattr("twinbench.bench.report.write.draw", draw)
     out = write_run(tmp_path / "run", {"oracle": 1.0, "gru_kf": 2.0, "deeponet_kalman": 1.2}, 4, seconds=300)
     write_report(out)
     regimes = (out / "tables" / "regimes.csv").read_bytes()
@@ -196,9 +196,9 @@ def test_a_report_without_the_store_keeps_what_needed_it_and_says_so(
 
 
 def test_figures_of_estimates_are_figures(tmp_path: Path) -> None:
-    from bench.figures import FROM_ESTIMATES, WEAR, draw
-    from bench.report import _evidence, load_results
-    from bench.summary import summarise
+    from twinbench.bench.report.figures import FROM_ESTIMATES, WEAR, draw
+    from twinbench.bench.report.write import _evidence, load_results
+    from twinbench.bench.statistics.summary import summarise
 
     results = load_results(write_run(tmp_path / "run", {"oracle": 1.0, "deeponet_kalman": 1.2}, 2, seconds=200))
     summary = summarise(results.scores, results.failures)

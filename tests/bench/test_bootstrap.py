@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import stats
 
-from bench.bootstrap import (
+from twinbench.bench.statistics.bootstrap import (
     RESAMPLES,
     SequenceScores,
     differences,

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from statsmodels.duration.survfunc import SurvfuncRight
 
-from bench.censored import LEAST_WATCHED, LIMIT, Waiting, median, survival, waiting, watched
-from bench.summary import summarise
-from bench.tables import build_tables
-from bench.tracking import LONGEST_DELAY_S
+from twinbench.bench.report.tables import build_tables
+from twinbench.bench.statistics.censored import LEAST_WATCHED, LIMIT, Waiting, median, survival, waiting, watched
+from twinbench.bench.statistics.summary import summarise
+from twinbench.bench.statistics.tracking import LONGEST_DELAY_S
 
 COLUMNS = ["estimator", "seed", "sequence", "metric", "value"]
 

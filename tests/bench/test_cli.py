@@ -17,7 +17,7 @@ import pytest
 from refusals import listing, refused
 from tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
-from data.batch import CHANNELS, ESTIMATED
+from twinbench.data.batch import CHANNELS, ESTIMATED
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -25,7 +25,7 @@ def _quick() -> Iterator[None]:
     """Cells in this process, and no figures of runs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         yield
 
 
@@ -42,7 +42,10 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
 
 def test_starting_up_imports_nothing_heavy() -> None:
     heavy = "{'numpy', 'pandas', 'torch', 'numba', 'scipy', 'matplotlib', 'rich'}"
-    code = f"import sys, bench.cli; bench.cli._parser().format_help(); print(sorted({heavy} & set(sys.modules)))"
+    code = (
+        "import sys, twinbench\nfrom twinbench.bench.cli.main import build_parser\nbuild_parser().format_help()\n"
+        f"print(sorted({heavy} & set(sys.modules)))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
 
@@ -84,7 +87,7 @@ def test_check_exits_with_what_the_battery_found(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], statuses: tuple[str, ...], code: int
 ) -> None:
     found = [SimpleNamespace(name=f"c{i}", status=s, detail="so [it] is") for i, s in enumerate(statuses)]
-    monkeypatch.setattr("bench.contract.run_battery", lambda kind: found)
+    monkeypatch.setattr("twinbench.bench.contract.run_battery", lambda kind: found)
     assert twinbench("check", "oracle", "--json") == code
     assert json.loads(capsys.readouterr().out) == [vars(f) for f in found]
     assert twinbench("check", "oracle") == code
@@ -160,7 +163,7 @@ def test_a_run_that_is_broken_off_says_how_to_go_on(
     def interrupted(name: str) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bench.profile.load_profile", interrupted)
+    monkeypatch.setattr("twinbench.bench.profile.load_profile", interrupted)
     assert twinbench("run") == 130
     assert "run the same command again to go on" in capsys.readouterr().err
 
@@ -172,7 +175,7 @@ def test_a_training_that_no_longer_fits_is_refused_with_what_differs(tiny, tmp_p
     assert twinbench(*arguments, longer) == 2
     assert "(there data.minutes was 2.5, now it is 3.5)" in capsys.readouterr().err
     changed = write_estimator(tmp_path, Path(tiny.spec).stem, scale=1.25)
-    monkeypatch.setattr("bench.apply.code_version", lambda module: f"other than of {module}")
+    monkeypatch.setattr("twinbench.bench.estimate.apply.code_version", lambda module: f"other than of {module}")
     assert twinbench("estimate", changed, *arguments[2:], tiny.profile) == 2
     assert "has changed since" in capsys.readouterr().err
 
@@ -191,6 +194,8 @@ BAD_USE = [
     (("run", "--only", "one/mine.py", "--out", "file/out"), "cannot write file/out/.writable: Not a directory"),
     (("run", "--only", "one/mine.py", "--backend", "dask"), "--backend dask needs --scheduler ADDRESS"),
     (("simulate", "--out", "file/out"), "Not a directory"),
+    (("report", "a" * 300), "cannot use 'aaa"),
+    (("run", "--only", "one/mine.py", "--out", "a" * 300), "File name too long; give another path"),
     (("report", "."), "holds no run (no manifest.json)"),
     (("latency", "--updates", "3"), "--updates is 3, must lie in"),
     (("latency", "--estimator", "one/mine.py"), "is not trained in results/quick"),
@@ -240,7 +245,7 @@ def test_bad_use_is_one_line(
 def test_without_onnx_export_says_what_to_install(
     workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.export.find_spec", lambda name: None)
+    monkeypatch.setattr("twinbench.bench.export.find_spec", lambda name: None)
     assert "pip install 'twinbench[export]'" in refused(workplace, capsys, "export", "--out", "out")
 
 

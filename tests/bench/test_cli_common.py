@@ -17,13 +17,14 @@ import pytest
 from refusals import refused
 from tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
-from bench.cli import _parser
-from bench.completion import _commands, script
-from bench.mismatch_status import STATUS
-from bench.roster import LABELS
-from data.jobs import cores
+from twinbench.bench.cli.completion import _commands, script
+from twinbench.bench.cli.main import COMMANDS as COMMANDS_OF
+from twinbench.bench.cli.main import build_parser
+from twinbench.bench.cli.mismatch_status import STATUS
+from twinbench.bench.roster import LABELS
+from twinbench.common.jobs import cores
 
-COMMANDS = _commands(_parser())
+COMMANDS = _commands(build_parser())
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -31,7 +32,7 @@ def _quick() -> Iterator[None]:
     """Cells in this process, and no figures of runs."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         yield
 
 
@@ -74,7 +75,8 @@ def test_simulate_and_export_tell_their_files(
 ) -> None:
     files = read(capsys, 0, "simulate", "--profile", tiny.profile, "--part", "validation", "--out", tmp_path)["files"]
     assert files == [str(tmp_path / "validation-00.csv")]
-    monkeypatch.setattr("bench.export.export", lambda *_: [tmp_path / "operator.onnx", tmp_path / "filter.npz"])
+    exported = [tmp_path / "operator.onnx", tmp_path / "filter.npz"]
+    monkeypatch.setattr("twinbench.bench.export.export", lambda *_: exported)
     told = read(capsys, 0, "export", "--out", tmp_path)
     assert told["files"] == [str(tmp_path / "operator.onnx"), str(tmp_path / "filter.npz")]
 
@@ -109,8 +111,8 @@ def test_prove_and_flagship_tell_the_gates(
 ) -> None:
     gates = pd.DataFrame([("right name", 3, 0.5, True)], columns=["gate", "cases", "measured", "met"])
     pd.DataFrame([("twinbench", 3)], columns=["engine", "cases"]).to_csv(tmp_path / "engines.csv", index=False)
-    monkeypatch.setattr("bench.prove.suite.run", lambda *_, **__: gates)
-    monkeypatch.setattr("bench.flagship.suite.run", lambda *_, **__: gates)
+    monkeypatch.setattr("twinbench.proof.concealed.suite.run", lambda *_, **__: gates)
+    monkeypatch.setattr("twinbench.proof.flagship.suite.run", lambda *_, **__: gates)
     row = {"gate": "right name", "cases": 3, "measured": 0.5, "met": True}
     told = read(capsys, 0, "prove", "--out", tmp_path)
     assert (told["gates"], told["engines"]) == ([row], [{"engine": "twinbench", "cases": 3}])
@@ -136,7 +138,7 @@ def test_jobs_are_checked_and_hold_meanwhile(
     needs = {"mismatch": ("s.py", "r.csv", "--out", "o"), "tune": ("oracle",), "check": ("oracle",)}.get(command, ())
     assert "--jobs is 0, must lie in [1, 1024]" in refused(tmp_path, capsys, command, *needs, "--jobs", 0)
     seen = []
-    monkeypatch.setitem(__import__("bench.cli").cli._COMMANDS, command, lambda a: seen.append(cores()) or 0)
+    monkeypatch.setattr(COMMANDS_OF[command], "run", lambda a: seen.append(cores()) or 0)
     monkeypatch.delenv("LOKY_MAX_CPU_COUNT")
     assert twinbench(command, *needs, "--jobs", 1) == 0
     assert twinbench(command, *needs) == 0
@@ -146,7 +148,7 @@ def test_jobs_are_checked_and_hold_meanwhile(
 def test_no_number_of_processes_is_written_into_the_code() -> None:
     root = Path(__file__).parents[2]
     fixed = re.compile(r"n_jobs\s*=\s*\d|ThreadPoolExecutor\(\s*\d|min\(2,|os\.cpu_count\(\) or")
-    for package in ("physics", "data", "methods", "baselines", "mismatch", "bench"):
+    for package in ("common", "physics", "data", "methods", "baselines", "mismatch", "bench", "proof"):
         for path in (root / package).rglob("*.py"):
             found = [line for line in path.read_text().splitlines() if fixed.search(line)]
             assert not [line for line in found if "rng." not in line], path
@@ -156,7 +158,7 @@ def test_no_number_of_processes_is_written_into_the_code() -> None:
 def test_verbose_stands_before_or_after_the_command(order: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     assert twinbench(*order) == 0
     err = capsys.readouterr().err
-    assert re.search(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} bench\.cli: twinbench list begins$", err, re.MULTILINE)
+    assert re.search(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [\w.]+: twinbench list begins$", err, re.MULTILINE)
     assert twinbench(*(word for word in order if word != "-v")) == 0
     assert capsys.readouterr().err == ""
 
@@ -166,8 +168,8 @@ def test_verbose_names_stages_cells_and_files(
 ) -> None:
     assert twinbench(*run_arguments(tiny.profile, tmp_path / "out", [tiny.spec]), "-v") == 0
     err = capsys.readouterr().err
-    for line in ("bench.progress: train: done in", "bench.runner: train: steady, seed 0: done",
-                 f"bench.store: wrote {tmp_path / 'out' / 'scores.csv'}"):  # fmt: skip
+    for line in ("twinbench.common.progress: train: done in", "twinbench.bench.runner: train: steady, seed 0: done",
+                 f"twinbench.common.store: wrote {tmp_path / 'out' / 'scores.csv'}"):  # fmt: skip
         assert line in err
 
 
@@ -205,7 +207,7 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
     (["simulate", "--format", "p"], {"parquet"}, {"csv"}),
 ])  # fmt: skip
 def test_bash_completes(tmp_path: Path, words: list[str], offers: set[str], not_offered: set[str]) -> None:
-    (tmp_path / "completion.bash").write_text(script(_parser(), "bash"))
+    (tmp_path / "completion.bash").write_text(script(build_parser(), "bash"))
     (tmp_path / "here.csv").write_text("")
     text = BASH.format(script="completion.bash", words=" ".join(["twinbench", *words]), at=len(words))
     done = subprocess.run(["bash", "-c", text], cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -13,13 +13,13 @@ import pytest
 from refusals import refused
 from tiny_run import twinbench
 
-from bench.mismatch_status import NAMED, SAYS, STATUS
-from data.errors import BadInput
-from mismatch.verdict import VERDICTS
+from twinbench.bench.cli.mismatch_status import NAMED, SAYS, STATUS
+from twinbench.common.errors import BadInput
+from twinbench.mismatch.verdict import VERDICTS
 
 LAG = """
 import numpy as np
-from physics.simulator import Simulator, Variable
+from twinbench.physics.simulator import Simulator, Variable
 
 def rhs(x, u, theta):
     return np.array([(u[0] - x[0]) / theta[0]])
@@ -36,7 +36,7 @@ LAG = Simulator(
 )
 """
 LOSS = """
-from physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Mechanism, Variable
 
 def term(x, u, theta):
     return theta[-1] * (290.0 - x[0])
@@ -46,7 +46,7 @@ LOSS = Mechanism("loss", "heat is lost", "balance:T", (Variable("c_1_s", "1/s", 
 CHANGED = {
     "broken.py": LAG.replace("LAG = ", "LAG = undefined + "),
     "empty.py": "x = 1\n",
-    "two.py": LAG + "\nfrom physics.nominal import NOMINAL\n",
+    "two.py": LAG + "\nfrom twinbench.physics.nominal import NOMINAL\n",
     "shapes.py": LAG.replace("return np.array([x[0]])", "return np.array([x[0], x[0]])"),
     "nan.py": LAG.replace("theta[0]])", "(theta[0] * 0.0) * 0.0])"),
     "blows_up.py": LAG.replace("(u[0] - x[0]) / theta[0]", "1e3 * x[0] ** 2"),
@@ -102,8 +102,8 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         if called["page_fails"]:
             raise called["page_fails"]
 
-    monkeypatch.setattr("mismatch.diagnose", diagnose)
-    monkeypatch.setattr("bench.mismatch_report.write_page", write_page)
+    monkeypatch.setattr("twinbench.mismatch.diagnose", diagnose)
+    monkeypatch.setattr("twinbench.mismatch.report.write.write_page", write_page)
     return called
 
 

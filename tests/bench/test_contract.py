@@ -8,17 +8,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bench.contract import PROMISES, Subject, judge, run_battery
-from bench.contract.filtering import textbook_filter
-from bench.contract.subject import P_DIS, SCALE
-from bench.registry import discover
-from data.batch import STATES
-from methods.estimator import Estimator, Info, State, gaussian_state
-from methods.frontend import FrontEnd, Memory
-from methods.kalman import linear_filter
-from methods.observe import observe
-from methods.reporting import clean_flags
-from physics.health import HIGH, LOW
+from twinbench.bench.contract import PROMISES, Subject, judge, run_battery
+from twinbench.bench.contract.filtering import textbook_filter
+from twinbench.bench.contract.subject import P_DIS, SCALE
+from twinbench.bench.registry import discover
+from twinbench.data.batch import STATES
+from twinbench.methods.estimator import Estimator, Info, State, gaussian_state
+from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.kalman import linear_filter
+from twinbench.methods.observe import observe
+from twinbench.methods.reporting import clean_flags
+from twinbench.physics.health import HIGH, LOW
 
 ROOM = 0.05 * (HIGH - LOW)
 

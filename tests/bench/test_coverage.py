@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from bench.bootstrap import means, sequence_scores
-from bench.coverage import (
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.statistics.bootstrap import means, sequence_scores
+from twinbench.bench.statistics.coverage import (
     REGIMES,
     SETTLE_S,
     chi2_band,
@@ -22,9 +23,8 @@ from bench.coverage import (
     expected_band,
     regimes,
 )
-from bench.estimates import Estimates
-from bench.scores import score
-from data.batch import ESTIMATED, Batch, Truth
+from twinbench.bench.statistics.scores import score
+from twinbench.data.batch import ESTIMATED, Batch, Truth
 
 RUNS, TICKS = 400, 30
 SURE = 0.999
@@ -67,9 +67,7 @@ def toy() -> tuple[Batch, Estimates]:
     names = tuple(f"run-{b:03d}" for b in range(RUNS))
     time_s = np.arange(float(TICKS))
     inputs = np.ones((RUNS, TICKS, 4)) * np.array([1.0, 298.0, 1350.0, 0.5])
-    batch = Batch(
-        names, time_s, np.zeros((RUNS, TICKS, 7)), Truth(X[..., :5], X[..., 5:], X[..., :3], inputs)
-    )
+    batch = Batch(names, time_s, np.zeros((RUNS, TICKS, 7)), Truth(X[..., :5], X[..., 5:], X[..., :3], inputs))
     origins = [9, 29]
     exact = Estimates(
         "exact", 0, names, time_s, M, M - half_, M + half_, N, np.full(N.shape, 3, dtype=np.int8),
@@ -95,9 +93,7 @@ def last_tick(estimates: Estimates) -> Estimates:
     """One tick a run: as many independent trials as there are runs."""
     cut = {k: getattr(estimates, k)[:, -1:] for k in ("mean", "low", "high", "nis", "nis_dof", "flags")}
     at = {k: getattr(estimates, k)[:, -1:] for k in ("forecast", "mean_at_origin", "cov_at_origin")}
-    return replace(
-        estimates, time_s=estimates.time_s[-1:], forecast_time_s=estimates.time_s[-1:], **cut, **at
-    )
+    return replace(estimates, time_s=estimates.time_s[-1:], forecast_time_s=estimates.time_s[-1:], **cut, **at)
 
 
 def mean_score(estimates: Estimates, metric: str) -> float:
@@ -125,9 +121,7 @@ def test_nees_of_the_exact_filter_is_in_its_band_and_of_the_overconfident_is_not
     exact = last_tick(toy()[1])
     low, high = chi2_band(10, RUNS, SURE)
     assert low < mean_score(exact, "nees_ratio") < high
-    assert mean_score(overconfident(exact), "nees_ratio") == pytest.approx(
-        mean_score(exact, "nees_ratio") / 0.7**2
-    )
+    assert mean_score(overconfident(exact), "nees_ratio") == pytest.approx(mean_score(exact, "nees_ratio") / 0.7**2)
     assert mean_score(overconfident(exact), "nees_ratio") > high
 
 
@@ -244,14 +238,10 @@ def test_one_quantity_without_an_interval_in_one_seed_is_no_mean_either():
 @pytest.mark.parametrize("n", [5, 10, 200])
 def test_expected_band_holds_95_per_cent_of_exact_filters(n):
     low, high = expected_band(n)
-    covered = stats.binom.cdf(round(high * n / 100), n, 0.95) - stats.binom.cdf(
-        round(low * n / 100) - 1, n, 0.95
-    )
+    covered = stats.binom.cdf(round(high * n / 100), n, 0.95) - stats.binom.cdf(round(low * n / 100) - 1, n, 0.95)
     assert covered >= 0.95
     # Any narrower and it would not.
-    inner = stats.binom.cdf(round(high * n / 100) - 1, n, 0.95) - stats.binom.cdf(
-        round(low * n / 100), n, 0.95
-    )
+    inner = stats.binom.cdf(round(high * n / 100) - 1, n, 0.95) - stats.binom.cdf(round(low * n / 100), n, 0.95)
     assert inner < 0.95
 
 
@@ -296,9 +286,7 @@ def test_rows_say_how_many_samples_a_regime_has_and_skip_empty_ones():
     inputs = np.ones((2, 300, 4))
     inputs[0, :, 2] = np.linspace(900, 1400, 300)
     inputs[1, :, 2] = np.linspace(1400, 1800, 300)
-    batch = Batch(
-        ("step", "calm"), time_s, np.zeros((2, 300, 7)), Truth(states, health, np.ones((2, 300, 3)), inputs)
-    )
+    batch = Batch(("step", "calm"), time_s, np.zeros((2, 300, 7)), Truth(states, health, np.ones((2, 300, 3)), inputs))
     exact = batch.truth.estimated
     low = exact - 1.0
     low[0, 100:110, 9] = 3.5  # the step is missed for ten samples

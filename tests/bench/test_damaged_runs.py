@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 from sample_run import write_run
 
-from bench.results import load_results
-from data.errors import BadInput
+from twinbench.bench.results import load_results
+from twinbench.common.errors import BadInput
 
 
 @pytest.fixture

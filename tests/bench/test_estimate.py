@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,10 +13,12 @@ import pytest
 from refusals import listing
 from tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
-from bench.cli import _parser
-from bench.sampling import joined, manner_of, read_as
-from data.batch import CHANNELS, INPUTS
-from data.units import ATMOSPHERE_BAR, UNITS
+from twinbench.bench.cli.main import build_parser
+from twinbench.bench.estimate.reference import Reference
+from twinbench.bench.estimate.sampling import joined, manner_of, read_as
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import CHANNELS, INPUTS
+from twinbench.data.units import ATMOSPHERE_BAR, UNITS
 
 EVERY = (1,) * len(CHANNELS)
 LEARNS = "return gaussian_state(state.mean, 0.5 * self.arrays['cov']), no_info(len(state.mean))"
@@ -35,7 +38,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     profile.write_text(text.replace("n_train = 2", "n_train = 6"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         assert twinbench(*run_arguments(profile, folder / "run", ["oracle"])) == 0
     assert twinbench("simulate", "--profile", profile, "--no-truth", "--out", folder / "recordings") == 0
     tables = [pd.read_csv(path) for path in listing(folder / "recordings")]
@@ -203,7 +206,7 @@ def estimators(tmp_path_factory):
     specs = {name: write_estimator(folder, name, step=step) for name, step in steps.items()}
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         assert twinbench(*run_arguments(profile, folder / "run", list(specs.values()))) == 0
     assert twinbench("simulate", "--part", "train", "--profile", profile, "--out", folder / "recordings") == 0
     table = pd.read_csv(folder / "recordings" / "train-00.csv")
@@ -254,7 +257,7 @@ def test_a_channel_that_mostly_lacks_counts_as_missing():
 
 def test_help_and_pages_name_each_channel_its_unit_and_the_rate(capsys):
     with pytest.raises(SystemExit):
-        _parser().parse_args(["estimate", "--help"])
+        build_parser().parse_args(["estimate", "--help"])
     said = capsys.readouterr().out
     pages = [said, *(Path(p).read_text(encoding="utf-8") for p in ("README.md", "docs/estimate.md"))]
     short = {"kelvin": "K", "dimensionless": "command"}
@@ -265,3 +268,21 @@ def test_help_and_pages_name_each_channel_its_unit_and_the_rate(capsys):
             lines = [line for line in page.splitlines() if line.strip(" |`").startswith(channel)]
             assert any(short.get(unit, unit) in line.partition(channel)[2].split() for line in lines)
     assert "exit status: 0 usable" in said
+
+
+@pytest.mark.parametrize(("spoil", "says"), [
+    (lambda kept: kept.pop("narrowest"), "narrowest"),
+    (lambda kept: kept.update(accepted=np.ones(7)), "accepted has shape (7,), must have (2, 7)"),
+    (lambda kept: kept.update(covered=np.array(np.nan)), "no number"),
+])  # fmt: skip
+def test_a_reference_that_is_not_what_was_kept_is_one_line(tmp_path, spoil, says):
+    kept = {
+        "nis": np.ones((2, 9), np.float32), "off": np.ones((2, 9, 3), np.float16), "accepted": np.ones((2, 7)),
+        "covered": np.array(0.95), "narrowest": np.full(5, 0.5),
+    }  # fmt: skip
+    np.savez(tmp_path / "part.npz", **kept)
+    assert Reference.load(tmp_path / "part.npz").covered == 0.95
+    spoil(kept)
+    np.savez(tmp_path / "part.npz", **kept)
+    with pytest.raises(BadInput, match=re.escape(says)):
+        Reference.load(tmp_path / "part.npz")

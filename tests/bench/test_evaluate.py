@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from bench.evaluate import fill_gaps, run
-from bench.profile import Evaluation
-from data.batch import CHANNELS, SAMPLE_PERIOD_S, Batch, Truth
-from methods.estimator import Estimator, gaussian_state, no_info
+from twinbench.bench.evaluate import fill_gaps, run
+from twinbench.bench.profile import Evaluation
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.methods.estimator import Estimator, gaussian_state, no_info
 
 TICKS = 401
 EVALUATION = Evaluation(stride=3, origin_every_s=5.0, leads_s=(0.5, 2.0))

@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 from tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
-from bench.apply import trained_cells
-from bench.benchmarks.evaluation import measure
-from bench.profile import load_profile
+from twinbench.bench.benchmarks.evaluation import measure
+from twinbench.bench.estimate.apply import trained_cells
+from twinbench.bench.profile import load_profile
 
 
 def test_every_trained_estimator_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
-    monkeypatch.setattr("bench.report.draw", lambda *_: iter(()))
+    monkeypatch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
     profile = write_profile(tmp_path)
     quick = write_estimator(tmp_path, "quick")
     slow = write_estimator(tmp_path, "slow", step="sum(range(20_000))")

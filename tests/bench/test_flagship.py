@@ -14,18 +14,18 @@ import pytest
 from flagship_short import recorded
 from rich.console import Console
 
-from bench.flagship import suite
-from bench.flagship.gates import gate_table
-from bench.flagship.judge import COLUMNS, names
-from bench.flagship.measure import Errors
-from bench.flagship.plant import EFFECTS, UNKNOWN, Item, Plant, draw
-from bench.flagship.record import HELD_OUT
-from bench.prove.seal import BrokenSeal
-from data.batch import CHANNELS, Batch
-from data.errors import BadInput
-from mismatch.model import model_toml
-from physics.mechanisms import CATALOGUE
-from physics.nominal import NOMINAL
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import CHANNELS, Batch
+from twinbench.mismatch.model import model_toml
+from twinbench.physics.mechanisms import CATALOGUE
+from twinbench.physics.nominal import NOMINAL
+from twinbench.proof.concealed.seal import BrokenSeal
+from twinbench.proof.flagship import suite
+from twinbench.proof.flagship.gates import gate_table
+from twinbench.proof.flagship.judge import COLUMNS, names
+from twinbench.proof.flagship.measure import Errors
+from twinbench.proof.flagship.plant import EFFECTS, UNKNOWN, Item, Plant, draw
+from twinbench.proof.flagship.record import HELD_OUT
 
 # Judging.
 

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from flagship_short import SHORT_TRAINING, recorded
 
-from bench.flagship.judge import shares
-from bench.flagship.measure import Errors, at_design_point, errors
-from bench.flagship.plant import ADDED, CALIBRATED, CELLS, EFFECTS, SEPARABLE, UNKNOWN, Item, draw
-from bench.flagship.record import HELD_OUT, TRAINING, record
-from data.batch import CHANNELS, HEALTH
-from physics.compile import compiled
-from physics.mechanisms import CATALOGUE
-from physics.nominal import NOMINAL, REDUCED
-from physics.steady import DESIGN_POINT, steady_state, valve_for
+from twinbench.data.batch import CHANNELS, HEALTH
+from twinbench.physics.compile import compiled
+from twinbench.physics.mechanisms import CATALOGUE
+from twinbench.physics.nominal import NOMINAL, REDUCED
+from twinbench.physics.steady import DESIGN_POINT, steady_state, valve_for
+from twinbench.proof.flagship.judge import shares
+from twinbench.proof.flagship.measure import Errors, at_design_point, errors
+from twinbench.proof.flagship.plant import ADDED, CALIBRATED, CELLS, EFFECTS, SEPARABLE, UNKNOWN, Item, draw
+from twinbench.proof.flagship.record import HELD_OUT, TRAINING, record
 
 
 @pytest.mark.parametrize("cell", CELLS)

@@ -14,10 +14,10 @@ import pytest
 from rich.console import Console
 from tiny_run import run_arguments, twinbench, write_profile
 
-from bench.latency import forms, stages, timing
-from bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
-from bench.progress import Progress
-from methods.deeponet_kalman import DeepONetKalman
+from twinbench.bench.latency import forms, stages, timing
+from twinbench.bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
+from twinbench.common.progress import Progress
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 
 SETTINGS = "[settings.deeponet_kalman]\n" + "".join(f"{k} = {v}\n" for k, v in DeepONetKalman.contract_settings.items())
 
@@ -29,7 +29,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     profile = write_profile(folder, more=SETTINGS)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         patch.setattr(forms, "WINDOWS", (64,))
         patch.setattr(stages, "TICKS", 500)
         assert twinbench(*run_arguments(profile, folder / "run", ["deeponet_kalman"])) == 0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.latency.compiled_peers import CompiledPeer, ekf, ukf
-from bench.latency.peers import (
+from twinbench.bench.latency.compiled_peers import CompiledPeer, ekf, ukf
+from twinbench.bench.latency.peers import (
     N_STATES,
     FilterpyEKF,
     FilterpyUKF,
@@ -15,9 +15,9 @@ from bench.latency.peers import (
     numpy_move,
     numpy_observe,
 )
-from data.benchmark import DesignConfig, simulate_benchmark
-from data.corrupt import Corruption
-from physics.health import to_theta
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.data.corrupt import Corruption
+from twinbench.physics.health import to_theta
 
 
 @pytest.fixture(scope="module")

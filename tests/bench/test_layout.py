@@ -16,8 +16,9 @@ import pytest
 from sample_run import write_run
 from test_mismatch_report import LOSS, OVEN, diagnosed
 
-from bench.mismatch_report import write_page
-from bench.report import write_report
+from twinbench.bench.report.write import write_report
+from twinbench.mismatch.report.write import write_page
+from twinbench.physics.compose import with_mechanism
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
@@ -57,7 +58,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A report of eight estimators, and one of a mismatch with a name."""
     report, mismatch = (tmp_path_factory.mktemp(name) for name in ("report", "mismatch"))
     write_report(write_run(report, seconds=300))
-    write_page(diagnosed(OVEN.with_(replace(LOSS, name="loss"))), mismatch)
+    write_page(diagnosed(with_mechanism(OVEN, replace(LOSS, name="loss"))), mismatch)
     return {"report": report / "report.html", "mismatch": mismatch / "report.html"}
 
 

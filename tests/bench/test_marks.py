@@ -8,12 +8,12 @@ import pytest
 from scipy.stats import wilcoxon
 from statsmodels.stats.multitest import multipletests
 
-from bench.bootstrap import sequence_scores
-from bench.marks import marked
-from bench.ranks import wilcoxon_p
-from bench.roster import PRIOR, REFERENCE, label
-from bench.summary import FORECAST, PARAMETERS, summarise
-from bench.words import answer, headline
+from twinbench.bench.report.words import answer, headline
+from twinbench.bench.roster import PRIOR, REFERENCE, label
+from twinbench.bench.statistics.bootstrap import sequence_scores
+from twinbench.bench.statistics.marks import marked
+from twinbench.bench.statistics.ranks import wilcoxon_p
+from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, summarise
 
 S = 12
 FORECASTS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")

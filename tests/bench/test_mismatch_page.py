@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 from test_mismatch_report import CATALOGUE, LOSS, OVEN, diagnosed, page, record, write
 
-from bench.figures.mismatch import draw
-from data.recording import Recording
-from mismatch import Verdict, diagnose
-from mismatch.faults import faults
-from mismatch.spikes import Spike
-from mismatch.verdict import conclude
+from twinbench.data.recording import Recording
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.report.figures import draw
+from twinbench.mismatch.spikes import Spike
+from twinbench.mismatch.verdict import conclude
+from twinbench.physics.compose import with_mechanism
 
 AWKWARD = "$p^{2", "a_b & <b>"
 """Names that a formula, or HTML, would be read out of."""
@@ -26,7 +27,7 @@ AWKWARD = "$p^{2", "a_b & <b>"
 
 @pytest.fixture(scope="module")
 def named() -> Verdict:
-    return diagnosed(OVEN.with_(dataclasses.replace(LOSS, name="loss")))
+    return diagnosed(with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss")))
 
 
 def visible(text: str) -> str:
@@ -101,7 +102,7 @@ def awkward() -> Verdict:
         dataclasses.replace(v, name=n) for v, n in zip((*OVEN.inputs, *OVEN.outputs), AWKWARD, strict=True)
     )
     oven = dataclasses.replace(OVEN, inputs=(heater,), outputs=(probe,), states=(OVEN.states[0],))
-    true = OVEN.with_(dataclasses.replace(LOSS, name="loss"))
+    true = with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss"))
     learnt = [renamed(record(true, name, seed)) for name, seed in (("$monday_", 1), ("<i>tuesday", 2))]
     return diagnose(oven, learnt, [renamed(record(true, "^sunday^", 3))], CATALOGUE[:1])
 
@@ -121,7 +122,7 @@ def test_names_are_drawn_and_written_as_they_are(awkward: Verdict, tmp_path: Pat
     assert "<i>" not in text
 
 
-@pytest.mark.parametrize("where", ["bench.figures.mismatch.over_time", "bench.page.png"])
+@pytest.mark.parametrize("where", ["twinbench.mismatch.report.figures.over_time", "twinbench.common.page.png"])
 def test_a_figure_that_fails_loses_nothing_else(
     named: Verdict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], where: str
 ) -> None:
@@ -133,7 +134,7 @@ def test_a_figure_that_fails_loses_nothing_else(
     text = page(tmp_path)
     assert "Not drawn: drawing it failed, ValueError: ParseException: Expected end of text, found &#39;$&#39;" in text
     assert json.loads((tmp_path / "verdict.json").read_text())["verdict"] == "missing physics"
-    assert (tmp_path / "figures" / "explanations.png").exists() == (where != "bench.page.png")
+    assert (tmp_path / "figures" / "explanations.png").exists() == (where != "twinbench.common.page.png")
     assert capsys.readouterr() == ("", "")
 
 

@@ -14,19 +14,20 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from bench import mismatch_report
-from bench.figures.mismatch import draw
-from bench.figures.mismatch_where import equally_full, regime_bounds
-from bench.ranking import CHOSEN, REFUSED, ranking
-from bench.replays import Replay, level, most_telling, replays, window
-from data.recording import Recording
-from mismatch import Verdict, diagnose
-from mismatch.faults import faults
-from mismatch.onset import Onset
-from mismatch.tracks import Track
-from mismatch.verdict import conclude
-from physics.integrate import simulate
-from physics.simulator import Mechanism, Simulator, Variable
+from twinbench.data.recording import Recording
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.onset import Onset
+from twinbench.mismatch.report import write as mismatch_report
+from twinbench.mismatch.report.figure_where import equally_full, regime_bounds
+from twinbench.mismatch.report.figures import draw
+from twinbench.mismatch.report.ranking import CHOSEN, REFUSED, ranking
+from twinbench.mismatch.report.replays import Replay, level, most_telling, replays, window
+from twinbench.mismatch.tracks import Track
+from twinbench.mismatch.verdict import conclude
+from twinbench.physics.compose import with_mechanism
+from twinbench.physics.integrate import simulate
+from twinbench.physics.simulator import Mechanism, Simulator, Variable
 
 FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "explanations"}
 NUMBER = (int, float)
@@ -92,7 +93,7 @@ def diagnosed(simulator: Simulator) -> Verdict:
 
 @pytest.fixture(scope="module")
 def named() -> Verdict:
-    verdict = diagnosed(OVEN.with_(dataclasses.replace(LOSS, name="loss")))
+    verdict = diagnosed(with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss")))
     assert [m.name for m in verdict.mechanisms] == [LOSS.name]
     # As an onset would be: the figures and the page have to show it.
     onsets = (Onset("monday", "from", 60.0, 60.0), Onset("tuesday", "throughout", None, None))

@@ -16,25 +16,25 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from bench.cli import main
-from bench.opponents import ablations
-from bench.opponents.library import Path as Along
-from bench.opponents.sindy import System, project, select, strong, weak
-from bench.prove.case import missing
-from bench.prove.engines import ENGINES, MAIN, chosen
-from bench.prove.gates import COMPARED, engine_table, engines_as_markdown, wilson
-from bench.prove.generate import Item, draw, write
-from bench.prove.judge import COLUMNS, score
-from bench.prove.machines import MACHINES
-from bench.prove.plan import cases
-from bench.prove.seal import Sealed, seal
-from bench.prove.suite import planned, run
-from data.errors import BadInput
-from data.recording import Recording
-from mismatch.guards import Guards
-from mismatch.model import load_simulator, whole_catalogue
-from mismatch.recordings import read
-from physics.simulator import Mechanism, Simulator
+from twinbench.bench.cli.main import main
+from twinbench.common.errors import BadInput
+from twinbench.data.recording import Recording
+from twinbench.mismatch.guards import Guards
+from twinbench.mismatch.model import load_simulator, whole_catalogue
+from twinbench.mismatch.recordings import read_recordings
+from twinbench.physics.simulator import Mechanism, Simulator
+from twinbench.proof.concealed.case import missing
+from twinbench.proof.concealed.engines import ENGINES, MAIN, chosen
+from twinbench.proof.concealed.gates import COMPARED, engine_table, engines_as_markdown, wilson
+from twinbench.proof.concealed.generate import Item, draw, write
+from twinbench.proof.concealed.judge import COLUMNS, score
+from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.plan import cases
+from twinbench.proof.concealed.seal import Sealed, seal
+from twinbench.proof.concealed.suite import planned, run
+from twinbench.proof.opponents import ablations
+from twinbench.proof.opponents.library import Path as Along
+from twinbench.proof.opponents.sindy import System, project, select, strong, weak
 
 ROOT = Path(__file__).parents[2]
 OPPONENTS = (
@@ -80,7 +80,8 @@ SHORT = {
 def given(folder: Path, cell: str, *effects: str, severity: float = 3.0) -> Given:
     case = draw(Item("0007", cell, "two_tanks", effects, severity), 3, SHORT)
     write(case, folder)
-    recordings = read([folder / f"{n}.csv" for n in (*case.public["train"], *case.public["held_out"])], TANKS)
+    names = (*case.public["train"], *case.public["held_out"])
+    recordings = read_recordings([folder / f"{n}.csv" for n in names], TANKS)
     return Given(case.truth, TANKS, recordings[:3], recordings[3:], whole_catalogue(TANKS, (), 0.5))
 
 
@@ -217,7 +218,7 @@ def test_every_engine_of_the_registry_is_there() -> None:
 def test_each_ablation_leaves_one_guard_out() -> None:
     for guard in dataclasses.fields(Guards):
         name = f"no_{guard.name}"
-        assert ENGINES[name] == f"bench.opponents.ablations:{name}"
+        assert ENGINES[name] == f"twinbench.proof.opponents.ablations:{name}"
         assert getattr(ablations, name).keywords["guards"] == dataclasses.replace(Guards(), **{guard.name: False})
     assert len(ENGINES) == len(MAIN) + len(OPPONENTS) + len(dataclasses.fields(Guards))
 

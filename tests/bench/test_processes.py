@@ -22,6 +22,11 @@ GONE = "ZX"
 SLEEPS = "import os, pathlib, time; pathlib.Path(r'{}', str(os.getpid())).touch(); time.sleep({})"
 
 
+def hears_ctrl_c() -> None:
+    """In the process to be: what a shell starts in the background, these tests perhaps, ignores Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 class Run:
     """``twinbench run`` in a process of its own, whose workers say where they are and then sleep in ``fit``."""
 
@@ -31,13 +36,13 @@ class Run:
         sleeps = SLEEPS.format(self.marks, seconds)
         specs = [write_estimator(folder, name, fit=sleeps) for name in ("one", "two")]
         self.command = [
-            sys.executable, "-m", "bench", *run_arguments(write_profile(folder), self.out, specs), "--jobs", "2",
+            sys.executable, "-m", "twinbench", *run_arguments(write_profile(folder), self.out, specs), "--jobs", "2",
         ]  # fmt: skip
         environment = {k: v for k, v in os.environ.items() if k != "LOKY_MAX_CPU_COUNT"}
         environment["LOKY_MAX_CPU_COUNT"] = "2"  # even where the tests have one core
         self.process = subprocess.Popen(
             self.command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
-            start_new_session=True,
+            start_new_session=True, preexec_fn=hears_ctrl_c,
         )  # fmt: skip
 
     def workers(self) -> list[int]:
@@ -119,7 +124,10 @@ def test_workers_of_a_killed_run_end_by_themselves(run: Run) -> None:
 
 
 def test_a_process_of_a_worker_ends_with_it(tmp_path: Path) -> None:
-    child = "import bench.orphans, time; bench.orphans.end_with_parent(); print('here', flush=True); time.sleep(300)"
+    child = (
+        "import time; from twinbench.common.orphans import end_with_parent; end_with_parent(); "
+        "print('here', flush=True); time.sleep(300)"
+    )
     parent = (
         "import subprocess, sys, time\n"
         f"p = subprocess.Popen([sys.executable, '-c', {child!r}], stdout=subprocess.PIPE)\n"
@@ -137,3 +145,22 @@ def test_a_process_of_a_worker_ends_with_it(tmp_path: Path) -> None:
     while in_session(started.pid) and time.monotonic() < until:
         time.sleep(0.1)
     assert in_session(started.pid) == []
+
+
+WAITING = """
+import multiprocessing
+from twinbench.common.workers import end_workers, side_by_side
+
+print(sorted(side_by_side(abs, [(-1,), (-2,), (-3,)], 2)))
+waiting = multiprocessing.active_children()
+print(len(waiting))
+end_workers()
+for child in waiting:
+    child.join(timeout=10)
+print(any(child.is_alive() for child in waiting))
+"""
+
+
+def test_workers_that_wait_for_work_are_ended_too() -> None:
+    done = subprocess.run([sys.executable, "-c", WAITING], capture_output=True, text=True, check=False, timeout=100)
+    assert done.stdout == "[1, 2, 3]\n2\nFalse\n", done.stderr

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bench.profile import load_profile
-from bench.scores import LEADS_S
-from data.benchmark import DesignConfig
-from data.errors import BadInput
+from twinbench.bench.profile import load_profile
+from twinbench.bench.statistics.scores import LEADS_S
+from twinbench.common.errors import BadInput
+from twinbench.data.benchmark import DesignConfig
 
 
 def test_the_papers_profile_holds_the_papers_data_and_three_seeds() -> None:
@@ -50,7 +50,7 @@ def test_a_file_overrides_what_it_names_and_whole_numbers_become_floats(tmp_path
     ("[data]\nminutes = nan", "minutes is nan, must lie in"),
     ('[data]\nminutes = "long"', "data.minutes is 'long', must be a number"),
     ("[data]\nminutes = 4\nwarmup_minutes = 4", "warmup_minutes is 4.0, must be shorter"),
-    ("[corruption]\ndropout = 1.5", r"dropout is 1.5, must lie in \[0, 1.0\]"),
+    ("[corruption]\ndropout = 1.5", r"dropout is 1.5, must lie in \[0, 0.99\]"),
     ("[evaluation]\nstride = 0", r"evaluation.stride is 0, must lie in \[1, 200\]"),
     ("[evaluation]\nleads_s = [0.0]", "evaluation.leads_s is 0.0, must lie in"),
     ("[evaluation]\nleads_s = [nan]", "evaluation.leads_s is nan, must lie in"),

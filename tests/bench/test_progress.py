@@ -11,8 +11,8 @@ import time
 import pytest
 from rich.console import Console
 
-from bench import progress as module
-from bench.progress import Progress, Stage, duration, each
+from twinbench.common import progress as module
+from twinbench.common.progress import Progress, Stage, duration, each
 
 
 def told(monkeypatch: pytest.MonkeyPatch, every_s: float = 30.0) -> tuple[Console, io.StringIO]:
@@ -98,7 +98,8 @@ def test_a_terminal_sees_every_stage_end(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_verbose_lines_carry_the_time_and_no_bar_tears_them(caplog: pytest.LogCaptureFixture) -> None:
     text = io.StringIO()
-    with caplog.at_level(logging.INFO, logger="bench"), Progress(Console(file=text, force_terminal=True)) as progress:
+    console = Console(file=text, force_terminal=True)
+    with caplog.at_level(logging.INFO, logger="twinbench"), Progress(console) as progress:
         progress.report("audit", 0.0)
     assert text.getvalue() == ""
     assert [r.getMessage() for r in caplog.records] == ["audit: begins", "audit: done in 0 s"]

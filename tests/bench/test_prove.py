@@ -14,19 +14,19 @@ import pytest
 from rich.console import Console
 from statsmodels.stats.proportion import proportion_confint
 
-from bench.prove.engine import Engine
-from bench.prove.gates import gate_table, misses, read_cases, wilson
-from bench.prove.generate import CELLS, Case, Item, draw, write
-from bench.prove.judge import COLUMNS, score
-from bench.prove.machines import MACHINES
-from bench.prove.marks import marks, miss
-from bench.prove.plan import cases
-from bench.prove.seal import BrokenSeal, seal
-from bench.prove.severity import Take, Yardstick
-from bench.prove.suite import run
-from data.scenario import stream
-from mismatch.model import load_simulator, whole_catalogue
-from physics.integrate import simulate
+from twinbench.data.scenario import stream
+from twinbench.mismatch.model import load_simulator, whole_catalogue
+from twinbench.physics.integrate import simulate
+from twinbench.proof.concealed.engine import Engine
+from twinbench.proof.concealed.gates import gate_table, misses, read_cases, wilson
+from twinbench.proof.concealed.generate import CELLS, Case, Item, draw, write
+from twinbench.proof.concealed.judge import COLUMNS, score
+from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.marks import marks, miss
+from twinbench.proof.concealed.plan import cases
+from twinbench.proof.concealed.seal import BrokenSeal, seal
+from twinbench.proof.concealed.severity import Take, Yardstick
+from twinbench.proof.concealed.suite import run
 
 COULOMB = "coulomb_friction@omega_rad_s"
 SHORT = {
@@ -107,7 +107,7 @@ def test_what_counts_as_right_is_in_the_catalogue_and_its_ports_and_sizes_exist(
     ports = {f"{kind}:{v.name}" for kind, group in (
         ("balance", twin.states), ("flux", twin.fluxes), ("output", twin.outputs), ("input", twin.inputs)
     ) for v in group}  # fmt: skip
-    from bench.prove.faults import faults
+    from twinbench.proof.concealed.faults import faults
 
     for effect in (*m.effects, *m.foreign, *faults(m)):
         assert set(effect.right) <= set(catalogue), effect.name
@@ -212,13 +212,13 @@ def test_a_changed_truth_breaks_the_seal(dry: Case) -> None:
 def spy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An engine that tries to look, and tells how it went."""
     (tmp_path / "engines").mkdir()
-    (tmp_path / "engines" / "spy.py").write_text('''
+    (tmp_path / "engines" / "spy.py").write_text("""
 import importlib, os, subprocess, pathlib
 def look(simulator, recordings, hold_out=(), catalogue=None):
     out = pathlib.Path(os.environ["SPY_OUT"])
     suite = pathlib.Path(os.environ["SPY_SUITE"])
     tries = {
-        "import": lambda: importlib.import_module("bench.prove.generate"),
+        "import": lambda: importlib.import_module("twinbench.proof.concealed.generate"),
         "source": lambda: (suite / "generate.py").read_text(),
         "truth": lambda: (out / "truth.json").read_text(),
         "link": lambda: os.symlink(out, "/tmp/spy-link"),
@@ -242,13 +242,13 @@ def end(simulator, recordings, hold_out=(), catalogue=None):
     os._exit(3)
 def sleep(simulator, recordings, hold_out=(), catalogue=None):
     import time; time.sleep(60)
-''')
+""")
     out = tmp_path / "out"
     out.mkdir()
     (out / "truth.json").write_text("{}")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "engines"))
     monkeypatch.setenv("SPY_OUT", str(out))
-    monkeypatch.setenv("SPY_SUITE", str(HERE.parents[2] / "bench" / "prove"))
+    monkeypatch.setenv("SPY_SUITE", str(HERE.parents[2] / "proof" / "concealed"))
     return out
 
 
@@ -402,7 +402,7 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     assert (table["engine"] == "spy").all()
     folder = out / "cases" / table["case"][0]
     opened = json.loads((folder / "truth.json").read_text())
-    from bench.prove.seal import Sealed
+    from twinbench.proof.concealed.seal import Sealed
 
     assert Sealed(**opened).digest == json.loads((folder / "seal.json").read_text())["sha256"]
     assert (folder / "seal.json").stat().st_mtime_ns < (folder / "verdict-spy.json").stat().st_mtime_ns

@@ -15,8 +15,8 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.power import TTestPower
 
-from bench.bootstrap import SequenceScores, sequence_scores
-from bench.ranks import (
+from twinbench.bench.statistics.bootstrap import SequenceScores, sequence_scores
+from twinbench.bench.statistics.ranks import (
     cliques,
     critical_difference,
     friedman,
@@ -73,10 +73,7 @@ def test_pairs_are_scipys_wilcoxon_and_statsmodels_holm(seed):
     values = gamma(5, 10, seed)
     pairs = rank(table(values)).pairs
     by_name = dict(zip("abcde", values, strict=True))
-    p = [
-        stats.wilcoxon(by_name[row.first], by_name[row.second], method="exact").pvalue
-        for row in pairs.itertuples()
-    ]
+    p = [stats.wilcoxon(by_name[row.first], by_name[row.second], method="exact").pvalue for row in pairs.itertuples()]
     np.testing.assert_allclose(pairs["wilcoxon_p"], p)
     reject, adjusted, _, _ = multipletests(p, alpha=0.05, method="holm")
     np.testing.assert_allclose(pairs["holm_p"], adjusted)

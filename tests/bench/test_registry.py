@@ -9,9 +9,12 @@ from types import SimpleNamespace
 import pytest
 from tiny_run import write_estimator
 
-from bench.registry import discover, find
-from data.errors import BadInput
-from methods.estimator import REGISTRY, Estimator
+from twinbench.bench.registry import discover, find
+from twinbench.common.errors import BadInput
+from twinbench.methods.estimator import REGISTRY, Estimator
+
+THEIRS = "from twinbench.methods.estimator import Estimator\n"
+ORACLE = "from twinbench.baselines.oracle import Oracle\n"
 
 
 def refused(name: str) -> str:
@@ -25,7 +28,7 @@ def entry_point(monkeypatch: pytest.MonkeyPatch, load) -> None:
     """One installed plug-in, whose loading does this."""
     entry = SimpleNamespace(name="theirs", value="their_package:Theirs", load=load)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: [entry])
-    monkeypatch.setattr("bench.registry.REGISTRY", dict(REGISTRY))
+    monkeypatch.setattr("twinbench.bench.registry.REGISTRY", dict(REGISTRY))
 
 
 def test_ours_are_found_by_name() -> None:
@@ -52,9 +55,11 @@ def test_a_file_is_read_anew_each_time_and_stays_out_of_the_registry(tmp_path: P
     ("def f(:", "fails to import: SyntaxError"),
     ("raise SystemExit(3)", "fails to import: SystemExit: 3"),
     ("x = 1", r"has 0 Estimator classes (none); decorate one with @register"),
-    ("from methods.estimator import Estimator\nclass A(Estimator):\n    name = 'a'\nclass B(A):\n    name = 'b'",
+    (THEIRS + "class A(Estimator):\n    name = 'a'\nclass B(A):\n    name = 'b'",
      "has 2 Estimator classes (A, B)"),
-    ("from methods.estimator import Estimator\nclass A(Estimator):\n    name = 'a'", "A has no fit, no init, no step"),
+    (THEIRS + "class A(Estimator):\n    name = 'a'", "A has no fit, no init, no step"),
+    (ORACLE + "class A(Oracle):\n    name, settings = 'a', 3", "settings of A is no dict"),
+    (ORACLE + "class A(Oracle):\n    name, ablations = 'a', []", "ablations of A is"),
 ])  # fmt: skip
 def test_a_broken_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "broken.py"
@@ -62,6 +67,15 @@ def test_a_broken_file_is_one_line(tmp_path: Path, text: str, says: str) -> None
     message = refused(str(path))
     assert says in message
     assert str(path) in message
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a/b", "../x", "a:b", "[red]x[/]", "x" * 61, "-o", "a\nb"])
+def test_a_name_that_cannot_be_a_file_name_is_refused(tmp_path: Path, name: str) -> None:
+    path = Path(write_estimator(tmp_path, "mine"))
+    path.write_text(path.read_text().replace('"mine"', repr(name)))
+    message = refused(str(path))
+    assert "cannot be a file name" in message
+    assert "\n" not in message
 
 
 def test_a_file_that_is_not_there_or_lacks_the_class(tmp_path: Path) -> None:
@@ -75,8 +89,8 @@ def test_a_path_of_windows_is_a_file(spec: str) -> None:
 
 
 def test_a_file_of_windows_is_planned_as_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench.profile import load_profile
-    from bench.runner import plan
+    from twinbench.bench.profile import load_profile
+    from twinbench.bench.runner import plan
 
     monkeypatch.chdir(tmp_path)
     Path(write_estimator(tmp_path, "mine")).rename(r"C:\x\mine.py")  # a name like any other, here

@@ -13,14 +13,14 @@ import pandas as pd
 import pytest
 from sample_run import LEVELS, write_run
 
-from bench.figures.latency import pareto
-from bench.report import write_report
-from bench.results import load_results
-from bench.scores import DEFINITIONS
-from bench.summary import summarise
-from bench.table_formats import to_text
-from bench.tables import comparison, cost_table
-from data.errors import BadInput
+from twinbench.bench.report.figures.latency import pareto
+from twinbench.bench.report.table_formats import to_text
+from twinbench.bench.report.tables import comparison, cost_table
+from twinbench.bench.report.write import write_report
+from twinbench.bench.results import load_results
+from twinbench.bench.statistics.scores import DEFINITIONS
+from twinbench.bench.statistics.summary import summarise
+from twinbench.common.errors import BadInput
 
 TABLES = (
     "comparison", "forecast", "parameters", "following", "coverage", "consistency", "ranks", "paired", "regimes",

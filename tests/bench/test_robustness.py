@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 from tiny_run import parts, twinbench, write_estimator, write_profile
 
-from bench import robustness
-from bench.cells import make_cell
-from bench.profile import load_profile
-from data.disturb import CONDITIONS, FAULTS, Condition
+from twinbench.bench import robustness
+from twinbench.bench.cells import make_cell
+from twinbench.bench.profile import load_profile
+from twinbench.data.disturb import CONDITIONS, FAULTS, Condition
 
 
 def trials(out):

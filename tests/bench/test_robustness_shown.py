@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
-from bench.robustness import COLUMNS, METRICS, TREATMENTS
-from bench.robustness_tables import robustness_tables
-from data.disturb import CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS
+from twinbench.bench.report.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
+from twinbench.bench.report.robustness_tables import robustness_tables
+from twinbench.bench.robustness import COLUMNS, METRICS, TREATMENTS
+from twinbench.data.disturb import CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS
 
 
 @pytest.fixture(scope="module")

@@ -14,18 +14,19 @@ import pandas as pd
 import pytest
 from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
-from bench.cells import make_cell
-from bench.profile import load_profile
-from bench.registry import find
-from bench.runner import run
-from bench.versions import code_version
+from twinbench.bench.cells import make_cell
+from twinbench.bench.profile import load_profile
+from twinbench.bench.registry import find
+from twinbench.bench.runner import run
+from twinbench.common.versions import code_version
 
 KILLER = """
 import glob, os, random, shutil, signal, sys, time
-import bench.report, bench.runner, torch  # before the forks: the kills shall fall into the work, not into imports
-from bench.cli import main
+# Before the forks: the kills shall fall into the work, not into imports.
+import twinbench.bench.report.write, twinbench.bench.runner, torch
+from twinbench.bench.cli.main import main
 
-bench.report.draw = lambda *_: iter(())  # nor into drawing, which takes longest
+twinbench.bench.report.write.draw = lambda *_: iter(())  # nor into drawing, which takes longest
 
 out, arguments = sys.argv[1], sys.argv[2:]
 
@@ -62,7 +63,7 @@ def _quick() -> Iterator[None]:
     """Cells one after the other in this process, as on a machine with one core, and no figures."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("bench.report.draw", lambda *_: iter(()))
+        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
         yield
 
 
@@ -103,7 +104,7 @@ def test_ten_kills_leave_the_tables_of_an_undisturbed_run(
     assert len(set(depths)) > 1, "the kills all fell into the same stage"
     # To the end with worker processes.
     finish = subprocess.run(
-        [sys.executable, "-m", "bench", *arguments], capture_output=True, text=True, timeout=200,
+        [sys.executable, "-m", "twinbench", *arguments], capture_output=True, text=True, timeout=200,
         env={**os.environ, "LOKY_MAX_CPU_COUNT": "2"},
     )  # fmt: skip
     assert finish.returncode == 0, finish.stderr
@@ -137,9 +138,7 @@ def test_what_fails_is_told_and_the_others_go_on(
     assert "failed: raises, seed 0, fit: RuntimeError: did not converge" in capsys.readouterr().out
 
 
-def test_dask_workers_give_the_same_scores(
-    inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
-) -> None:
+def test_dask_workers_give_the_same_scores(inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
@@ -149,9 +148,7 @@ def test_dask_workers_give_the_same_scores(
     assert (tmp_path / "scores.csv").read_bytes() == (undisturbed / "scores.csv").read_bytes()
 
 
-def test_a_changed_setting_runs_again_only_what_depends_on_it(
-    inputs: tuple[Path, list[str]], tmp_path: Path
-) -> None:
+def test_a_changed_setting_runs_again_only_what_depends_on_it(inputs: tuple[Path, list[str]], tmp_path: Path) -> None:
     profile, estimators = inputs
     out = tmp_path / "out"
     assert twinbench(*run_arguments(profile, out, estimators)) == 0

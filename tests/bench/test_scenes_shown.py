@@ -12,16 +12,16 @@ from sample_run import make_estimates
 from scipy.stats import chi2
 from tiny_run import parts, twinbench, write_estimator, write_profile
 
-from bench.claims import claims, claims_table
-from bench.evidence import Evidence, add_scenes, gather
-from bench.figures.scenes import flow_parity, innovations, r_squared, ramps, wear
-from bench.results import HARDER
-from bench.robustness import METRICS
-from bench.scores import score
-from bench.summary import summarise
-from data.batch import ESTIMATED, Batch, Truth
-from data.disturb import CONDITIONS
-from data.scenes import ONSET_S, load_ramps, wearing
+from twinbench.bench.report.claims import claims, claims_table
+from twinbench.bench.report.evidence import Evidence, add_scenes, gather
+from twinbench.bench.report.figures.scenes import flow_parity, innovations, r_squared, ramps, wear
+from twinbench.bench.results import HARDER
+from twinbench.bench.robustness import METRICS
+from twinbench.bench.statistics.scores import score
+from twinbench.bench.statistics.summary import summarise
+from twinbench.data.batch import ESTIMATED, Batch, Truth
+from twinbench.data.disturb import CONDITIONS
+from twinbench.data.scenes import ONSET_S, load_ramps, wearing
 
 EVERY = 20
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.bootstrap import NEED_A_CHANGE
-from bench.censored import LIMIT
-from bench.estimates import Estimates
-from bench.scores import DEFINITIONS, IDEAL, parameter_error_series, score
-from bench.tracking import health_change
-from data.batch import ESTIMATED, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.statistics.bootstrap import NEED_A_CHANGE
+from twinbench.bench.statistics.censored import LIMIT
+from twinbench.bench.statistics.scores import DEFINITIONS, IDEAL, parameter_error_series, score
+from twinbench.bench.statistics.tracking import health_change
+from twinbench.data.batch import ESTIMATED, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
 
 N = 12_001  # ten minutes
 STRIDE = 20
@@ -28,9 +28,7 @@ def made_up_truth() -> Batch:
     """Two sequences: "ramp" loses a tenth of its capacity from 200 to 300 s, "calm" nothing."""
     time_s = SAMPLE_PERIOD_S * np.arange(N)
     wave = np.sin(2 * np.pi * time_s / 97.0)
-    states = np.stack(
-        [0.9 + 0.02 * wave, 3.0 + 0.5 * wave, 420 + 10 * wave, 380 + 0 * wave, 1 + 0.1 * wave], axis=-1
-    )
+    states = np.stack([0.9 + 0.02 * wave, 3.0 + 0.5 * wave, 420 + 10 * wave, 380 + 0 * wave, 1 + 0.1 * wave], axis=-1)
     states = np.stack([states, 1.05 * states])
     health = np.tile(np.array([1.0, 1.0, 0.015, 1.0, 0.0]), (2, N, 1))
     health[0, :, 0] -= 0.1 * np.clip((time_s - CHANGE_S[0]) / (CHANGE_S[1] - CHANGE_S[0]), 0, 1)
@@ -133,9 +131,7 @@ def test_open_loop_errors_belong_to_their_lead_and_output(lead):
     expected = 100 * np.array([0.05, 1.5, 0.001]) / base
     got = table.loc["ramp", [f"{k}_open{lead}_pct" for k in "pTm"]].astype(float)
     np.testing.assert_allclose(got, expected, rtol=1e-6)
-    np.testing.assert_allclose(
-        table[[f"p_open{other}_pct" for other in (1, 10, 60) if other != lead]], 0.0, atol=1e-9
-    )
+    np.testing.assert_allclose(table[[f"p_open{other}_pct" for other in (1, 10, 60) if other != lead]], 0.0, atol=1e-9)
 
 
 def test_a_forecast_past_the_end_is_not_judged_but_a_missing_one_is():
@@ -192,9 +188,7 @@ def test_median_p90_and_terminal_error_look_at_the_right_samples():
     assert table["parameter_median_pct"] == pytest.approx(5.0)
     assert table["parameter_p90_pct"] == pytest.approx(9.0)
     assert table["parameter_terminal_pct"] == pytest.approx(10 * (1 - 29.5 / 600), rel=1e-3)
-    np.testing.assert_allclose(
-        parameter_error_series(estimates, TRUTH)[0], np.linspace(0, 10, ticks), atol=1e-9
-    )
+    np.testing.assert_allclose(parameter_error_series(estimates, TRUTH)[0], np.linspace(0, 10, ticks), atol=1e-9)
 
 
 def late_capacity(delay_s: float) -> Estimates:
@@ -299,9 +293,7 @@ def test_nees_needs_no_common_scale_and_no_diagonal_covariance():
     mixing = units @ (np.eye(10) + 0.3 * rng.normal(size=(10, 10)))
     error = rng.normal(size=(*estimates.mean_at_origin.shape[:2], 10))
     cov = np.broadcast_to(mixing @ mixing.T, estimates.cov_at_origin.shape).copy()
-    shifted = replace(
-        estimates, mean_at_origin=estimates.mean_at_origin + error @ mixing.T, cov_at_origin=cov
-    )
+    shifted = replace(estimates, mean_at_origin=estimates.mean_at_origin + error @ mixing.T, cov_at_origin=cov)
     # error' (M M')^-1 error of M e is |e|^2.
     np.testing.assert_allclose(
         scores(shifted)["nees_ratio"][["ramp", "calm"]], (error**2).sum(-1).mean(1) / 10, rtol=1e-6
@@ -355,9 +347,7 @@ def test_sequences_are_matched_by_name_and_ticks_by_time():
 def test_float32_as_stored_changes_no_score_that_is_printed():
     estimates = off_by("T_gas_K", 1.0)
     stored = {k: getattr(estimates, k).astype(np.float32) for k in ("mean", "low", "high", "nis")}
-    pd.testing.assert_frame_equal(
-        scores(replace(estimates, **stored)), scores(estimates), rtol=1e-4, atol=1e-3
-    )
+    pd.testing.assert_frame_equal(scores(replace(estimates, **stored)), scores(estimates), rtol=1e-4, atol=1e-3)
 
 
 def test_a_recording_too_short_to_forecast_has_the_other_scores():
@@ -387,6 +377,4 @@ def test_wrong_truth_is_refused():
 def test_estimates_come_back_from_disk_as_they_were(tmp_path):
     estimates = perfect()
     estimates.save(tmp_path / "cell.npz")
-    pd.testing.assert_frame_equal(
-        score(Estimates.load(tmp_path / "cell.npz"), TRUTH), score(estimates, TRUTH)
-    )
+    pd.testing.assert_frame_equal(score(Estimates.load(tmp_path / "cell.npz"), TRUTH), score(estimates, TRUTH))

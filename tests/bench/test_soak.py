@@ -11,8 +11,8 @@ import pytest
 sys.path.append(str(Path(__file__).parents[1] / "methods"))
 from test_operator_training import small_batch
 
-from bench.benchmarks.soak import faulty, run
-from methods.deeponet_kalman import DeepONetKalman
+from twinbench.bench.benchmarks.soak import faulty, run
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.store import CannotWrite, Store, check_writable, key_of, sweep, write_atomically, write_text
+from twinbench.common.store import CannotWrite, Store, check_writable, key_of, sweep, write_atomically, write_text
 
 
 def full_disk(*_: object) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from sample_run import LEVELS, make_estimates, make_truth
 
-from bench.evidence import gather
-from bench.figures.style import looks
-from bench.figures.tracks import parameter_tracking, state_trajectories
-from bench.roster import LABELS
+from twinbench.bench.report.evidence import gather
+from twinbench.bench.report.figures.looks import looks
+from twinbench.bench.report.figures.tracks import parameter_tracking, state_trajectories
+from twinbench.bench.roster import LABELS
 
 READERS = {
     "everybody": np.eye(3),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from tiny_run import write_estimator
 
-from bench.benchmarks.training_profile import MOST, profile
-from data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.bench.benchmarks.training_profile import MOST, profile
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 
 SLOW = """
         def dawdle():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bench import versions
+from twinbench.common import versions
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,3 +73,10 @@ def test_provenance_has_the_version_in_any_case(monkeypatch: pytest.MonkeyPatch)
     assert versions.provenance()["commit"] is None
     monkeypatch.setattr(versions, "_commit", lambda: ("abc", True))
     assert versions.version().endswith(", commit abc, with uncommitted changes")
+
+
+@pytest.mark.parametrize("start", [b"\xef\xbb\xbf", b"# -*- coding: latin-1 -*-\n# \xb5\n"])
+def test_a_users_file_may_be_in_any_coding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, start: bytes) -> None:
+    (tmp_path / "their_own_method.py").write_bytes(start + b"import twinbench.data.batch\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert "twinbench.data.batch" in versions._closure("their_own_method")

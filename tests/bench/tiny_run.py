@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.cli import main
+from twinbench.bench.cli.main import main
 
 PROFILE = """
 scenes = false
@@ -22,7 +22,7 @@ updates = {updates}
 """
 ESTIMATOR = """
 import numpy as np
-from methods.estimator import Estimator, gaussian_state, no_info, register
+from twinbench.methods.estimator import Estimator, gaussian_state, no_info, register
 
 @register
 class Constant(Estimator):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from data.batch import CHANNELS
+from twinbench.data.batch import CHANNELS
 
 TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.1, 430.0, 0.12])
 

@@ -8,10 +8,10 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from data.batch import CHANNELS, ESTIMATED, HEALTH, OUTPUTS
-from data.benchmark import PARTS, DesignConfig, design, fingerprint, run, simulate_benchmark
-from data.corrupt import Corruption
-from data.scenario import N_LIMITS_RPM, P_SUC_LIMITS_BAR, RATIO_RANGE
+from twinbench.data.batch import CHANNELS, ESTIMATED, HEALTH, OUTPUTS
+from twinbench.data.benchmark import PARTS, DesignConfig, design, fingerprint, run, simulate_benchmark
+from twinbench.data.corrupt import Corruption
+from twinbench.data.scenario import N_LIMITS_RPM, P_SUC_LIMITS_BAR, RATIO_RANGE
 
 PAIRS = tuple(combinations(PARTS, 2))
 SMALL = DesignConfig(n_train=2, n_validation=1, n_test=2, minutes=2.0, warmup_minutes=0.5)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.batch import CHANNELS, SAMPLE_PERIOD_S
-from data.benchmark import DesignConfig
-from data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.data.benchmark import DesignConfig
+from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
 
 SMALL = DesignConfig(n_train=1, n_validation=1, n_test=2, minutes=4.0, warmup_minutes=0.5)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from recording_files import table, write
 
-from data.errors import BadInput
-from data.recording import read_recording
-from data.units import ATMOSPHERE_BAR, convert, likely_units
+from twinbench.common.errors import BadInput
+from twinbench.data.recording import read_recording
+from twinbench.data.units import ATMOSPHERE_BAR, convert, likely_units
 
 
 @pytest.mark.parametrize(("unit", "bars"), [

@@ -11,12 +11,12 @@ import pytest
 from recording_files import TYPICAL, table, write
 from test_refusals import refusal
 
-from data import table as reader
-from data.batch import CHANNELS
-from data.recording import LONGEST_GAP, SHORT_GAP, read_recording
-from data.shown import LONGEST_LINE as LONGEST_MESSAGE
-from data.shown import as_map, printable, shown
-from data.toml_file import MOST_BYTES
+from twinbench.common.shown import LONGEST_LINE as LONGEST_MESSAGE
+from twinbench.common.shown import as_map, printable, shown
+from twinbench.common.toml_file import MOST_BYTES
+from twinbench.data import table as reader
+from twinbench.data.batch import CHANNELS
+from twinbench.data.recording import LONGEST_GAP, SHORT_GAP, read_recording
 
 YEAR_S = 365.25 * 86400.0
 

@@ -7,8 +7,8 @@ import os
 import joblib
 import pytest
 
-from data.errors import BadInput
-from data.jobs import VARIABLE, at_most, cores
+from twinbench.common.errors import BadInput
+from twinbench.common.jobs import VARIABLE, at_most, cores
 
 
 def test_at_most_so_many_and_afterwards_as_before(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recording_files import table, write
 
-from data.batch import CHANNELS, SAMPLE_PERIOD_S
-from data.benchmark import DesignConfig, design, run
-from data.recording import Recording, check_overlap, read_recording, truth_table
-from data.units import UNITS, convert
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.data.benchmark import DesignConfig, design, run
+from twinbench.data.recording import Recording, check_overlap, read_recording, truth_table
+from twinbench.data.units import UNITS, convert
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.csv.gz", "run.parquet"])

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from recording_files import table, write
 
-from data.batch import CHANNELS
-from data.errors import BadInput
-from data.recording import Recording, check_overlap, read_recording
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import CHANNELS
+from twinbench.data.recording import Recording, check_overlap, read_recording
 
 MENDS = ("check", "copy", "record", "name", "--map", "leave", "sort", "give", "write", "every row", "choose", "move")
 MENDS += ("save", "export", "split", "mend")

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.batch import HEALTH, INPUTS
-from data.benchmark import PARTS, DesignConfig, design
-from data.errors import BadInput
-from data.scenario import (
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import HEALTH, INPUTS
+from twinbench.data.benchmark import PARTS, DesignConfig, design
+from twinbench.data.scenario import (
     BIAS_STEP_K,
     HEALTHY,
     HEAT_TRANSFER_LOSS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.batch import HEALTH, OUTPUTS
-from data.scenes import FADING_S, ONSET_S, RAMP_BEGINS_S, RAMP_S, load_ramps, wearing
+from twinbench.data.batch import HEALTH, OUTPUTS
+from twinbench.data.scenes import FADING_S, ONSET_S, RAMP_BEGINS_S, RAMP_S, load_ramps, wearing
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from data.errors import BadInput
-from data.units import LONGEST_UNIT, convert
+from twinbench.common.errors import BadInput
+from twinbench.data.units import LONGEST_UNIT, convert
 
 AT_MOST_S = 1.0
 NAMES = st.sampled_from("m kg Ym bar degC s rpm N 1 % 10 9 99 x inf e °".split())

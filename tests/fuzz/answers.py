@@ -12,10 +12,10 @@ from typing import Any, NoReturn
 import numpy as np
 import pandas as pd
 
-from bench.mismatch_status import STATUS
-from data.batch import ESTIMATED, HEALTH
 from fuzz.worker import Ended
-from physics.health import HIGH, LOW
+from twinbench.bench.cli.mismatch_status import STATUS
+from twinbench.data.batch import ESTIMATED, HEALTH
+from twinbench.physics.health import HIGH, LOW
 
 EQUAL = 1e-6
 """Relative difference of numbers that are the same: parsing and unpacking cost a digit at most."""

@@ -16,20 +16,13 @@ from fuzz.cases import SEED
 from fuzz.commands import CASES, WAYS
 from fuzz.fuzzing import outcomes, started
 from fuzz.judge import BAD, GOOD, Outcome
+from twinbench.common.jobs import cores
 
 COLUMNS = ["command", "mutator", "n", *GOOD, *BAD]
 FAST = {
-    "estimate": 40,
-    "mismatch": 24,
-    "simulate": 40,
-    "list": 40,
-    "check": 12,
-    "run": 10,
-    "report": 8,
-    "export": 20,
-    "latency": 8,
-    "tune": 8,
-}
+    "estimate": 16, "mismatch": 8, "simulate": 16, "list": 16, "check": 6, "run": 5, "report": 5, "export": 8,
+    "latency": 3, "tune": 6,
+}  # fmt: skip
 """Cases of each command that continuous integration has time for."""
 
 
@@ -42,7 +35,7 @@ def main() -> int:
     begun = time.monotonic()
     found = []
     with started(a.seed) as fuzz:
-        for outcome in outcomes(fuzz, chosen):
+        for outcome in outcomes(fuzz, chosen, a.jobs):
             found.append(outcome)
             if outcome.bad or a.verbose:
                 print(described(outcome), flush=True)
@@ -62,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("index", nargs="?", type=int, help="this case only: say what happened, and leave its folder")
     parser.add_argument("--cases", type=int, default=CASES, metavar="N", help=f"of each command (default: {CASES})")
     parser.add_argument("--fast", action="store_true", help="a few of each, spread over the mutators")
+    parser.add_argument("--jobs", type=int, default=cores(), metavar="N", help="processes (default: all)")
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--out", type=Path, metavar="DIR", help="write outcomes.csv and manifest.json into it")
     parser.add_argument("--verbose", action="store_true", help="a line for each case")
@@ -97,16 +91,19 @@ def one(command: str, index: int, seed: int) -> int:
 
 def write(out: Path, found: list[Outcome], seed: int, seconds: float) -> None:
     """``outcomes.csv``: how many cases of each command and mutator ended how; ``manifest.json``: with what."""
-    from bench.store import write_atomically, write_text
-    from bench.versions import provenance
+    from twinbench.common.store import write_atomically, write_text
+    from twinbench.common.versions import provenance
 
     rows = pd.DataFrame([{"command": o.case.command, "mutator": o.case.mutator, "kind": o.kind} for o in found])
     table = rows.pivot_table(index=["command", "mutator"], columns="kind", aggfunc="size", fill_value=0, sort=False)
     table = table.reindex(columns=[*GOOD, *BAD], fill_value=0).reset_index()
     table.insert(2, "n", table[[*GOOD, *BAD]].sum(axis=1))
-    write_atomically(out / "outcomes.csv", lambda path: table[COLUMNS].to_csv(path, index=False))
+    commands = dict.fromkeys(o.case.command for o in found)
     about = {
         "command": "python " + shlex.join(sys.argv), "seed": seed, "cases": len(found),
-        "totals": {kind: int(table[kind].sum()) for kind in (*GOOD, *BAD)}, "wall_s": round(seconds, 1), **provenance(),
+        "totals": {kind: int(table[kind].sum()) for kind in (*GOOD, *BAD)},
+        "slowest_s": {c: round(max(o.ended.seconds for o in found if o.case.command == c), 1) for c in commands},
+        "wall_s": round(seconds, 1), **provenance(),
     }  # fmt: skip
+    write_atomically(out / "outcomes.csv", lambda path: table[COLUMNS].to_csv(path, index=False))
     write_text(out / "manifest.json", json.dumps(about, indent=2) + "\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from fuzz.arguments import ARGUMENTS
 from fuzz.cases import REFUSED, SAME, Case, Mutator, generator
 from fuzz.estimators import ESTIMATORS, MINE
 from fuzz.finished_runs import RUNS
+from fuzz.given import Given
 from fuzz.models import MODEL, MODELS
 from fuzz.profiles import PROFILE, PROFILES
 from fuzz.recording_cells import CELLS
@@ -85,6 +87,10 @@ def recording_case(command: str, mutator: Mutator[Any], folder: Path, world: Wor
     with_recordings(folder, world, command)
     given = world.recording(machine_of(command))
     held = command == "mismatch" and rng.random() < 0.25
+    if command == "mismatch" and mutator in NAMES.mutators:  # --map is for all recordings alike
+        held, other = False, Given(given.machine, world.held_out.copy(), name="next.csv")
+        mutator.spoil(other, copy.deepcopy(rng))
+        other.write(folder)
     if held:
         given.frame, given.name = world.held_out.copy(), "next.csv"
     mutator.spoil(given, rng)
@@ -117,7 +123,7 @@ def text_case(command: str, mutator: Mutator[Any], folder: Path, world: World, r
 
 def run_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rng: np.random.Generator) -> Made:
     with_recordings(folder, world, command)
-    shutil.copytree(world.run, folder / "run")
+    shutil.copytree(world.unused, folder / "run")
     if command != "report":  # what is trained is all that they need: what is spoilt is among that
         shutil.rmtree(folder / "run" / "store" / "estimate")
     mutator.spoil(folder / "run", rng)
@@ -127,7 +133,7 @@ def run_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rn
 def arguments_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rng: np.random.Generator) -> Made:
     with_recordings(folder, world, command)
     if command == "report":
-        shutil.copytree(world.run, folder / "run")
+        shutil.copytree(world.unused, folder / "run")
     return mutator.spoil(command_line(command, world), rng), ("",)
 
 
@@ -185,6 +191,6 @@ def unspoilt(command: str, folder: Path, world: World, model: bool = False) -> C
     with_recordings(folder, world, command)
     write(folder / "model.toml", MODEL)
     if command == "report":
-        shutil.copytree(world.run, folder / "run")
+        shutil.copytree(world.unused, folder / "run")
     line = command_line(command, world, **({"simulator": "model.toml"} if model else {}))
     return Case(command, -1, "unspoilt", tuple(line), SAME, ("",), folder)

@@ -9,13 +9,14 @@ from fuzz.cases import ORDERLY, REFUSED, SAME, TOLD, Shelf, pick
 MINE = """
 import numpy as np
 
-from methods.estimator import Estimator, gaussian_state, no_info, register
+from twinbench.methods.estimator import Estimator, gaussian_state, no_info, register
 
 
 @register
 class Mine(Estimator):
     name, says = "mine", "whatever the machines, their mean in training"
     settings = {"scale": 1.0}
+    search_space = {"scale": (0.5, 2.0)}
 
     def fit(self, train, validation, seed):
         truth = train.truth.estimated.reshape(-1, 10)

@@ -1,13 +1,15 @@
-"""Cases made, run and judged one after the other."""
+"""Cases made, run and judged."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import multiprocessing
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from fuzz import worker
@@ -17,8 +19,9 @@ from fuzz.commands import make, unspoilt
 from fuzz.judge import Outcome, judge, listing
 from fuzz.world import World, build
 
-MEASURING_S = 120.0
-"""Processor time that latency may take: it starts Python anew for the memory of each of its peers."""
+PATIENCE_S = {"latency": 120.0, "mismatch": 30.0}
+"""Processor time that these may take. latency starts Python anew for the memory of each of its peers. mismatch tries
+every candidate where none explains the recordings, some 13 s alone and more beside another, and says how far it is."""
 
 
 class Fuzz:
@@ -42,12 +45,12 @@ class Fuzz:
 
     def _run(self, case: Case) -> worker.Ended:
         with tempfile.TemporaryDirectory(dir=self.folder) as logs:
-            longest_s = MEASURING_S if case.command == "latency" else worker.LONGEST_S
+            longest_s = PATIENCE_S.get(case.command, worker.LONGEST_S)
             return worker.run(case.arguments, case.folder, Path(logs), longest_s)
 
     def _answer(self, command: str, model: bool) -> Answer:
         """What the command says of good input."""
-        case = unspoilt(command, self.folder / f"{command}-unspoilt-{model}", self.world, model)
+        case = unspoilt(command, self.folder / f"{command}-unspoilt-{model}-{os.getpid()}", self.world, model)
         ended = self._run(case)
         if ended.status not in (0, 1):
             raise RuntimeError(f"{command} does not take good input: {ended.err}")
@@ -65,17 +68,21 @@ def started(seed: int) -> Iterator[Fuzz]:
 def _import_all() -> None:
     """What the commands import late: forks share it. One process, whatever the machine has."""
     os.environ["LOKY_MAX_CPU_COUNT"] = "1"
-    import bench.apply
-    import bench.contract
-    import bench.explain
-    import bench.latency.suite
-    import bench.mismatch_report
-    import bench.replay
-    import bench.runner
-    import bench.tune  # noqa: F401
 
 
-def outcomes(fuzz: Fuzz, cases: Sequence[tuple[str, int]]) -> Iterator[Outcome]:
-    """One after the other."""
-    for command, index in cases:
-        yield fuzz.outcome(command, index)
+def outcomes(fuzz: Fuzz, cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:
+    """In the order of the cases, by so many forks of this process."""
+    fork = multiprocessing.get_context("fork")
+    with ProcessPoolExecutor(jobs, fork, initializer=_share, initargs=(fuzz,)) as pool:
+        yield from pool.map(_outcome, cases)
+
+
+_shared: list[Fuzz] = []
+
+
+def _share(fuzz: Fuzz) -> None:
+    _shared[:] = [fuzz]
+
+
+def _outcome(case: tuple[str, int]) -> Outcome:
+    return _shared[0].outcome(*case)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from data.batch import CHANNELS, INPUTS, OUTPUTS
+from twinbench.data.batch import CHANNELS, INPUTS, OUTPUTS
 
 TIME = "time_s"
 

@@ -63,7 +63,7 @@ def another_layout(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def another_type(text: str, rng: np.random.Generator) -> str:
     line = pick(rng, (*NUMBERS, "seeds = [0]", "scenes = false"))
-    values = ("'two'", "[1]", "{}", "1979-05-27", "[[0]]", "''", "nan")
+    values = ("'two'", "['1']", "{}", "1979-05-27", "[[0]]", "''", "nan")
     return text.replace(line, f"{key(line)} = {pick(rng, values)}", 1)
 
 

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from physics.simulator import Simulator, Variable
+from twinbench.physics.simulator import Simulator, Variable
 
 
 def rhs(x, u, theta):
@@ -135,7 +135,7 @@ def it_fails_to_import(text: str, rng: np.random.Generator) -> str:
         "1 / 0", "raise SystemExit(0)", "raise SystemExit('bye')", "import no_such_package", "raise KeyboardInterrupt",
         "raise BaseException('x')", "raise Exception('a\\nb')", "raise Exception", "def f(): f()\nf()",
         "import sys; sys.exit()",
-        "raise GeneratorExit", "assert False", "from physics.simulator import Nothing", "raise MemoryError",
+        "raise GeneratorExit", "assert False", "from twinbench.physics.simulator import Nothing", "raise MemoryError",
         "undefined",
         "raise Exception('[red]x[/]')", "raise Exception('x' * 100000)",
         "raise UnicodeDecodeError('utf-8', b'x', 0, 1, 'y')",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -114,7 +115,7 @@ import sys, time
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from fuzz import worker
-import bench.cli
+import twinbench.bench.cli.main
 
 worker.LONGEST_S = 3.0
 def fails(arguments): print("half"); raise KeyError("x")
@@ -123,7 +124,7 @@ def waits(arguments): time.sleep(60)
 def spins(arguments):
     while True: pass
 for main in (fails, exits, waits, spins):
-    bench.cli.main = main
+    twinbench.bench.cli.main.main = main
     ended = worker.run(("x",), Path({folder!r}), Path({folder!r}), 3.0)
     print(main.__name__, ended.status, ended.hung, "Traceback" in ended.err, ended.out.strip())
 """
@@ -150,8 +151,9 @@ def world(tmp_path_factory) -> World:
     (folder / "run" / "manifest.json").write_text('{"seeds": [0], "wall_s": {}}')
     np.savez(tables / "part.npz", a=np.zeros(3), b=np.ones(200))
     (tables / ".done").write_text("x")
+    shutil.copytree(folder / "run", folder / "unused")
     time_s = 0.05 * np.arange(1200)
-    from data.batch import CHANNELS
+    from twinbench.data.batch import CHANNELS
 
     rows = {c: 3.0 + np.sin(time_s + i) for i, c in enumerate(CHANNELS)}
     compressor = pd.DataFrame({"time_s": time_s, **rows})

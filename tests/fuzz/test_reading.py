@@ -11,8 +11,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data.errors import BadInput
-from data.recording import Recording, read_recording
 from fuzz.cases import SAME
 from fuzz.given import TANK, Given
 from fuzz.recording_cells import CELLS
@@ -20,6 +18,8 @@ from fuzz.recording_files import FILES
 from fuzz.recording_names import NAMES
 from fuzz.recording_time import CLOCK
 from fuzz.world import tank_recording
+from twinbench.common.errors import BadInput
+from twinbench.data.recording import Recording, read_recording
 
 UNITS = {"pump_V": "V", "h_m": "m"}
 TABLE = tank_recording(1, 40)

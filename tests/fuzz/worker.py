@@ -100,7 +100,7 @@ def _child(arguments: tuple[str, ...], folder: Path, files: list[Path]) -> None:
         for what, (soft, hard) in limits.items():
             resource.setrlimit(what, (soft, hard))
         sys.argv = ["twinbench", *arguments]
-        from bench.cli import main
+        from twinbench.bench.cli.main import main
 
         status = main(list(arguments))
     except SystemExit as stopped:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from data.batch import SAMPLE_PERIOD_S
 from fuzz.given import COMPRESSOR, TANK, TIME, Given
 from fuzz.profiles import TRAINED
+from twinbench.data.batch import SAMPLE_PERIOD_S
 
 ESTIMATOR = "oracle"
 """Nothing to train, and it corrects itself by every reading."""
@@ -39,6 +40,11 @@ class World:
         return self.folder / "run"
 
     @property
+    def unused(self) -> Path:
+        """The run as it was before the cases began, with what one estimate leaves in its store."""
+        return self.folder / "unused"
+
+    @property
     def profile(self) -> Path:
         return self.folder / "trained.toml"
 
@@ -50,7 +56,7 @@ class World:
 
 def build(folder: Path) -> World:
     """Train, simulate, and write; some half a minute."""
-    from bench.cli import main
+    from twinbench.bench.cli.main import main
 
     folder.mkdir(parents=True)
     profile, run = folder / "trained.toml", folder / "run"
@@ -62,6 +68,11 @@ def build(folder: Path) -> World:
         raise RuntimeError(f"the run that the cases start from failed; see {folder}")
     _train(profile, run)
     compressor = _liveliest([pd.read_csv(path) for path in sorted((folder / "good").glob("*.csv"))])
+    compressor.to_csv(folder / "day.csv", index=False)
+    trained = ["--profile", str(profile), "--results", str(run), "--out", str(folder / "estimates")]
+    with _quiet():
+        main(["estimate", ESTIMATOR, str(folder / "day.csv"), *trained])
+    shutil.copytree(run, folder / "unused")
     return World(folder, compressor, tank_recording(1, TANK_SAMPLES), tank_recording(2, TANK_SAMPLES // 2))
 
 
@@ -74,9 +85,9 @@ def _liveliest(tables: list[pd.DataFrame]) -> pd.DataFrame:
 
 def _train(profile: Path, run: Path) -> None:
     """What export writes; nothing is estimated with it."""
-    from bench import cells
-    from bench.profile import load_profile
-    from bench.store import Store
+    from twinbench.bench import cells
+    from twinbench.bench.profile import load_profile
+    from twinbench.common.store import Store
 
     whole = load_profile(str(profile))
     outcome = cells.fit(Store(run / "store"), whole, cells.make_cell(EXPORTED, whole.seeds[0], whole))

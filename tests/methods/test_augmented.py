@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from data.batch import SAMPLE_PERIOD_S
-from methods.augmented import (
+from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.methods.deeponet_kalman.augmented import (
     ERROR,
     NOISE,
     PROBE,
@@ -20,10 +20,8 @@ from methods.augmented import (
     room_type,
     tick,
 )
-from methods.cycle import SAID, Scaling, memory_type, roll_out, scratch, twin_record
-from methods.frontend import Fitted
-from methods.operator import Operator
-from methods.safeguards import (
+from twinbench.methods.deeponet_kalman.cycle import SAID, Scaling, memory_type, roll_out, scratch, twin_record
+from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATION_UPDATES,
     INSIDE_LEAST,
@@ -33,10 +31,12 @@ from methods.safeguards import (
     Settings,
     empty_safety,
 )
-from methods.stream import pack
-from methods.training import weights_of
-from physics.compressor import M_REF_KG_S
-from physics.health import theta_and_slope
+from twinbench.methods.deeponet_kalman.stream import pack
+from twinbench.methods.frontend import Fitted
+from twinbench.methods.operator import Operator
+from twinbench.methods.training import weights_of
+from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.health import theta_and_slope
 
 OFF = Settings(
     trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,

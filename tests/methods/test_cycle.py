@@ -6,13 +6,13 @@ import numpy as np
 import torch
 from test_operator_training import small_batch
 
-from data.batch import SAMPLE_PERIOD_S
-from methods.deeponet_kalman import DeepONetKalman
-from methods.estimator import Sample
-from methods.frontend import FrontEnd
-from methods.operator import Operator
-from methods.training import load_weights
-from methods.windows import WindowSource
+from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.windows import WindowSource
+from twinbench.methods.estimator import Sample
+from twinbench.methods.frontend import FrontEnd
+from twinbench.methods.operator import Operator
+from twinbench.methods.training import load_weights
 
 
 def test_the_window_online_is_the_one_trained_on_and_a_step_held_back_is_put_right_in_it():

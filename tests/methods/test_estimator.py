@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from methods.estimator import Estimator, State, ablated, gaussian_state, no_info
+from twinbench.methods.estimator import Estimator, State, ablated, gaussian_state, no_info
 
 
 class Still(Estimator):

@@ -12,21 +12,21 @@ import pytest
 import torch
 from test_operator_training import small_batch
 
-from bench.cells import make_cell
-from bench.cli import main
-from bench.profile import load_profile
-from bench.store import Store
-from data.batch import CHANNELS, SAMPLE_PERIOD_S
-from methods.augmented import NOISE, ZETA
-from methods.cycle import INNOVATION_CLIP_SD, scratch, standardise
-from methods.deeponet_kalman import ZETA_HIGH, ZETA_LOW, DeepONetKalman
-from methods.estimator import Sample
-from methods.export import INPUTS, filter_arrays, operator_graph
-from methods.operator import SLOW_TAU_S, WINDOW, Operator
-from methods.stream import LIMIT, ZETA_SCALE, heads_with_jacobian, push, stream_type
-from methods.training import load_weights
-from methods.windows import query_of
-from physics.health import to_theta
+from twinbench.bench.cells import make_cell
+from twinbench.bench.cli.main import main
+from twinbench.bench.profile import load_profile
+from twinbench.common.store import Store
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.methods.deeponet_kalman.augmented import NOISE, ZETA
+from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, scratch, standardise
+from twinbench.methods.deeponet_kalman.export import INPUTS, filter_arrays, operator_graph
+from twinbench.methods.deeponet_kalman.method import ZETA_HIGH, ZETA_LOW, DeepONetKalman
+from twinbench.methods.deeponet_kalman.stream import LIMIT, ZETA_SCALE, heads_with_jacobian, push, stream_type
+from twinbench.methods.deeponet_kalman.windows import query_of
+from twinbench.methods.estimator import Sample
+from twinbench.methods.operator import SLOW_TAU_S, WINDOW, Operator
+from twinbench.methods.training import load_weights
+from twinbench.physics.health import to_theta
 
 PAGE = (Path(__file__).parents[2] / "docs/controller.md").read_text(encoding="utf-8")
 LOOP, ON_A_RECORDING, ONLINE = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from data.batch import SAMPLE_PERIOD_S, Batch
-from methods.frontend import STUCK_S, FrontEnd
+from twinbench.data.batch import SAMPLE_PERIOD_S, Batch
+from twinbench.methods.frontend import STUCK_S, FrontEnd
 
 LEVEL = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
 SD = np.array([0.0015, 0.2, 1.5, 0.001, 0.01, 0.7, 0.001])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from methods.kalman import cholesky_solve, predict_covariance, update
+from twinbench.methods.kalman import cholesky_solve, predict_covariance, update
 
 
 def random_problem(seed: int, n: int = 6, m: int = 3):

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from test_operator_training import small_batch
 
-from data.batch import CHANNELS, SAMPLE_PERIOD_S
-from data.corrupt import Corruption, corrupt
-from data.disturb import FAULTS, with_fault
-from methods.deeponet_kalman import DeepONetKalman
-from methods.estimator import FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED, Sample
-from methods.online import Online
-from methods.plain import PlainTwin
-from physics.health import HIGH, LOW
+from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.data.corrupt import Corruption, corrupt
+from twinbench.data.disturb import FAULTS, with_fault
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.online import Online
+from twinbench.methods.deeponet_kalman.plain import PlainTwin
+from twinbench.methods.estimator import FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED, Sample
+from twinbench.physics.health import HIGH, LOW
 
 SAMPLES = 30_000
 

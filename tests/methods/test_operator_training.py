@@ -6,17 +6,25 @@ import numpy as np
 import pytest
 import torch
 
-from data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
-from methods.augmentation import DROPOUT, FLOW, GAPS, MOST_GAPS, PRESSURES, TEMPERATURE, augmented
-from methods.frontend import FrontEnd
-from methods.operator import Operator
-from methods.operator_training import Recipe, Scales, audit, feasibility, fit_operator
-from methods.training import adamw, load_weights, seeded, weights_of
-from methods.transitions import draw_transitions, plant_sensitivities, plant_slopes
-from methods.windows import WindowSource
-from physics.compressor import PLANT
-from physics.integrate import advance, simulate
-from physics.steady import steady_state, valve_for
+from twinbench.data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.methods.deeponet_kalman.augmentation import (
+    DROPOUT,
+    FLOW,
+    GAPS,
+    MOST_GAPS,
+    PRESSURES,
+    TEMPERATURE,
+    augmented,
+)
+from twinbench.methods.deeponet_kalman.operator_training import Recipe, Scales, audit, feasibility, fit_operator
+from twinbench.methods.deeponet_kalman.windows import WindowSource
+from twinbench.methods.frontend import FrontEnd
+from twinbench.methods.operator import Operator
+from twinbench.methods.training import adamw, load_weights, seeded, weights_of
+from twinbench.methods.transitions import draw_transitions, plant_sensitivities, plant_slopes
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import advance, simulate
+from twinbench.physics.steady import steady_state, valve_for
 
 
 def small_batch(seed: int, sequences: int = 3, samples: int = 2600) -> Batch:
@@ -91,7 +99,8 @@ def test_what_the_operator_errs_by_at_first_is_told_from_what_it_errs_by_for_goo
     residual = np.zeros((len(validation), 20, 200, 5))
     residual[:, :2] = 0.1
     residual[:, 12:, :, 4] = 0.01
-    monkeypatch.setattr("methods.operator_training._along_the_recordings", lambda *_: residual.reshape(-1, 200, 5))
+    training = "twinbench.methods.deeponet_kalman.operator_training"
+    monkeypatch.setattr(f"{training}._along_the_recordings", lambda *_: residual.reshape(-1, 200, 5))
     source = WindowSource.fit(train, FrontEnd.fit(train))
     scales = Scales.fit(draw_transitions(train, 1000, np.random.default_rng(0)))
     checked = audit(counterfactual[0], source, validation, scales, np.random.default_rng(0), count=400)
@@ -209,7 +218,7 @@ def test_refining_the_heads_lowers_the_loss_and_leaves_the_rest(train):
     operator = Operator()
     losses = fit_operator(operator, source, transitions, scales, rng, Recipe(30, 64, 1e-2))
     before = weights_of(operator)
-    from methods.operator_training import _Examples, refine_heads
+    from twinbench.methods.deeponet_kalman.operator_training import _Examples, refine_heads
 
     examples = _Examples(source, transitions, None, scales, True)
     refined = refine_heads(operator, examples, rng, 30)

@@ -9,10 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from test_augmented import OFF
 
-from data.scenario import WORN
-from methods.estimator import Z95
-from methods.kalman import gain, joseph
-from methods.safeguards import (
+from twinbench.data.scenario import WORN
+from twinbench.methods.deeponet_kalman.safeguards import (
     CHANNEL,
     CHI2_GATE,
     FROZEN,
@@ -42,7 +40,9 @@ from methods.safeguards import (
     walk_factor,
     watch,
 )
-from physics.health import HEALTHY, SPAN, to_theta
+from twinbench.methods.estimator import Z95
+from twinbench.methods.kalman import gain, joseph
+from twinbench.physics.health import HEALTHY, SPAN, to_theta
 
 BOX = Envelope(np.full(5, -2.0), np.full(5, 2.0))
 

@@ -8,12 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_augmented import COLOURED, OFF, WHITE, corrected, machine, off_by, problem, ticked  # noqa: F401
 
-from data.batch import SAMPLE_PERIOD_S
-from methods.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, SLOW, WANDERING, ZETA
-from methods.cycle import SAID, UNKNOWN_S, scratch, update
-from methods.estimator import FLAG_GATED
-from methods.safeguards import FROZEN, INFLATING, INFLATION_UPDATES, OUTSIDE_MOST, UPDATES, empty_safety
-from methods.steps import (
+from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.methods.deeponet_kalman.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, SLOW, WANDERING, ZETA
+from twinbench.methods.deeponet_kalman.cycle import SAID, UNKNOWN_S, scratch, update
+from twinbench.methods.deeponet_kalman.safeguards import (
+    FROZEN,
+    INFLATING,
+    INFLATION_UPDATES,
+    OUTSIDE_MOST,
+    UPDATES,
+    empty_safety,
+)
+from twinbench.methods.deeponet_kalman.steps import (
     FITS_UPDATES,
     KEEP_UPDATES,
     KEPT,
@@ -27,6 +33,7 @@ from methods.steps import (
     note_way,
     shifted,
 )
+from twinbench.methods.estimator import FLAG_GATED
 
 SD = 0.02
 NOTHING = (np.nan, np.nan, np.nan)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import torch
 
-from data.batch import SAMPLE_PERIOD_S
-from methods.operator import N_STATES, N_ZETA, WINDOW, Operator
-from methods.stream import heads, heads_with_jacobian, pack, push, scratch_type, stream_type
-from methods.training import parameter_count, weights_of
+from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.methods.deeponet_kalman.stream import heads, heads_with_jacobian, pack, push, scratch_type, stream_type
+from twinbench.methods.operator import N_STATES, N_ZETA, WINDOW, Operator
+from twinbench.methods.training import parameter_count, weights_of
 
 TIME = torch.tensor([SAMPLE_PERIOD_S])
 

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from motor import MOTOR, rhs
 
-from data.recording import Recording
-from physics.simulator import Array
+from twinbench.data.recording import Recording
+from twinbench.physics.simulator import Array
 
 CHANNELS = tuple(v.name for v in (*MOTOR.inputs, *MOTOR.outputs))
 NOISE = np.array([1.0, 0.5, 0.5])

@@ -9,7 +9,7 @@ import pandas as pd
 
 TANK = """
 import numpy as np
-from physics.simulator import Simulator, Variable
+from twinbench.physics.simulator import Simulator, Variable
 
 
 def rhs(x, u, theta):
@@ -34,7 +34,7 @@ TANK = Simulator(
 )
 """
 SPILL = """
-from physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Mechanism, Variable
 
 
 def term(x, u, theta):

@@ -11,12 +11,12 @@ import pytest
 from motor import MOTOR
 from two_tanks import TANKS
 
-from mismatch.catalogue import generic, typical_rates
-from physics.compile import compiled
-from physics.compose import compose, plain_rhs
-from physics.compressor import PLANT
-from physics.integrate import simulate
-from physics.simulator import Mechanism, Simulator, Variable
+from twinbench.mismatch.catalogue import AMBIENT, generic, typical_rates
+from twinbench.physics.compile import compiled
+from twinbench.physics.compose import compose, plain_rhs, with_mechanism
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import simulate
+from twinbench.physics.simulator import Mechanism, Simulator, Variable
 
 
 def mass_rhs(x, u, theta):
@@ -60,7 +60,7 @@ def test_every_mechanism_is_nothing_when_absent_and_something_finite_when_typica
         assert np.array_equal(mechanism.series(t, steps, np.zeros(1)), steps)
         assert not np.array_equal(mechanism.series(t, steps, np.array([size.nominal])), steps)
         return
-    changed = simulator.with_(mechanism)
+    changed = with_mechanism(simulator, mechanism)
     absent = changed.with_values(**{changed.parameters[len(simulator.parameters)].name: 0.0})
     rng = np.random.default_rng(1)
     felt = 0.0
@@ -148,6 +148,14 @@ def test_tanks_leak_above_the_hole_and_overflow_above_the_rim():
     assert term(TANKS, "overflow@h2_cm", [25.0, 9.0], [0.1, 7.0]) == pytest.approx(-0.2)
     assert term(TANKS, "overflow@h2_cm", [25.0, 6.0], [0.1, 7.0]) == 0.0
     assert term(TANKS, "spill_from_h1_cm@h2_cm", [25.0, 6.0], [0.1, 20.0]) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("name", "is_ambient"), [
+    ("T_amb_K", True), ("Tamb", True), ("ambient_K", True), ("T_ambient", True),
+    ("T_chamber_K", False), ("bamboo_K", False), ("T_amber_K", False),
+])  # fmt: skip
+def test_an_ambient_is_a_word_of_a_name_and_no_part_of_one(name, is_ambient):
+    assert (AMBIENT.search(name.lower()) is not None) == is_ambient
 
 
 def test_heat_goes_to_the_ambient_that_the_machine_names():

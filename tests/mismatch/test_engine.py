@@ -9,10 +9,10 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from data.errors import BadInput
-from mismatch import Verdict, diagnose
-from mismatch.catalogue import generic
-from mismatch.faults import faults
+from twinbench.common.errors import BadInput
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.faults import faults
 
 LISTED = (
     "coulomb_friction@omega_rad_s", "quadratic_friction@omega_rad_s", "offset@omega_rad_s", "offset@T_winding_K",

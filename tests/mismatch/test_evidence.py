@@ -10,8 +10,8 @@ from motor import MOTOR
 from motor_case import record
 from test_engine import CATALOGUE, dry_friction
 
-from mismatch import Verdict, diagnose
-from mismatch.evidence import (
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.evidence import (
     best_fault_alone,
     candidates_for,
     onsets,
@@ -20,9 +20,9 @@ from mismatch.evidence import (
     probabilities,
     weights,
 )
-from mismatch.proof import Held, Worse, worse_outputs
-from mismatch.rivals import NEAR
-from mismatch.weigh import refusal
+from twinbench.mismatch.proof import Held, Worse, worse_outputs
+from twinbench.mismatch.rivals import NEAR
+from twinbench.mismatch.weigh import refusal
 
 DRY = "coulomb_friction@omega_rad_s"
 
@@ -148,7 +148,7 @@ def test_what_differs_by_chance_alone_spoils_nothing():
 
 def test_a_spoilt_output_makes_the_verdict_refuse(friction, monkeypatch):
     assert friction.diagnosis.worse == ()
-    monkeypatch.setattr("mismatch.walk.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
+    monkeypatch.setattr("twinbench.mismatch.walk.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
     fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
     verdict = diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
     assert verdict.verdict == "unexplained"

@@ -10,9 +10,9 @@ from motor import MOTOR
 from scipy.integrate import solve_ivp
 from two_tanks import TANKS
 
-from mismatch.faults import faults
-from mismatch.series import held
-from physics.compressor import PLANT
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.series import held
+from twinbench.physics.compressor import PLANT
 
 RNG = np.random.default_rng(3)
 TIME_S = np.cumsum(RNG.uniform(0.02, 0.3, 400))

@@ -9,11 +9,11 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from data.recording import Recording
-from mismatch import Verdict, diagnose
-from mismatch.followed import told_followed
-from mismatch.tracks import prepare
-from physics.simulator import Simulator, Variable
+from twinbench.data.recording import Recording
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.followed import told_followed
+from twinbench.mismatch.tracks import prepare
+from twinbench.physics.simulator import Simulator, Variable
 
 RNG = np.random.default_rng(11)
 SPEED, TEMPERATURE = 2, 4

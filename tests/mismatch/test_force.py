@@ -7,9 +7,9 @@ import pytest
 from motor import MOTOR
 from two_tanks import TANKS
 
-from mismatch.catalogue import generic
-from mismatch.force import as_force, inertia
-from physics.simulator import Simulator, Variable
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.force import as_force, inertia
+from twinbench.physics.simulator import Simulator, Variable
 
 GRAVITY_M_S2 = 9.81
 

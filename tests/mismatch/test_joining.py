@@ -11,20 +11,20 @@ from motor import MOTOR
 from motor_case import record
 from scipy.signal import lfilter
 
-from bench.explain import explain
-from bench.replay import replay
-from data.recording import Recording
-from mismatch import diagnose
-from mismatch.joining import how_joined
-from mismatch.machine import Machine
-from mismatch.model import load_model
-from mismatch.series import lag_reading
-from mismatch.tracks import prepare
-from physics.simulator import Simulator
+from twinbench.data.recording import Recording
+from twinbench.mismatch import diagnose
+from twinbench.mismatch.joining import how_joined
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.model import load_model
+from twinbench.mismatch.replay import replay
+from twinbench.mismatch.report.explain import explain
+from twinbench.mismatch.series import lag_reading
+from twinbench.mismatch.tracks import prepare
+from twinbench.physics.simulator import Simulator
 
 RC = """
 import numpy as np
-from physics.simulator import Simulator, Variable
+from twinbench.physics.simulator import Simulator, Variable
 
 def rhs(x, u, theta):
     return np.array([(u[0] - x[0]) / theta[0]])

@@ -9,11 +9,11 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from mismatch import diagnose
-from mismatch.catalogue import generic
-from mismatch.checks import audit
-from mismatch.tracks import prepare, samples_per_block
-from physics.simulator import Simulator, Variable
+from twinbench.mismatch import diagnose
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.checks import audit
+from twinbench.mismatch.tracks import prepare, samples_per_block
+from twinbench.physics.simulator import Simulator, Variable
 
 N = 8000
 
@@ -89,3 +89,13 @@ def test_a_regime_that_the_model_does_not_predict_is_unexplained():
     verdict = diagnose(MOTOR, fitted, [bent], ())
     assert verdict.verdict == "unexplained"
     assert "times as large on recordings held back" in verdict.points[0]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_model_learnt_from_readings_in_disorder_agrees_with_nothing(seed):
+    """They scatter as much as they err; what was held back tells what the sensor scatters."""
+    fitted = record("run 1", 1)
+    rng = np.random.default_rng(seed)
+    shuffled = replace(fitted, values=np.stack([rng.permutation(column) for column in fitted.values.T], axis=-1))
+    verdict = diagnose(MOTOR, [shuffled], [record("held out", 9)], ())
+    assert verdict.verdict == "unexplained"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from mismatch.march import RUNGE_KUTTA, legendre, march
+from twinbench.mismatch.march import RUNGE_KUTTA, legendre, march
 
 END_S, SLOW = 4.0, 0.5
 MILD, STIFF = 20.0, 200.0

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from tank_files import SPILL, TANK, write_python
 
-from data.errors import BadInput
-from mismatch.catalogue import generic
-from mismatch.faults import faults
-from mismatch.model import load_catalogue, load_model, load_simulator, model_toml, whole_catalogue
-from physics.compose import plain_rhs
-from physics.load import check_catalogue
-from physics.nominal import NOMINAL
+from twinbench.common.errors import BadInput
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.model import load_catalogue, load_model, load_simulator, model_toml, whole_catalogue
+from twinbench.physics.compose import plain_rhs
+from twinbench.physics.load import check_catalogue
+from twinbench.physics.nominal import NOMINAL
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_a_mended_simulator_comes_back(tmp_path, spec):
     assert bias.parameters[0].nominal == 0.03
     assert len(tank.parameters) == 2, "the base stays as it was"
     text = path.read_text()
-    assert 'k = 0.08  # m**0.5/s' in text
+    assert "k = 0.08  # m**0.5/s" in text
     assert str(tmp_path) not in text, "paths are relative"
 
 
@@ -90,7 +90,7 @@ def test_what_a_mended_simulator_has_is_not_missing_from_it(tmp_path, spec):
 
 
 def test_amplitudes_inside_the_equations_are_values(tmp_path):
-    from physics.mechanisms import CATALOGUE
+    from twinbench.physics.mechanisms import CATALOGUE
 
     (leak,) = [m for m in CATALOGUE if m.name == "external_leak"]
     path = tmp_path / "model.toml"

@@ -9,13 +9,13 @@ import pytest
 from motor import MOTOR
 from motor_case import TRUE, record
 
-from mismatch.catalogue import generic
-from mismatch.fit import Problem, Unknown
-from mismatch.machine import Machine
-from mismatch.noise import Whitener
-from mismatch.onset import Onset, find_onsets, first_onset, settled_onsets, told_onsets
-from mismatch.picture import picture, variants
-from mismatch.tracks import prepare
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.noise import Whitener
+from twinbench.mismatch.onset import Onset, find_onsets, first_onset, settled_onsets, told_onsets
+from twinbench.mismatch.picture import picture, variants
+from twinbench.mismatch.tracks import prepare
 
 FLOOR = np.array([1.0, 0.5, 0.5])
 SLIDING = [m for m in generic(MOTOR) if m.name in ("coulomb_friction@omega_rad_s", "loss_to_ambient@T_winding_K")]

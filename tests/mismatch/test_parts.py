@@ -11,18 +11,18 @@ from motor import MOTOR
 from motor_case import record
 from scipy.signal import lfilter
 
-from data.recording import Recording
-from mismatch.faults import faults
-from mismatch.fit import Problem, Unknown, solve
-from mismatch.machine import Machine
-from mismatch.many import completed
-from mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
-from mismatch.picture import RARE, Picture, Variant
-from mismatch.proof import Gain
-from mismatch.search import PENALTY, best_sets, local_search, wander
-from mismatch.tracks import held, prepare
-from physics.integrate import simulate
-from physics.nominal import NOMINAL
+from twinbench.data.recording import Recording
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.fit import Problem, Unknown, solve
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.many import completed
+from twinbench.mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
+from twinbench.mismatch.picture import RARE, Picture, Variant
+from twinbench.mismatch.proof import Gain
+from twinbench.mismatch.search import PENALTY, best_sets, local_search, wander
+from twinbench.mismatch.tracks import held, prepare
+from twinbench.physics.integrate import simulate
+from twinbench.physics.nominal import NOMINAL
 
 
 @pytest.fixture(scope="module")
@@ -188,8 +188,8 @@ def test_what_is_likely_beside_so_many_effects_must_earn_less(monkeypatch, found
     best = SimpleNamespace(
         problem=problem, names=tuple("abcde"[:found]), chosen=shown.variants[:found], bare=problem, z=r, first=0
     )
-    monkeypatch.setattr("mismatch.many.is_fault", lambda candidate: False)
-    monkeypatch.setattr("mismatch.many.refit", lambda problem, z, shown, chosen, rounds: chosen)
+    monkeypatch.setattr("twinbench.mismatch.many.is_fault", lambda candidate: False)
+    monkeypatch.setattr("twinbench.mismatch.many.refit", lambda problem, z, shown, chosen, rounds: chosen)
     ends = completed(best, shown)
     assert (ends == tuple(range(found + 1))) if comes else (ends is best)
 

@@ -9,10 +9,10 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from mismatch import diagnose
-from mismatch.catalogue import generic
-from mismatch.periods import loudest_periods_s
-from mismatch.tracks import prepare
+from twinbench.mismatch import diagnose
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.periods import loudest_periods_s
+from twinbench.mismatch.tracks import prepare
 
 PERIOD_S = 7.3
 

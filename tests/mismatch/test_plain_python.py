@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tank_files import TANK, tank_table, write_python, write_recording
 
-from mismatch.machine import Machine
-from mismatch.model import load_simulator
-from mismatch.recordings import read
-from mismatch.tracks import prepare
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.model import load_simulator
+from twinbench.mismatch.recordings import read_recordings
+from twinbench.mismatch.tracks import prepare
 
 PLAIN = TANK.replace("def rhs(x, u, theta):\n", "def rhs(x, u, theta):\n    SEEN.append(1)\n    SEEN.clear()\n")
 
@@ -21,7 +21,7 @@ def test_what_cannot_be_compiled_gives_the_same(tmp_path, blocks, states):
 
     def runs(text: str, name: str) -> np.ndarray:
         simulator = load_simulator(write_python(tmp_path, text, name))
-        (track,) = prepare(read([path], simulator), simulator)
+        (track,) = prepare(read_recordings([path], simulator), simulator)
         machine = Machine(simulator, ())
         return machine.clean(track, machine.theta, machine.start(track), blocks=blocks, states=states)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mismatch.noise import HIGHEST_LEVEL, levels
-from mismatch.proof import BorneOut, Gain, Held, borne_out, gain
-from mismatch.weigh import refusal
+from twinbench.mismatch.noise import HIGHEST_LEVEL, levels
+from twinbench.mismatch.proof import BorneOut, Gain, Held, borne_out, gain
+from twinbench.mismatch.weigh import refusal
 
 RNG = np.random.default_rng(3)
 N = 600

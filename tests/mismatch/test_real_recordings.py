@@ -8,8 +8,8 @@ import json
 import pandas as pd
 import pytest
 
-from bench.real_recordings import CASES, PAGE, RESULTS, ROOT, errors, examine, filled, main
-from mismatch import Verdict
+from twinbench.mismatch import Verdict
+from twinbench.proof.real_recordings import CASES, PAGE, RESULTS, ROOT, errors, examine, filled, main
 
 RECORDINGS = ROOT.parent / "shared" / "recordings"
 recorded = pytest.mark.skipif(not RECORDINGS.is_dir(), reason=f"no recordings in {RECORDINGS}; the page says whose")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tank_files import TANK, tank_table, write_python, write_recording
 
-from data.errors import BadInput
-from mismatch.model import load_simulator
-from mismatch.recordings import check_excited, check_measured, read
+from twinbench.common.errors import BadInput
+from twinbench.mismatch.model import load_simulator
+from twinbench.mismatch.recordings import check_excited, check_measured, read_recordings
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "recordings"
 
@@ -30,7 +30,7 @@ def refused(call, *arguments) -> str:
 def test_inputs_then_outputs_in_the_simulators_units(tmp_path, tank):
     frame = tank_table().assign(extra=1.0, true_level_m=2.0)
     frame["h_m"] *= 100.0
-    (recording,) = read([write_recording(tmp_path, frame)], tank, ["h_m[cm]=h_m"])
+    (recording,) = read_recordings([write_recording(tmp_path, frame)], tank, ["h_m[cm]=h_m"])
     assert recording.channels == ("pump_V", "h_m")
     assert np.allclose(recording.values, tank_table()[["pump_V", "h_m"]])
 
@@ -43,13 +43,13 @@ def test_units_as_engineers_write_them(tmp_path, unit, given, factor):
     text = TANK.replace('"pump_V", "V", 0.0, 10.0, 3.0', f'"pump_V", "{unit}", 0.0, 1e9, 3.0')
     simulator = load_simulator(write_python(tmp_path, text))
     path = write_recording(tmp_path, tank_table())
-    (recording,) = read([path], simulator, [f"pump_V[{given}]=pump_V"])
+    (recording,) = read_recordings([path], simulator, [f"pump_V[{given}]=pump_V"])
     assert np.allclose(recording.values[:, 0], factor * tank_table()["pump_V"], rtol=1e-4)
 
 
 def test_a_unit_that_pint_does_not_know_is_named(tmp_path):
     simulator = load_simulator(write_python(tmp_path, TANK.replace('"pump_V", "V"', '"pump_V", "mystery"')))
-    line = refused(read, [write_recording(tmp_path, tank_table())], simulator, ["pump_V[V]=pump_V"])
+    line = refused(read_recordings, [write_recording(tmp_path, tank_table())], simulator, ["pump_V[V]=pump_V"])
     assert "unknown unit 'mystery'" in line
 
 
@@ -58,17 +58,17 @@ def test_a_machine_that_lacks_a_sensor(tmp_path):
         '(Variable("h_m", "m", 0.0, 2.0, 0.5),)',
         '(Variable("h_m", "m", 0.0, 2.0, 0.5), Variable("h2_m", "m", 0.0, 2.0, 0.5))',
     ).replace("np.array([x[0]])", "np.array([x[0], x[0]])")))  # fmt: skip
-    recordings = read([write_recording(tmp_path, tank_table())], simulator)
+    recordings = read_recordings([write_recording(tmp_path, tank_table())], simulator)
     check_measured(recordings, simulator)
     assert recordings[0].channels == ("pump_V", "h_m", "h2_m")
     assert np.isnan(recordings[0].values[:, 2]).all()
-    assert "no column 'LT2'" in refused(read, [tmp_path / "day.csv"], simulator, ["LT2=h2_m"])
+    assert "no column 'LT2'" in refused(read_recordings, [tmp_path / "day.csv"], simulator, ["LT2=h2_m"])
 
 
 def test_a_slow_machine_may_be_recorded_for_months(tmp_path, tank):
     frame = tank_table(200)
     frame["time_s"] *= 1e5
-    (recording,) = read([write_recording(tmp_path, frame)], tank)
+    (recording,) = read_recordings([write_recording(tmp_path, frame)], tank)
     assert recording.time_s[-1] > 90 * 86400
 
 
@@ -79,35 +79,35 @@ def test_a_slow_machine_may_be_recorded_for_months(tmp_path, tank):
     (lambda f: f.assign(h_m=100.0 * f["h_m"]), "the simulator bounds it by 0 and 2; mend those, or is it another"),
 ])  # fmt: skip
 def test_a_recording_that_cannot_be_used(tmp_path, tank, change, says):
-    line = refused(read, [write_recording(tmp_path, change(tank_table()))], tank)
+    line = refused(read_recordings, [write_recording(tmp_path, change(tank_table()))], tank)
     assert says in line
     assert "day.csv" in line
 
 
 def test_an_idle_sensor_may_read_a_little_below_its_zero(tmp_path, tank):
-    read([write_recording(tmp_path, tank_table().assign(h_m=-0.01))], tank)
+    read_recordings([write_recording(tmp_path, tank_table().assign(h_m=-0.01))], tank)
 
 
 def test_two_recordings_of_one_name(tmp_path, tank):
     path = write_recording(tmp_path, tank_table())
-    assert "two recordings are named day" in refused(read, [path, path], tank)
+    assert "two recordings are named day" in refused(read_recordings, [path, path], tank)
 
 
 @pytest.mark.parametrize("readings", [0, 29])
 def test_nothing_to_compare_with(tmp_path, tank, readings):
     frame = tank_table()
     frame.loc[readings:, "h_m"] = np.nan
-    recordings = read([write_recording(tmp_path, frame)], tank)
+    recordings = read_recordings([write_recording(tmp_path, frame)], tank)
     assert "none of the outputs (h_m) has 30 readings" in refused(check_measured, recordings, tank)
 
 
 def test_columns_that_nobody_asked_for_are_offered(tmp_path, tank):
     path = write_recording(tmp_path, tank_table().rename(columns={"h_m": "level"}))
-    assert "it has unread columns: level" in refused(check_measured, read([path], tank), tank)
+    assert "it has unread columns: level" in refused(check_measured, read_recordings([path], tank), tank)
 
 
 def test_sensors_that_stand_still(tmp_path, tank):
-    recordings = read([write_recording(tmp_path, tank_table().assign(h_m=0.5))], tank)
+    recordings = read_recordings([write_recording(tmp_path, tank_table().assign(h_m=0.5))], tank)
     assert "no output moves (h_m)" in refused(check_measured, recordings, tank)
 
 
@@ -115,37 +115,37 @@ def test_time_in_another_unit_than_the_other_recordings(tmp_path, tank):
     late = tank_table()
     late["time_s"] *= 1000.0
     paths = [write_recording(tmp_path, tank_table(), "day.csv"), write_recording(tmp_path, late, "ms.csv")]
-    assert "is its time in ms?" in refused(check_measured, read(paths, tank), tank)
+    assert "is its time in ms?" in refused(check_measured, read_recordings(paths, tank), tank)
     (tmp_path / "ms.toml").write_text('[channels]\ntime_s = {column = "time_s", unit = "ms"}\n')
-    check_measured(read(paths, tank), tank)
+    check_measured(read_recordings(paths, tank), tank)
 
 
 def test_columns_separated_by_semicolons(tmp_path, tank):
     path = tmp_path / "excel.csv"
     path.write_text("time_s;pump_V;h_m\n" + "".join(f"{k},0;3,5;0,{k % 9}\n" for k in range(40)))
-    assert "separates its columns by semicolons" in refused(read, [path], tank)
+    assert "separates its columns by semicolons" in refused(read_recordings, [path], tank)
 
 
 def test_no_excitation(tmp_path, tank):
     still = write_recording(tmp_path, tank_table().assign(pump_V=3.0), "still.csv")
     moving = write_recording(tmp_path, tank_table(), "moving.csv")
-    assert "no input varies (pump_V)" in refused(check_excited, read([still], tank), tank)
-    check_excited(read([still, moving], tank), tank)
+    assert "no input varies (pump_V)" in refused(check_excited, read_recordings([still], tank), tank)
+    check_excited(read_recordings([still, moving], tank), tank)
 
 
 def test_a_machine_without_inputs_needs_no_excitation(tmp_path):
     text = TANK.replace('(Variable("pump_V", "V", 0.0, 10.0, 3.0),)', "()").replace("theta[1] * u[0] ", "0.0 ")
     simulator = load_simulator(write_python(tmp_path, text))
-    recordings = read([write_recording(tmp_path, tank_table())], simulator)
+    recordings = read_recordings([write_recording(tmp_path, tank_table())], simulator)
     assert recordings[0].channels == ("h_m",)
     check_excited(recordings, simulator)
 
 
 @pytest.mark.skipif(not RECORDINGS.is_dir(), reason="the public recordings are not at hand")
-def test_real_recordings_are_read(tmp_path):
+def test_real_recordings_are_read_recordings(tmp_path):
     text = TANK.replace("pump_V", "u_V").replace('"h_m", "m", 0.0, 2.0, 0.5', '"level2_V", "V", 0.0, 10.0, 5.0')
     simulator = load_simulator(write_python(tmp_path, text))
-    recordings = read([RECORDINGS / "cascaded_tanks" / f"{n}.csv" for n in ("train", "test")], simulator)
+    recordings = read_recordings([RECORDINGS / "cascaded_tanks" / f"{n}.csv" for n in ("train", "test")], simulator)
     assert [r.values.shape for r in recordings] == [(1024, 2), (1024, 2)]
     check_measured(recordings, simulator)
     check_excited(recordings, simulator)

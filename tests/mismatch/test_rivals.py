@@ -9,16 +9,16 @@ import pytest
 from motor import MOTOR
 from motor_case import NOISE, record
 
-from mismatch.calibrate import own_unknowns, shared_unknowns
-from mismatch.catalogue import generic
-from mismatch.explanation import Explanation, refit
-from mismatch.fit import Problem, solve
-from mismatch.machine import Machine
-from mismatch.noise import Whitener
-from mismatch.picture import picture, variants
-from mismatch.proof import held_out
-from mismatch.rivals import NEAR, rivals
-from mismatch.tracks import prepare
+from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.explanation import Explanation, refit
+from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.noise import Whitener
+from twinbench.mismatch.picture import picture, variants
+from twinbench.mismatch.proof import held_out
+from twinbench.mismatch.rivals import NEAR, rivals
+from twinbench.mismatch.tracks import prepare
 
 NAMES = ("coulomb_friction@omega_rad_s", "quadratic_friction@omega_rad_s", "offset@omega_rad_s")
 
@@ -80,7 +80,7 @@ def test_what_stands_for_another_effect_is_no_rival(fits, monkeypatch):
     """Best a + b; a2 does for a, and without b nearly as well: a2 is no name for b."""
     before, alone, _ = fits
     a, b, a2 = NAMES
-    monkeypatch.setattr("mismatch.rivals._tied", lambda best: np.zeros((2, 2), bool))
+    monkeypatch.setattr("twinbench.mismatch.rivals._tied", lambda best: np.zeros((2, 2), bool))
     best = dataclasses.replace(alone, names=(a, b), chosen=alone.chosen * 2)
     swap = dataclasses.replace(best, names=(a2, b), cost=best.cost + 2.0)
     less = dataclasses.replace(alone, names=(a2,), cost=best.cost + 18.0)

@@ -9,10 +9,10 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from data.recording import Recording
-from mismatch.checks import audit
-from mismatch.spikes import find_spikes
-from mismatch.tracks import prepare
+from twinbench.data.recording import Recording
+from twinbench.mismatch.checks import audit
+from twinbench.mismatch.spikes import find_spikes
+from twinbench.mismatch.tracks import prepare
 
 RNG = np.random.default_rng(3)
 

@@ -9,9 +9,9 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from mismatch import diagnose
-from mismatch.stuck import find_stuck
-from mismatch.tracks import prepare
+from twinbench.mismatch import diagnose
+from twinbench.mismatch.stuck import find_stuck
+from twinbench.mismatch.tracks import prepare
 
 SPEED = 0
 

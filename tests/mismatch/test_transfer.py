@@ -8,14 +8,14 @@ from motor import MOTOR
 from motor_case import NOISE, record
 from scipy.stats import chi2
 
-from mismatch.calibrate import own_unknowns, shared_unknowns
-from mismatch.explanation import Explanation, rewhitened
-from mismatch.fit import Problem, solve
-from mismatch.machine import Machine
-from mismatch.noise import Whitener
-from mismatch.proof import held_out
-from mismatch.tracks import prepare
-from mismatch.transfer import Transfer, transfer
+from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
+from twinbench.mismatch.explanation import Explanation, rewhitened
+from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.noise import Whitener
+from twinbench.mismatch.proof import held_out
+from twinbench.mismatch.tracks import prepare
+from twinbench.mismatch.transfer import Transfer, transfer
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from tank_files import SPILL, TANK, write_python
 
-from data.errors import BadInput
-from mismatch.model import DEEPEST, load_model, load_simulator
-from physics.filespec import moved
+from twinbench.common.errors import BadInput
+from twinbench.common.filespec import moved
+from twinbench.mismatch.model import DEEPEST, load_model, load_simulator
 
 RAN = "open(__file__ + '.ran', 'w').close()\n"
 
@@ -72,7 +72,7 @@ def test_what_lies_elsewhere_is_run_for_trust_only(places, caplog, base, source)
 
 
 def test_built_in_simulators_need_no_word(places, caplog):
-    for base in ("compressor", "physics.nominal:NOMINAL"):
+    for base in ("compressor", "twinbench.physics.nominal:NOMINAL"):
         load_simulator(model("model.toml", base))
     assert caplog.messages == []
 

@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bench.cli import main
-from bench.mismatch_status import NAMED
+from twinbench.bench.cli.main import main
+from twinbench.bench.cli.mismatch_status import NAMED
 
 PAGE = (Path(__file__).parents[2] / "docs" / "mismatch_tutorial.md").read_text()
 NUMBER = re.compile(r"\d+(?:\.\d+)?")

@@ -10,14 +10,14 @@ import pytest
 from motor import MOTOR
 from motor_case import record
 
-from mismatch import Verdict, diagnose
-from mismatch.catalogue import generic
-from mismatch.evidence import FaultAlone
-from mismatch.faults import faults
-from mismatch.rivals import Rivals
-from mismatch.telling import headline
-from mismatch.verdict import conclude
-from mismatch.words import number
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.evidence import FaultAlone
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.rivals import Rivals
+from twinbench.mismatch.telling import headline
+from twinbench.mismatch.verdict import conclude
+from twinbench.mismatch.words import number
 
 LISTED = (
     "coulomb_friction@omega_rad_s",
@@ -136,7 +136,7 @@ def test_faults_alone_are_told_by_the_error_that_they_leave(friction, monkeypatc
     alone = FaultAlone(
         ("sensor_bias@amps_A",), (("speed_rad_s", "rad/s", 9.0, 31.8, 1.2), ("amps_A", "A", np.nan, 1, 1))
     )
-    monkeypatch.setattr("mismatch.evidence.best_fault_alone", lambda d: alone)
+    monkeypatch.setattr("twinbench.mismatch.evidence.best_fault_alone", lambda d: alone)
     verdict = conclude(friction.diagnosis)
     assert (
         "A fault of sensors or inputs alone, at best sensor_bias@amps_A, leaves an error of speed_rad_s of 31.8 rad/s "
@@ -167,7 +167,8 @@ def test_several_findings_are_a_count_and_a_list(friction):
     (0.39, "0.39"), (0.9999, "above 0.99"), (None, "not known, for nothing else was fitted in its place"),
 ])  # fmt: skip
 def test_a_name_has_its_probability_over_all_that_was_fitted(friction, monkeypatch, probability, said):
-    monkeypatch.setattr("mismatch.evidence.probabilities", lambda d: {"coulomb_friction@omega_rad_s": probability})
+    told = {"coulomb_friction@omega_rad_s": probability}
+    monkeypatch.setattr("twinbench.mismatch.evidence.probabilities", lambda d: told)
     (finding,) = conclude(friction.diagnosis).findings
     assert finding.says.endswith(f"Its probability among all that was fitted is {said}.")
     assert finding.is_sure == (said == "above 0.99")

@@ -6,7 +6,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mismatch.words import counted, digits_worth, interval, listed, number, sentence, spoken, typeset, with_unit
+from twinbench.mismatch.words import (
+    counted,
+    digits_worth,
+    interval,
+    listed,
+    number,
+    sentence,
+    spoken,
+    typeset,
+    with_unit,
+)
 
 
 @pytest.mark.parametrize(("value", "text"), [

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from numba import njit
 
-from physics.compile import USER_FILE, compiled
-from physics.compose import compose, plain_rhs
-from physics.fingerprint import Untold, fingerprint
-from physics.integrate import simulate
-from physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.physics.compile import compiled
+from twinbench.physics.compose import compose, plain_rhs
+from twinbench.physics.fingerprint import Untold, fingerprint
+from twinbench.physics.integrate import simulate
+from twinbench.physics.jit import USER_FILE
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 
 def variable(name: str, nominal: float = 0.0) -> Variable:
@@ -218,7 +219,7 @@ def test_what_cannot_be_told_is_not_kept_but_runs():
 MACHINE = """
 import math
 import numpy as np
-from physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Mechanism, Simulator, Variable
 
 def variable(name, nominal):
     return Variable(name, "1", -10.0, 10.0, nominal)
@@ -249,9 +250,10 @@ LINES = "\n".join(f"            s += math.sin(i * x[0] + {k}.0) / i - math.tanh(
 RUN = """
 import json, sys
 import numpy as np
-from physics.compile import USER_FILE, compiled
-from physics.compose import compose
-from physics.load import load_catalogue, load_simulator
+from twinbench.physics.compile import compiled
+from twinbench.physics.jit import USER_FILE
+from twinbench.physics.compose import compose
+from twinbench.physics.load import load_catalogue, load_simulator
 found = []
 simulator = load_simulator(sys.argv[1])
 for mechanism in load_catalogue(sys.argv[1], simulator):

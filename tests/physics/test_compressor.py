@@ -8,23 +8,11 @@ import numpy as np
 import pytest
 from numba import njit
 
-from physics.compressor import (
-    BAR,
-    CP,
-    CV,
-    FLUXES,
-    HEALTH,
-    PARAMETERS,
-    PLANT,
-    R_DRY,
-    STATES,
-    flux,
-    rhs,
-)
-from physics.integrate import simulate
-from physics.nominal import NOMINAL, REDUCED, reduced
-from physics.simulator import Variable
-from physics.steady import steady_state, valve_for
+from twinbench.physics.compressor import BAR, CP, CV, FLUXES, HEALTH, PARAMETERS, PLANT, R_DRY, STATES, flux, rhs
+from twinbench.physics.integrate import simulate
+from twinbench.physics.nominal import NOMINAL, REDUCED, reduced
+from twinbench.physics.simulator import Variable
+from twinbench.physics.steady import steady_state, valve_for
 
 WORN = np.array([0.88, 0.90, 0.052, 0.65, 6.0])
 HEALTHY = np.array([v.nominal for v in HEALTH])
@@ -51,9 +39,7 @@ def energy_out(x, u, theta):
 def metered(simulator):
     totals = tuple(Variable(f"total_{v.name}", v.unit, -1e15, 1e15, 0.0) for v in FLUXES)
     totals += (Variable("H_in", "J", -1e15, 1e15, 0.0), Variable("H_out", "J", -1e15, 1e15, 0.0))
-    return replace(
-        simulator, states=simulator.states + totals, rhs=_rhs_and_fluxes, flux=None, balance=None, fluxes=()
-    )
+    return replace(simulator, states=simulator.states + totals, rhs=_rhs_and_fluxes, flux=None, balance=None, fluxes=())
 
 
 def corner_inputs(seconds: float, seed: int) -> np.ndarray:

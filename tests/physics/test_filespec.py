@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physics.filespec import join_spec, moved, split_spec
+from twinbench.common.filespec import join_spec, moved, split_spec
 
 FILES = [
     PureWindowsPath(r"C:\x\my.py"), PureWindowsPath("C:/x/my.py"), PureWindowsPath(r"\\server\share\my.py"),

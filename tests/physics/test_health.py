@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from physics.health import HEALTHY, HIGH, LOW, theta_and_slope, to_theta, to_zeta
+from twinbench.physics.health import HEALTHY, HIGH, LOW, theta_and_slope, to_theta, to_zeta
 
 coordinates = arrays(np.float64, (3, 5), elements=st.floats(-1e3, 1e3))
 worn = st.floats(0, 1).map(lambda s: HEALTHY + s * (np.array([0.88, 0.90, 0.052, 0.65, 6.0]) - HEALTHY))

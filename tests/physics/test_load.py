@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from physics.compressor import PLANT
-from physics.load import builtin_catalogue, check_catalogue, load_catalogue, load_simulator
-from physics.mechanisms import CATALOGUE
-from physics.nominal import NOMINAL
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.load import builtin_catalogue, check_catalogue, load_catalogue, load_simulator
+from twinbench.physics.mechanisms import CATALOGUE
+from twinbench.physics.nominal import NOMINAL
 
 TANK = """
 import numpy as np
-from physics.simulator import Simulator, Variable
+from twinbench.physics.simulator import Simulator, Variable
 
 def rhs(x, u, theta):
     return np.array([u[0] - theta[0] * x[0], x[0] - x[1]])
@@ -32,7 +32,7 @@ TANK = Simulator(
 )
 """
 LEAK = """
-from physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Mechanism, Variable
 
 def leak(x, u, theta):
     return -theta[-1] * x[0]
@@ -72,7 +72,7 @@ def catalogue_refused(folder: Path, old: str, new: str) -> str:
 def test_by_name_and_from_a_package():
     assert load_simulator("compressor") is PLANT
     assert load_simulator("nominal") is NOMINAL
-    assert load_simulator("physics.compressor:PLANT") is PLANT
+    assert load_simulator("twinbench.physics.compressor:PLANT") is PLANT
 
 
 @pytest.mark.parametrize("spec", ["{}", "{}:TANK"])
@@ -97,7 +97,7 @@ def test_from_a_module_in_the_folder_of_the_call(tmp_path, monkeypatch):
     ("tank", "give path/to/file.py"),
     ("gone.py", "no file gone.py"),
     ("no_such_package:TANK", "fails to import: ModuleNotFoundError"),
-    ("physics.compressor:GONE", "has no Simulator 'GONE'; it has: PLANT"),
+    ("twinbench.physics.compressor:GONE", "has no Simulator 'GONE'; it has: PLANT"),
 ])  # fmt: skip
 def test_a_spec_that_names_nothing(tmp_path, monkeypatch, spec, says):
     monkeypatch.chdir(tmp_path)
@@ -111,7 +111,7 @@ def test_a_spec_that_names_nothing(tmp_path, monkeypatch, spec, says):
     ("def output(", "def output((", "line 8: fails to import: SyntaxError"),
     ("STATES = (", "raise SystemExit\nSTATES = (", "fails to import: SystemExit"),
     ("TANK = Simulator(", "TANK = tuple, (", "holds no Simulator"),
-    ("STATES = (", "from physics.compressor import PLANT\nSTATES = (", "holds Simulators PLANT, TANK; name one, like"),
+    ("STATES = (", "from twinbench.physics.compressor import PLANT\nSTATES = (", "holds Simulators PLANT, TANK; name "),
 ])  # fmt: skip
 def test_a_file_that_gives_no_simulator(tmp_path, old, new, says):
     assert says in refused(tmp_path, old, new)

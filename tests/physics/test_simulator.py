@@ -8,11 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from physics.compile import compiled
-from physics.compressor import PLANT
-from physics.integrate import advance, simulate
-from physics.mechanisms import CATALOGUE
-from physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.compile import compiled
+from twinbench.physics.compose import with_mechanism
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import advance, simulate
+from twinbench.physics.mechanisms import CATALOGUE
+from twinbench.physics.simulator import Mechanism, Simulator, Variable
 
 
 def variable(name: str, nominal: float = 0.0) -> Variable:
@@ -131,7 +132,7 @@ def cubic(x, u, theta):
 
 def test_a_balance_term_appends_its_parameter():
     stiffens = Mechanism("hardening", "the spring stiffens", "balance:v_m_s", (variable("k3", 2.0),), term=cubic)
-    hard = SPRING.with_(stiffens)
+    hard = with_mechanism(SPRING, stiffens)
     assert [v.name for v in hard.parameters] == ["k", "d", "k3"]
     assert hard.mechanisms == ("hardening",)
     x, u = np.array([0.7, 0.2]), np.array([0.1])
@@ -146,7 +147,8 @@ def test_a_flux_term_acts_on_every_balance_that_shares_it():
     def choke(x, u, theta):
         return -theta[2]
 
-    leak = TANKS.with_(Mechanism("choke", "less flows between", "flux:between", (variable("c", 0.1),), term=choke))
+    choked = Mechanism("choke", "less flows between", "flux:between", (variable("c", 0.1),), term=choke)
+    leak = with_mechanism(TANKS, choked)
     x, u = np.array([1.0, 0.5]), np.array([0.3])
     plain = compiled(TANKS).rhs(x, u, TANKS.theta())
     assert compiled(leak).rhs(x, u, leak.theta()) - plain == pytest.approx([0.1, -0.1])
@@ -156,8 +158,8 @@ def test_input_and_output_terms_and_two_mechanisms_together():
     def offset(x, u, theta):
         return theta[-1]
 
-    pushed = SPRING.with_(Mechanism("push", "", "input:F_N", (variable("dF", 0.5),), term=offset))
-    both = pushed.with_(Mechanism("zero", "", "output:pos_m", (variable("dy", 0.25),), term=offset))
+    pushed = with_mechanism(SPRING, Mechanism("push", "", "input:F_N", (variable("dF", 0.5),), term=offset))
+    both = with_mechanism(pushed, Mechanism("zero", "", "output:pos_m", (variable("dy", 0.25),), term=offset))
     x, u = np.array([0.7, 0.2]), np.array([0.1])
     assert compiled(both).rhs(x, u, both.theta()) == pytest.approx(spring_rhs(x, u + 0.5, SPRING.theta()))
     assert compiled(both).output(x, u, both.theta()) == pytest.approx([0.95])
@@ -173,7 +175,7 @@ def test_a_mechanism_can_bring_its_own_state():
 
     drag = Mechanism("late_drag", "", "balance:v_m_s", (variable("c", 1.5),), states=(variable("lag"),), term=lagged,
                      derivative=lag)  # fmt: skip
-    late = SPRING.with_(drag)
+    late = with_mechanism(SPRING, drag)
     assert [v.name for v in late.states] == ["x_m", "v_m_s", "lag"]
     assert late.initial(np.zeros(1), np.ones(1), late.theta()) == pytest.approx([1, 0, 0])
     x, u = np.array([0.7, 0.2, 0.4]), np.array([0.0])
@@ -183,7 +185,7 @@ def test_a_mechanism_can_bring_its_own_state():
 
 def test_every_catalogued_amplitude_is_the_plant_when_absent():
     for mechanism in CATALOGUE:
-        changed = PLANT.with_(mechanism)
+        changed = with_mechanism(PLANT, mechanism)
         assert changed.mechanisms == (mechanism.name,)
         names = [v.name for v in mechanism.parameters]
         assert set(names) <= {v.name for v in PLANT.parameters}
@@ -195,8 +197,8 @@ def test_every_catalogued_amplitude_is_the_plant_when_absent():
     ("make", "message"),
     [
         (lambda: SPRING.with_values(q=1.0), "has no parameter 'q'"),
-        (lambda: SPRING.with_(Mechanism("m", "", "balance:z", (), term=cubic)), "has no balance 'z'"),
-        (lambda: SPRING.with_(Mechanism("m", "", "door:z", (), term=cubic)), "port 'door:z'"),
+        (lambda: with_mechanism(SPRING, Mechanism("m", "", "balance:z", (), term=cubic)), "has no balance 'z'"),
+        (lambda: with_mechanism(SPRING, Mechanism("m", "", "door:z", (), term=cubic)), "port 'door:z'"),
         (lambda: Variable("x", "1", 0.0, 1.0, 2.0), "outside"),
         (lambda: simulate(SPRING, np.zeros((1, 5, 2)), np.zeros(2)), "u has 2 columns"),
         (lambda: simulate(SPRING, np.zeros((1, 5, 1)), np.zeros(2), substeps=0), "substeps"),

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from test_load import LEAK, TANK, write
 
-from physics import trial
-from physics.load import load_catalogue, load_simulator
+from twinbench.common import trial
+from twinbench.physics.load import load_catalogue, load_simulator
 
 REST = "return np.array(["
 ENDLESS = "import time; time.sleep(6.0)"  # a thread cannot be ended, and must not run beside all later tests

@@ -1,0 +1,1 @@
+"""The ``twinbench`` command: one file for each of its commands."""

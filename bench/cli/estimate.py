@@ -1,0 +1,56 @@
+"""``twinbench estimate``: a trained estimator on a user's recordings."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twinbench.bench.cli.output import tell
+
+ESTIMATE = """columns, a reading each 0.05 s (20 Hz, as in training), empty where missing:
+  time_s       s      time, increasing
+  p_suc_bar    bar    suction pressure, absolute
+  T_suc_K      K      suction temperature
+  N_rpm        rpm    speed
+  valve        -      command of the discharge valve, 0 to 1
+  p_dis_bar    bar    discharge pressure, absolute
+  T_dis_K      K      discharge temperature
+  m_flow_kg_s  kg/s   mass flow
+--map 'COLUMN[UNIT]=channel' converts other units: kPa, psi, degC, Hz, percent, kg/h, ...
+barg, mbarg, kPag, MPag, psig are gauge: 1.01325 bar is added to them.
+more seldom readings are refused below what the estimator bears; the line says the limit
+
+each result says what it rests on: readings used, innovations against what is expected, gaps, flags.
+exit status: 0 usable, 1 the method failed, 2 bad input, 3 not usable and not written (but with --force)"""
+
+SAYS = "run a trained estimator over your recordings of a compressor like the built-in one"
+EXAMPLE = "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'PT101[psig]=p_dis_bar'\n\n" + ESTIMATE
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("estimator", metavar="NAME")
+    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
+    parser.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
+    parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    parser.add_argument(
+        "--force", action="store_true", help="write estimates that are not usable, too; the exit status stays 3"
+    )
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    from twinbench.bench.estimate.apply import apply
+
+    summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map, a.force)
+    if a.json:
+        tell(a, summaries)
+    else:
+        for summary in summaries:
+            print("\n".join(summary["rests_on"]))
+            if summary["usable"] or a.force:
+                print(summary["says"])
+            else:
+                print("nothing was written for it; --force writes it all the same")
+    return 0 if all(summary["usable"] for summary in summaries) else 3

@@ -1,0 +1,32 @@
+"""``twinbench export``: the trained operator for a controller."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twinbench.bench.cli.output import tell_files
+
+SAYS = "write a trained DeepONet-Kalman as an ONNX graph and arrays, for machines without this package"
+EXAMPLE = (
+    "twinbench export --results results/quick --out controller\n\n"
+    "writes operator.onnx and filter.npz into DIR; docs/controller.md has the thirty lines that run them"
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument(
+        "--estimator", default="deeponet_kalman", metavar="NAME",
+        help="deeponet_kalman (default) or one of its ablations",
+    )  # fmt: skip
+    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
+    parser.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    from twinbench.bench.export import export
+
+    tell_files(a, export(a.estimator, a.out, a.profile, a.results))
+    return 0

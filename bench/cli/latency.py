@@ -1,0 +1,52 @@
+"""``twinbench latency``: the time of one online update."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twinbench.bench.cli.output import command_line, failed_cells, rows_of, tell
+
+SAYS = "time one online update of trained estimators and of their peers, on one core"
+EXAMPLE = (
+    "twinbench latency --results results/quick\n\n"
+    "back to back and at 20 Hz, beside filterpy's EKF and UKF in the same run; nothing else should run meanwhile"
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--estimator", nargs="+", default=(), metavar="NAME", help="(default: all that are trained)")
+    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
+    parser.add_argument("--results", type=Path, metavar="DIR", help="the run they come from (results/<profile>)")
+    parser.add_argument("--updates", type=int, default=2000, metavar="N", help="of each, back to back (default: 2000)")
+    parser.add_argument(
+        "--ticks", type=int, default=200, metavar="N", help="of each, at 20 Hz; 0: none (default: 200, ten seconds)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables and figures go (results/latency)")
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    from shutil import get_terminal_size
+
+    from rich.console import Console
+
+    from twinbench.bench.latency.suite import run
+    from twinbench.bench.report.table_formats import to_text
+    from twinbench.common.errors import BadInput
+
+    for name, value, least in (("--updates", a.updates, 10), ("--ticks", a.ticks, 0)):
+        if not least <= value <= 10_000_000:
+            raise BadInput(f"{name} is {value:,}, must lie in [{least}, 10,000,000]")
+    command = command_line()
+    out = a.out or Path("results/latency")
+    console = Console(stderr=True)
+    table, failed = run(a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, console)
+    if a.json:
+        tell(a, {"latency": rows_of(table.frame), "failed": failed_cells(failed), "out": str(out.resolve())})
+        return 1 if failed else 0
+    print(to_text(table, get_terminal_size().columns))
+    for outcome in failed:
+        print(f"failed: {outcome.cell.estimator}: {outcome.reason}")
+    print(f"tables and figures: {out.resolve()}")
+    return 1 if failed else 0

@@ -1,0 +1,101 @@
+"""``twinbench list``: what there is."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import Any
+
+from twinbench.bench.cli.output import tell
+from twinbench.bench.cli.parser import SIMULATOR_HELP, TRUST_HELP
+
+SAYS = "list what there is"
+EXAMPLE = "twinbench list estimators --json"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("what", nargs="?", default="estimators", choices=tuple(_LISTS))
+    parser.add_argument(
+        "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {SIMULATOR_HELP}"
+    )
+    parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    from twinbench.common.errors import BadInput
+
+    if a.simulator and a.what != "mechanisms":
+        raise BadInput(f"list {a.what}: --simulator goes with mechanisms only; leave it out")
+    rows = _mechanisms(a.simulator, a.trust) if a.what == "mechanisms" else _LISTS[a.what]()
+    if a.json:
+        tell(a, rows)
+        return 0
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=None)
+    for column in rows[0] if rows else ():
+        table.add_column(column)
+    for row in rows:
+        table.add_row(*(escape(str(v)) for v in row.values()))
+    Console().print(table)
+    return 0
+
+
+def _estimators() -> list[dict[str, Any]]:
+    from twinbench.bench.registry import discover
+    from twinbench.bench.roster import ordered
+
+    known = discover()
+    return [{"name": n, "says": known[n].says, "module": known[n].__module__} for n in ordered(known)]
+
+
+def _ablations() -> list[dict[str, Any]]:
+    from twinbench.bench.registry import discover
+
+    return [
+        {"estimator": name, "ablation": ablation, "settings": {k: _finite(v) for k, v in settings.items()}}
+        for name, kind in sorted(discover().items())
+        for ablation, settings in kind.ablations.items()
+    ]
+
+
+def _finite(setting: Any) -> Any:
+    """As it is, or in words: JSON has no infinity."""
+    return str(setting) if isinstance(setting, float) and not math.isfinite(setting) else setting
+
+
+def _mechanisms(spec: str | None = None, trust: bool = False) -> list[dict[str, Any]]:
+    from twinbench.mismatch.model import load_simulator, whole_catalogue
+    from twinbench.physics.mechanisms import CATALOGUE
+
+    mechanisms = whole_catalogue(load_simulator(spec, trust)) if spec else CATALOGUE
+    return [
+        {
+            "name": m.name,
+            "port": m.port,
+            "parameter": ", ".join(f"{v.name} = {v.nominal:g} {v.unit}" for v in m.parameters),
+            "says": m.says,
+        }
+        for m in mechanisms
+    ]
+
+
+def _simulators() -> list[dict[str, Any]]:
+    from twinbench.physics.compressor import PLANT
+    from twinbench.physics.nominal import NOMINAL
+
+    return [
+        {"name": s.name, "states": len(s.states), "parameters": len(s.parameters), "says": s.says}
+        for s in (PLANT, NOMINAL)
+    ]
+
+
+_LISTS = {
+    "estimators": _estimators,
+    "ablations": _ablations,
+    "mechanisms": _mechanisms,
+    "simulators": _simulators,
+}

@@ -1,0 +1,55 @@
+"""``twinbench mismatch``: what a simulator leaves out, and by which exit status a program reads it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twinbench.bench.cli import mismatch_status
+from twinbench.bench.cli.parser import SIMULATOR_HELP, TRUST_HELP
+
+SAYS = "find what a simulator leaves out, name it, model it, and prove it on held-out recordings"
+EXAMPLE = (
+    "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
+    "writes verdict.json, report.html and model.toml, the mended simulator, into DIR\n"
+    "exit status: " + "; ".join(f"{status} {says}" for status, says in mismatch_status.SAYS.items()) + "; 2 bad input"
+)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
+    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument(
+        "--hold-out", nargs="+", default=(), type=Path, metavar="RECORDING",
+        help="recordings for the proof, best of another regime: no parameter is learnt from them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--catalogue", default="", metavar="FILE",
+        help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--inputs", choices=("auto", "held", "linear"), default="auto",
+        help="between samples: each value holds until the next, or lines join them; auto (default) tries both",
+    )  # fmt: skip
+    parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
+    parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    from shutil import get_terminal_size
+
+    from twinbench.mismatch.report.explain import explain
+
+    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust, a.inputs)
+    # What was found is told before it is drawn: drawing takes a while, and may fail.
+    from twinbench.mismatch.report.write import to_json, to_text, write_page
+
+    told = to_json(verdict) if a.json else to_text(verdict, get_terminal_size().columns)
+    print(told, file=a.stdout if a.json else None, flush=True)
+    write_page(verdict, a.out)
+    if not a.json:
+        for name, says in (("report.html", "report"), ("verdict.json", "for programs"), ("model.toml", "mended model")):
+            print(f"{says}: {(a.out / name).resolve()}")
+    return mismatch_status.STATUS[verdict.verdict]

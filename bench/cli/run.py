@@ -1,0 +1,58 @@
+"""``twinbench run``: simulate, train, evaluate, compare, report."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twinbench.bench.cli.output import command_line, failed_cells, rows_of, tell
+
+SAYS = "simulate, train, evaluate, compare, report"
+EXAMPLE = "twinbench run --only oracle gru_kf"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
+    parser.add_argument(
+        "--only", nargs="+", default=(), metavar="NAME",
+        help="estimators by name or by path/to/file.py; those that are in --out already keep their rows beside them",
+    )  # fmt: skip
+    parser.add_argument(
+        "--ablations", action="store_true",
+        help="besides, each of the estimators without each of its parts (twinbench list ablations)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--robustness", action="store_true",
+        help="besides, under more noise and dropout, faster wear, loads beyond the envelope and sensor faults",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
+    parser.add_argument(
+        "--resume", action=argparse.BooleanOptionalAction, default=True,
+        help="keep what an earlier run finished (default); --no-resume does over what it runs",
+    )  # fmt: skip
+    parser.add_argument("--backend", choices=("local", "dask"), default="local", help="where the cells run")
+    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="the Dask scheduler, tcp://host:port")
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    from shutil import get_terminal_size
+
+    from twinbench.bench.profile import load_profile
+    from twinbench.bench.report.table_formats import to_text
+    from twinbench.bench.runner import run
+
+    profile = load_profile(a.profile)
+    out = a.out or Path("results") / profile.name
+    command = command_line()
+    finished = run(profile, out, tuple(a.only), a.ablations, a.robustness, a.resume, a.backend, a.scheduler, command)
+    if a.json:
+        page = str((out / "report.html").resolve())
+        rows = rows_of(finished.comparison.frame)
+        tell(a, {"comparison": rows, "failed": failed_cells(finished.failed), "report": page})
+        return 1 if finished.failed else 0
+    print(to_text(finished.comparison, get_terminal_size().columns))
+    for outcome in finished.failed:
+        print(f"failed: {outcome.cell.estimator}, seed {outcome.cell.seed}, {outcome.stage}: {outcome.reason}")
+    print(f"report: {(out / 'report.html').resolve()}")
+    return 1 if finished.failed else 0

@@ -1,0 +1,41 @@
+"""``twinbench tune``: settings chosen on the validation sequences."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from twinbench.bench.cli.output import command_line, tell
+
+SAYS = "choose an estimator's settings on the validation sequences"
+EXAMPLE = "twinbench tune gru_kf --trials 20"
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("estimators", nargs="+", metavar="NAME", help="estimators' names, or path/to/file.py[:Class]")
+    parser.add_argument("--profile", default="tuning", help="whose data and training (default: tuning)")
+    parser.add_argument("--trials", type=int, default=20, metavar="N", help="in all, earlier ones included")
+    parser.add_argument("--online", action="store_true", help="only settings that need no new training")
+    parser.add_argument("--out", type=Path, default=Path("results/tuning"), metavar="DIR")
+
+
+def run(a: argparse.Namespace) -> int:
+    """The exit status."""
+    import tomllib
+
+    from rich.console import Console
+
+    from twinbench.bench.profile import load_profile
+    from twinbench.bench.tune import searched, tune
+
+    command = command_line()
+    profile = load_profile(a.profile)
+    console = Console(stderr=True)
+    for spec in a.estimators:  # all that is wrong is said before the first takes its hours
+        searched(spec, profile, a.online)
+    chosen = [tune(spec, profile, a.out, a.trials, console, command, a.online) for spec in a.estimators]
+    if a.json:
+        tell(a, [tomllib.loads(section)["settings"] for section in chosen])
+    else:
+        print("".join(chosen), end="")
+    return 0

@@ -1,0 +1,1 @@
+"""A trained estimator on a user's recordings, and whether its answer is usable."""

@@ -1,0 +1,188 @@
+"""A trained estimator over somebody's recordings: estimates with intervals, what they rest on, a figure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from twinbench.bench import cells
+from twinbench.bench.cells import Cell
+from twinbench.bench.estimate.figure import Readings, estimate_figure
+from twinbench.bench.estimate.quality import Quality, judge
+from twinbench.bench.estimate.reference import References
+from twinbench.bench.estimate.sampling import joined, manner_of
+from twinbench.bench.estimate.witness import watch
+from twinbench.bench.estimate.words import told
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.profile import Profile, flattened, load_profile
+from twinbench.bench.registry import discover, find
+from twinbench.bench.results import load_results
+from twinbench.bench.roster import axis_label, label, ordered
+from twinbench.common.errors import BadInput
+from twinbench.common.progress import each
+from twinbench.common.store import Store, write_atomically, write_text
+from twinbench.common.threads import pin_torch
+from twinbench.common.versions import code_version
+from twinbench.data.batch import ESTIMATED, HEALTH
+from twinbench.data.recording import Recording, check_overlap, read_recording
+
+SHORTEST_S = 10.0
+MOST_ROWS = 30_000
+BOUNDS = {"value": "mean", "low": "low", "high": "high"}
+
+
+def trained_cells(profile_name: str, results: Path | None, names: Sequence[str]) -> tuple[Store, list[Cell]]:
+    """A run's store, and the first-seed cells of the named estimators, or of all that are trained there.
+
+    Args:
+        results: the run they were trained in; None: where ``twinbench run`` puts it.
+
+    Raises:
+        BadInput: one is not trained in that run, or none is.
+    """
+    profile = load_profile(profile_name)
+    results = results or Path("results") / profile.name
+    store = Store(results / "store")
+    found = []
+    for name in names or ordered(discover()):
+        cell = cells.make_cell(name, profile.seeds[0], profile)
+        if store.has("fit", cell.fit):
+            found.append(cell)
+        elif names:
+            raise BadInput(
+                f"{name} is not trained in {results} with this code and profile {profile.name!r}"
+                f"{_what_differs(results, name, profile)}; "
+                f"train it with: twinbench run --profile {profile_name} --only {name} --out {results}"
+            )
+    if not found:
+        raise BadInput(
+            f"nothing is trained in {results} with this code and profile {profile.name!r}; "
+            f"train with: twinbench run --profile {profile_name} --out {results}"
+        )
+    return store, found
+
+
+def _what_differs(results: Path, name: str, profile: Profile) -> str:
+    """In brackets, how the run in ``results`` differs from one that would hold the estimator; empty if unknown."""
+    try:
+        manifest = load_results(results).manifest
+    except BadInput:
+        return ""
+    kind = find(name)
+    now, then = (flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
+    trained = [key for key in now if key.startswith(("seeds", "data.", "corruption.", f"settings.{kind.name}."))]
+    for key in trained:
+        if then.get(key) != now[key]:
+            return f" (there {key} was {then.get(key)}, now it is {now[key]})"
+    if manifest.get("code", {}).get(kind.name) not in (None, code_version(kind.__module__)):
+        return f" (the code of {kind.name}, or what it imports, has changed since)"
+    return ""
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """One recording's estimates, and what they rest on."""
+
+    estimates: Estimates
+    readings: Readings
+    quality: Quality
+    summary: dict[str, Any]
+
+
+def apply(
+    name: str,
+    paths: Sequence[Path],
+    out: Path,
+    profile_name: str,
+    results: Path | None,
+    mapping: Sequence[str],
+    force: bool = False,
+) -> list[dict[str, Any]]:
+    """Write ``<recording>.estimates.csv``, ``.png`` and ``.summary.json`` into ``out`` for each recording.
+
+    Every recording is read, checked and estimated before anything is written. Long ones are thinned to some
+    30,000 rows.
+
+    Args:
+        force: write those that are not usable, too.
+
+    Returns:
+        One summary per recording: what the estimate rests on, whether it is ``usable``, where it ended, with 95 %
+        intervals, and in words.
+    """
+    recordings = _read(paths, mapping)
+    store, (cell,) = trained_cells(profile_name, results, [name])
+    pin_torch()
+    references = References(store, cell, cells.load_fit(store, cell))
+    answers = [_answer(recording, references, label(cell.estimator)) for recording in each("estimate", recordings)]
+    for answer in answers:
+        if answer.quality.usable or force:
+            _write(out, answer)
+    return [answer.summary for answer in answers]
+
+
+def _answer(recording: Recording, references: References, who: str) -> _Answer:
+    batch = recording.to_batch()
+    manner = manner_of(batch.measured[0])
+    every = max(1, batch.measured.shape[1] // MOST_ROWS)
+    filled = replace(batch, measured=joined(batch.measured, manner))
+    estimates, seen = watch(references.estimator, filled, every, references.cell.seed)
+    quality = judge(batch.measured[0], manner, estimates, seen, references, who)
+    warning = "" if quality.usable else f"not usable: {quality.verdict}"
+    readings = Readings(batch.time_s, batch.measured[0], seen.accepted[0], manner, *references.envelope, warning)
+    return _Answer(estimates, readings, quality, _summarise(recording, who, estimates, quality))
+
+
+def _read(paths: Sequence[Path], mapping: Sequence[str]) -> list[Recording]:
+    recordings = [read_recording(path, mapping) for path in paths]
+    check_overlap(recordings)
+    names = [recording.name for recording in recordings]
+    for recording in recordings:
+        length = recording.time_s[-1] - recording.time_s[0]
+        if length < SHORTEST_S:
+            raise BadInput(f"recording {recording.name} lasts {length:.1f} s; at least {SHORTEST_S:.0f} s are needed")
+        if names.count(recording.name) > 1:
+            raise BadInput(f"two recordings are named {recording.name}; rename one, or give each run its own --out")
+    return recordings
+
+
+def _summarise(recording: Recording, who: str, estimates: Estimates, quality: Quality) -> dict[str, Any]:
+    final = {
+        q: {key: float(getattr(estimates, field)[0, -1, i]) for key, field in BOUNDS.items()}
+        for i, q in enumerate(ESTIMATED)
+    }
+    words = "; ".join(
+        f"{axis_label(q).removesuffix(', –')} {final[q]['value']:.4g} ({final[q]['low']:.4g} to {final[q]['high']:.4g})"
+        for q in HEALTH
+    )
+    seconds = float(recording.time_s[-1] - recording.time_s[0])
+    return {
+        "recording": recording.name,
+        "estimator": who,
+        "seconds": seconds,
+        "missing_share": float(np.isnan(recording.values).mean()),
+        **quality.to_json(),
+        "final": final,
+        "says": f"{recording.name}: at the end of {seconds:.0f} s, {who} has {words}.",
+        "rests_on": told(recording.name, quality),
+    }
+
+
+def _write(out: Path, answer: _Answer) -> None:
+    estimates = answer.estimates
+    name, time_s = estimates.names[0], estimates.time_s
+    mean, low, high = estimates.mean[0], estimates.low[0], estimates.high[0]
+    columns = {"time_s": time_s}
+    for i, q in enumerate(ESTIMATED):
+        columns |= {q: mean[:, i], f"{q}_low": low[:, i], f"{q}_high": high[:, i]}
+    table = pd.DataFrame(columns)
+    drawn = (time_s, mean, low, high, answer.readings)
+    write_atomically(out / f"{name}.estimates.csv", lambda path: table.to_csv(path, index=False))
+    write_text(out / f"{name}.summary.json", json.dumps(answer.summary, indent=2) + "\n")
+    write_atomically(out / f"{name}.png", lambda path: estimate_figure(*drawn, path))

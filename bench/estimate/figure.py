@@ -1,0 +1,174 @@
+"""One recording of a user: what ``twinbench estimate`` draws."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from twinbench.bench.roster import SENSORS, axis_label
+from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, PAPER, canvas, png, styled, svg, thin
+from twinbench.data.batch import CHANNELS, ESTIMATED, HEALTH, OUTPUTS, SAMPLE_PERIOD_S, Array
+from twinbench.methods.observe import observe
+from twinbench.physics.health import HEALTHY
+
+MOST_POINTS = 1500
+ZERO_C_K = 273.15
+BLUE = "#0072B2"
+RED = "#D55E00"
+KINDS = {"used": "#9ecae1", "outside training": "#E69F00", "rejected": RED, "missing": FAINT}
+"""What becomes of a reading, and its colour, told apart by the colour-blind, too."""
+MOST_BINS = 300
+READINGS = (
+    ("discharge pressure, bar", 1.0, 0.0),
+    ("discharge temperature, °C", 1.0, -ZERO_C_K),
+    ("mass flow, g/s", 1e3, 0.0),
+)
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What was read and what became of it. N ticks of 20 Hz.
+
+    Attributes:
+        time_s: (N,).
+        measured: (N, 7), order CHANNELS; NaN where missing.
+        accepted: (N, 7) bool, used by the estimator.
+        every: (7,) ticks between two readings as the recording goes; 0: the channel is not there.
+        low, high: (7,) the training range.
+        warning: stands over the figure where the estimate is not usable.
+    """
+
+    time_s: Array
+    measured: Array
+    accepted: np.ndarray
+    every: tuple[int, ...]
+    low: Array
+    high: Array
+    warning: str = ""
+
+    def binned(self) -> tuple[Array, np.ndarray]:
+        """Edges (K + 1,) in seconds, and of each bin (K, 7) which of KINDS most of its readings are."""
+        n = len(self.time_s)
+        edges = np.unique(np.linspace(0, n, min(n // max(*self.every, 1) + 1, MOST_BINS) + 1).astype(int))
+        there = ~np.isnan(self.measured)
+        outside = there & ((self.measured < self.low) | (self.measured > self.high))
+        expected = np.diff(edges)[:, None] / np.maximum(self.every, 1)
+        read, far, used = (np.add.reduceat(a.astype(int), edges[:-1]) for a in (there, outside, self.accepted & there))
+        kinds = np.select([2 * read < expected, 2 * used < read, 2 * far > read], [3, 2, 1], 0)
+        ends = np.minimum(edges, n - 1)
+        return self.time_s[ends], kinds
+
+    def gaps(self) -> list[tuple[float, float]]:
+        """Begin and end, in seconds, of the times without any reading that are long enough to be seen."""
+        read = np.flatnonzero(~np.isnan(self.measured).all(axis=1))
+        ends = self.time_s[np.unique(np.concatenate([[0], read, [len(self.time_s) - 1]]))]
+        least = max((ends[-1] - ends[0]) / MOST_BINS, 2 * max(self.every) * SAMPLE_PERIOD_S)
+        long = np.flatnonzero(np.diff(ends) > least)
+        return [(float(ends[i]), float(ends[i + 1])) for i in long]
+
+
+def estimate_figure(time_s: Array, mean: Array, low: Array, high: Array, readings: Readings, path: Path) -> None:
+    """Draw estimates with 95 % bands over one recording into ``path``, a .png or an .svg.
+
+    Args:
+        time_s: (M,) mean, low, high: (M, 10), order ESTIMATED, physical units.
+    """
+    figure = recording_estimates(time_s, mean, low, high, readings)
+    path.write_bytes(svg(figure).encode() if path.suffix == ".svg" else png(figure))
+
+
+@styled
+def recording_estimates(time_s: Array, mean: Array, low: Array, high: Array, readings: Readings) -> Figure:
+    """Outputs against readings on top, the five health parameters, and which readings were used; as
+    ``estimate_figure``."""
+    keep = thin(len(time_s), MOST_POINTS)
+    minutes = time_s[keep] / 60.0
+    bands = [np.asarray(a[keep], dtype=float) for a in (mean, low, high)]
+    figure = canvas(PAGE_MM, 150.0)
+    rows = figure.add_gridspec(4, 3, height_ratios=(1.0, 1.0, 1.0, 0.9))
+    first = figure.add_subplot(rows[0, 0])
+    grid = [first, *(figure.add_subplot(rows[i // 3, i % 3], sharex=first) for i in range(1, 9))]
+
+    for axes, channel, (text, scale, shift) in zip(grid, range(len(OUTPUTS)), READINGS, strict=False):
+        _dots(axes, readings, CHANNELS.index(OUTPUTS[channel]), scale, shift)
+        _band(axes, minutes, *(_reading(b, bands[0])[:, channel] * scale + shift for b in bands))
+        axes.set_title(text, loc="left")
+    for axes, name in zip(grid[len(OUTPUTS) :], HEALTH, strict=False):
+        _band(axes, minutes, *(b[:, ESTIMATED.index(name)] for b in bands))
+        axes.axhline(HEALTHY[HEALTH.index(name)], color=INK, linewidth=0.7, linestyle=":")
+        axes.set_title(axis_label(name), loc="left")
+    for axes in grid[:-1]:
+        for begin, end in readings.gaps():
+            axes.axvspan(begin / 60.0, end / 60.0, color=FAINT, linewidth=0, alpha=0.7)
+    first.set_xlim(minutes[0], minutes[-1] if minutes[-1] > minutes[0] else minutes[0] + 1.0)
+    _legend(grid[-1])
+    _strip(figure.add_subplot(rows[3, :], sharex=first), readings)
+    figure.supxlabel("time, min", fontsize=8)
+    if readings.warning:
+        figure.suptitle(readings.warning, fontsize=9, color=RED, x=0.01, ha="left", weight="bold")
+    return figure
+
+
+def _dots(axes: Axes, readings: Readings, channel: int, scale: float, shift: float) -> None:
+    """Readings that were used, and on top of them those that were not; the view is that of the former if there are."""
+    values, used = readings.measured[:, channel] * scale + shift, readings.accepted[:, channel]
+    minutes = readings.time_s / 60.0
+    for which, colour, marker, size in ((used, MUTED, ".", 1.6), (~used & ~np.isnan(values), RED, "x", 2.6)):
+        some = np.flatnonzero(which)[thin(int(which.sum()), MOST_POINTS)] if which.any() else []
+        axes.plot(minutes[some], values[some], marker, color=colour, markersize=size, alpha=0.7, markeredgewidth=0.6)
+
+
+def _strip(axes: Axes, readings: Readings) -> None:
+    """Each channel over time: used, rejected, outside training or missing, whichever most of a bin's readings are."""
+    edges, kinds = readings.binned()
+    axes.pcolormesh(
+        edges / 60.0, np.arange(len(CHANNELS) + 1), kinds.T, cmap=ListedColormap(list(KINDS.values())),
+        vmin=-0.5, vmax=len(KINDS) - 0.5,
+    )  # fmt: skip
+    axes.set_yticks(np.arange(len(CHANNELS)) + 0.5, [SENSORS[c] for c in CHANNELS])
+    axes.invert_yaxis()
+    axes.grid(visible=False)
+    axes.tick_params(left=False)
+    axes.hlines(np.arange(1, len(CHANNELS)), *axes.get_xlim(), color=PAPER, linewidth=1.5)
+    axes.set_title("what became of the readings", loc="left")
+    axes.legend(
+        handles=[Patch(color=colour, linewidth=0, label=kind) for kind, colour in KINDS.items()],
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(KINDS), borderpad=0.0, handlelength=1.4,
+    )  # fmt: skip
+
+
+def _legend(axes: Axes) -> None:
+    axes.set_axis_off()
+    axes.legend(
+        handles=[
+            Line2D([], [], color=MUTED, marker=".", markersize=4, linestyle="none", label="reading"),
+            Line2D([], [], color=RED, marker="x", markersize=4, linestyle="none", label="reading, rejected"),
+            Line2D([], [], color=BLUE, linewidth=1.2, label="estimate"),
+            Patch(color=BLUE, alpha=0.25, linewidth=0, label="95 % band"),
+            Line2D([], [], color=INK, linewidth=0.7, linestyle=":", label="healthy"),
+        ],
+        loc="center",
+    )
+
+
+def _reading(bound: Array, mean: Array) -> Array:
+    """Sensor readings (M, 3) of a bound (M, 10), at the mean sensor bias.
+
+    Gas temperature and bias err against each other, so adding up their bounds would be too wide.
+    """
+    settled = bound.copy()
+    bias = ESTIMATED.index("T_bias_K")
+    settled[:, bias] = mean[:, bias]
+    return observe(settled)
+
+
+def _band(axes: Axes, minutes: Array, mean: Array, low: Array, high: Array) -> None:
+    axes.fill_between(minutes, low, high, color=BLUE, alpha=0.25, linewidth=0)
+    axes.plot(minutes, mean, color=BLUE, linewidth=1.2)

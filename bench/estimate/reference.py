@@ -1,0 +1,190 @@
+"""What a trained estimator is like on machines whose truth is known, when they are read as a user's is.
+
+The validation recordings of its run are read as seldom as the user's recording, and without the channels that it
+lacks. What the estimator then says of them is what may be expected of it; how often its intervals then hold the
+truth is whether that is worth having. Measured once for each manner of reading, and kept in the run's store.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import t as student
+
+from twinbench.bench import cells
+from twinbench.bench.cells import Cell
+from twinbench.bench.estimate.sampling import Manner, joined, read_as
+from twinbench.bench.estimate.witness import Witnessed, watch
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.statistics.aligned import truth_at
+from twinbench.bench.statistics.coverage import inside
+from twinbench.common.store import CannotWrite, Store, key_of, reading
+from twinbench.common.versions import code_version
+from twinbench.data.batch import CHANNELS, HEALTH, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.methods.estimator import Estimator, State
+
+KIND = "reference"
+EVERY_TICK: Manner = (1,) * len(CHANNELS)
+"""As the estimators are trained."""
+STRIDE = 19
+"""Ticks between those at which coverage is counted, a second. A prime, so as not to keep step with seldom readings."""
+ENVELOPE = (0.001, 0.999)
+"""Quantiles of the training readings between which a channel is known: spikes, a five-hundredth of the readings,
+lie beyond. As for the operator's own envelope."""
+LEVEL = 0.999
+"""Of the range in which a sound recording's median NIS is expected: one in a thousand is refused wrongly. At 0.99
+the range of the nominal filter, from six recordings, would refuse sound recordings, too."""
+NARROWER = 0.99
+"""Width of a health interval over that at the start, below which something was learnt. The estimators that were at
+their prior had 1.05 and more, those that learnt 0.8 and less in at least one parameter: anything between will do."""
+PERIODS_TICKS = (1200, 600, 400, 200, 100, 40, 20, 10, 4, 2, 1)
+"""Tried one after the other, from a minute down to the trained period, for the slowest at which an answer holds."""
+
+
+class Envelope(NamedTuple):
+    """Where the training recordings were read, (7,) each, order CHANNELS."""
+
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, train: Batch) -> Envelope:
+        """Of the readings, spikes apart."""
+        low, high = np.nanquantile(train.measured, ENVELOPE, axis=(0, 1))
+        return cls(low, high)
+
+
+@dataclass(frozen=True)
+class Reference:
+    """An estimator over B validation recordings of N ticks.
+
+    Attributes:
+        nis: (B, N) float32, each over the median of its chi-square; NaN where no channel was accepted.
+        off: (B, N, 3) float16, absolute innovation over its expected sd, order OUTPUTS.
+        accepted: (B, 7), share of the readings that were used.
+        covered: share of the truths, five states and five health parameters, that lay in their 95 % intervals.
+        narrowest: (5,) typical width of the health intervals over that at the start, order HEALTH.
+    """
+
+    nis: np.ndarray
+    off: np.ndarray
+    accepted: Array
+    covered: float
+    narrowest: Array
+
+    def save(self, path: Path) -> None:
+        """Write one ``.npz``, without pickle."""
+        with open(path, "wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **{f.name: getattr(self, f.name) for f in fields(self)})
+
+    @classmethod
+    def load(cls, path: Path) -> Reference:
+        """Read what ``save`` wrote.
+
+        Raises:
+            BadInput: it is not.
+        """
+        with reading(path), open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
+            arrays = {f.name: stored[f.name] for f in fields(cls)}
+            nis, narrowest = arrays["nis"], arrays["narrowest"]
+            shapes = {"off": (*nis.shape[:2], 3), "accepted": (len(nis), 7), "covered": (), "narrowest": (5,)}
+            for name, shape in shapes.items():
+                if arrays[name].shape != shape:
+                    raise ValueError(f"{name} has shape {arrays[name].shape}, must have {shape}")
+            if not np.isfinite([*narrowest, arrays["covered"]]).all():
+                raise ValueError("it holds what is no number")
+            return cls(**{**arrays, "covered": float(arrays["covered"])})
+
+    def nis_range(self, ticks: int) -> tuple[float, float]:
+        """Where the median NIS of one more recording is expected, LEVEL of the time; NaN if that is not known.
+
+        That of a new draw from a log-normal of which there are B. Each of these counts from its start for as
+        long as the new one: an estimator that begins at the prior is farther off at first.
+        """
+        medians = np.array([np.nanmedian(row) for row in self.nis[:, :ticks] if np.isfinite(row).any()])
+        if len(medians) < 2:
+            return np.nan, np.nan
+        logs = np.log(np.maximum(medians, np.finfo(np.float32).tiny))
+        half = student.ppf(0.5 + 0.5 * LEVEL, len(logs) - 1) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
+        return float(np.exp(logs.mean() - half)), float(np.exp(logs.mean() + half))
+
+
+class References:
+    """Of one trained estimator, for any manner of reading."""
+
+    def __init__(self, store: Store, cell: Cell, estimator: Estimator) -> None:
+        self.store, self.cell, self.estimator = store, cell, estimator
+        split = cells.load_split(store, cell.data)
+        self.validation, self.envelope = split.validation, Envelope.of(split.train)
+
+    def of(self, manner: Manner) -> Reference:
+        """Measured now, or as the store keeps it."""
+        cell = self.cell
+        key = key_of(
+            fit=cell.fit, online=cells.online(cell), manner=manner,
+            code=[code_version("twinbench.bench.estimate.reference"), code_version("twinbench.bench.evaluate")],
+        )  # fmt: skip
+        path = self.store.path(KIND, key)
+        if self.store.has(KIND, key):
+            return Reference.load(path)
+        measured = joined(read_as(self.validation.measured, manner), manner)
+        batch = replace(self.validation, measured=measured, truth=None)
+        estimates, seen = watch(self.estimator, batch, STRIDE, cell.seed)
+        found = _summed_up(estimates, seen, self.validation, manner, self.estimator.init(1))
+        try:
+            self.store.put(KIND, key, found.save)
+        except CannotWrite:  # a run that may only be read serves as well, only slower
+            pass
+        return found
+
+    def slowest(self, manner: Manner) -> float | None:
+        """Seconds between readings, the slowest that is sound for channels of ``manner``; None if none is."""
+        for slower in _faster(manner):
+            if sound(self.of(slower), self.of(EVERY_TICK)):
+                return max(slower) * SAMPLE_PERIOD_S
+        return None
+
+
+def sound(reference: Reference, trained: Reference) -> bool:
+    """Do intervals still hold, missing the truth at most twice as often as when read every tick, and does it learn?"""
+    return learns(reference.narrowest) and 1.0 - reference.covered <= 2.0 * (1.0 - trained.covered)
+
+
+def learns(narrowest: Array) -> bool:
+    """Is any health parameter's interval narrower than at the start?"""
+    return bool((narrowest < NARROWER).any())
+
+
+def narrowing(estimates: Estimates, start: State) -> Array:
+    """(B, 5) widths of the health intervals over those at the start: their median over the second half."""
+    health = slice(-len(HEALTH), None)
+    at_first = (start.high - start.low)[:, None, health]
+    late = slice(estimates.low.shape[1] // 2, None)
+    width = (estimates.high - estimates.low)[:, late, health].astype(float)
+    return np.median(width / np.maximum(at_first, np.finfo(float).tiny), axis=1)
+
+
+def nis_ratio(seen: Witnessed) -> np.ndarray:
+    """(B, N) NIS, each over the median of the chi-square of the channels that were accepted."""
+    medians = np.array([np.nan, *chi2.median(np.arange(1, len(OUTPUTS) + 1))], dtype=np.float32)
+    return seen.nis / medians[seen.dof]
+
+
+def _summed_up(estimates: Estimates, seen: Witnessed, validation: Batch, manner: Manner, start: State) -> Reference:
+    offered = ~np.isnan(read_as(validation.measured, manner))
+    accepted = (seen.accepted & offered).sum(axis=1) / np.maximum(offered.sum(axis=1), 1)
+    covered = float(np.nanmean(inside(estimates, truth_at(validation, estimates.names, estimates.time_s))))
+    off = np.minimum(np.abs(seen.off), np.finfo(np.float16).max).astype(np.float16)
+    return Reference(nis_ratio(seen), off, accepted, covered, np.median(narrowing(estimates, start), axis=0))
+
+
+def _faster(manner: Manner) -> Iterator[Manner]:
+    """The same channels, read more and more often."""
+    for most in PERIODS_TICKS:
+        if most < max(manner):
+            yield tuple(min(every, most) for every in manner)

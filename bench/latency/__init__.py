@@ -1,0 +1,1 @@
+"""What one online update takes, beside peers in the same run."""

@@ -1,0 +1,89 @@
+"""Paired differences, sequence by sequence: to the proposed method, and of a method to itself without a part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
+from twinbench.bench.statistics.bootstrap import differences, sequence_scores
+from twinbench.bench.statistics.scores import DEFINITIONS, IDEAL
+from twinbench.bench.statistics.summary import PARAMETERS
+
+METRICS = {
+    "p_nrmse_pct": ("p", "filtered, %"),
+    "T_nrmse_pct": ("T", "filtered, %"),
+    "m_nrmse_pct": ("m", "filtered, %"),
+    "p_open60_pct": ("p", "60 s ahead, %"),
+    "T_open60_pct": ("T", "60 s ahead, %"),
+    "m_open60_pct": ("m", "60 s ahead, %"),
+    PARAMETERS: ("parameters", "error, %"),
+    "coverage95_pct": ("95 % interval", "inside, %"),
+}
+INTERVAL = (
+    "mean over the test sequences; in brackets its 95 % interval: bootstrap over whole sequences, seeds averaged "
+    "inside each first. Of errors more than 0 says that {says}; marked is what differs from 0 for sure."
+)
+
+
+def rivals_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
+    """Rows: all but the proposed method. Columns: how much worse they are.
+
+    Args:
+        scores: columns ``estimator, seed, sequence, metric, value``; ablations in it are left out.
+        failures: per estimator with failed cells, which and why.
+    """
+    names = [n for n in ordered(scores["estimator"].unique()) if not is_ablation(n) and n != PROPOSED]
+    note = f"Paired difference to {label(PROPOSED)}, " + INTERVAL.format(says=f"{label(PROPOSED)} is the better")
+    return _table("paired", f"Against {label(PROPOSED)}", "estimator", {n: (label(n), PROPOSED) for n in names}, scores,
+                  failures, note)  # fmt: skip
+
+
+def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
+    """Rows: ablations. Columns: how much worse than the whole method. Arguments as of ``rivals_table``."""
+    names = [n for n in ordered(scores["estimator"].unique()) if is_ablation(n)]
+    note = "Paired difference, without the part minus with it, " + INTERVAL.format(says="the part helps")
+    pairs = {n: (_says(n), n.partition(ABLATION)[0]) for n in names}
+    return _table("ablations", "Ablations: what each part is worth", "without", pairs, scores, failures, note)
+
+
+def _table(
+    name: str, title: str, head: str, pairs: Mapping[str, tuple[str, str]], scores: pd.DataFrame,
+    failures: Mapping[str, str], note: str,
+) -> Table:  # fmt: skip
+    """Rows: estimators, by name with how they are printed and whom they are set against."""
+    against: dict[tuple[str, str, str], tuple[float, ...]] = {}
+    for metric in METRICS:
+        table = sequence_scores(scores, metric, failures)
+        for whole in {whole for _, whole in pairs.values()} & set(table.estimators):
+            found = differences(table, whole)[["estimator", "difference", "low", "high"]].to_numpy().tolist()
+            against |= {(one, whole, metric): tuple(values) for one, *values in found}
+    lines = []
+    for one, (_, whole) in pairs.items():
+        line: dict[str, Any] = {"estimator": one}
+        for metric in METRICS:
+            values = against.get((one, whole, metric), (np.nan,) * 3)
+            line |= dict(zip((metric, f"{metric}_low", f"{metric}_high"), values, strict=True))
+        lines.append(line | {"failed": failures.get(one, "")})
+    frame = pd.DataFrame(lines)
+    rows = tuple((Cell(pairs[line["estimator"]][0]), *(_cell(line, metric) for metric in METRICS)) for line in lines)
+    columns = (Column(head), *(Column(metric, group) for metric, group in METRICS.values()))
+    definitions = tuple(f"{group} {metric}: {DEFINITIONS[m]}" for m, (metric, group) in METRICS.items())
+    return Table(name, title, frame, columns, rows, (note,), definitions)
+
+
+def _says(name: str) -> str:
+    whole, _, part = name.partition(ABLATION)
+    return f"{label(whole)}, {part.replace('_', ' ')}"
+
+
+def _cell(line: Mapping[str, Any], metric: str) -> Cell:
+    value, low, high = line[metric], line[f"{metric}_low"], line[f"{metric}_high"]
+    if not np.isfinite(value):
+        return Cell("failed" if line["failed"] else "–")
+    sure = metric not in IDEAL and bool(low > 0.0 or high < 0.0)
+    return Cell(f"{'+' if value > 0 else ''}{number(value)}", span(low, high), best=sure)

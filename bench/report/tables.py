@@ -1,0 +1,269 @@
+"""The benchmark's tables: comparison, parameters, coverage, regimes, latency."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.roster import PRIOR, QUANTITIES, REFERENCE, UNRANKED, is_ablation, label, ordered
+from twinbench.bench.statistics.censored import CENSORED
+from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.scores import DEFINITIONS
+from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary, Value
+from twinbench.data.batch import ESTIMATED, HEALTH
+
+
+class Measure(NamedTuple):
+    """One metric of scores.csv as a column."""
+
+    metric: str
+    head: str
+    group: str = ""
+
+
+COMPARED = (
+    Measure(PARAMETERS, "health", "error, %"),
+    Measure("p_nrmse_pct", "p", "filtered, %"),
+    Measure("T_nrmse_pct", "T", "filtered, %"),
+    Measure("m_nrmse_pct", "flow", "filtered, %"),
+    Measure(FORECAST, "p, T, flow", "60 s ahead, %"),
+    Measure("coverage95_pct", "inside, %", "95 % interval"),
+)
+"""As many as fit a page beside the estimators; what else there is stands in the tables below it."""
+FORETOLD = (
+    Measure("p_open60_pct", "p", "60 s ahead, %"),
+    Measure("T_open60_pct", "T", "60 s ahead, %"),
+    Measure("m_open60_pct", "flow", "60 s ahead, %"),
+    Measure("p_open10_pct", "p", "10 s ahead, %"),
+    Measure("T_open10_pct", "T", "10 s ahead, %"),
+    Measure("m_open10_pct", "flow", "10 s ahead, %"),
+)
+TRACKED = (
+    *(Measure(f"{h}_error_pct", QUANTITIES[h][0], "error, %") for h in HEALTH[:4]),
+    Measure("T_bias_error_K", "T bias", "error, K"),
+    Measure("parameter_median_pct", "median", "mean of four, %"),
+    Measure("parameter_p90_pct", "90th percentile", "mean of four, %"),
+    Measure("parameter_terminal_pct", "last 60 s", "mean of four, %"),
+)
+FOLLOWED = (
+    *(Measure(f"{h}_range_pct", QUANTITIES[h][0], "% of range") for h in HEALTH[:4]),
+    Measure("T_bias_K_range_pct", "T bias", "% of range"),
+    Measure("parameter_range_pct", "mean of five", "% of range"),
+    Measure("delay_s", "delay", "after a change, s"),
+    Measure("recovery_s", "recovery", "after a change, s"),
+)
+COVERED = (
+    *(Measure(f"coverage_{q}_pct", QUANTITIES[q][0], "inside, %") for q in ESTIMATED),
+    Measure("coverage95_pct", "mean of ten", "inside, %"),
+)
+CONSISTENT = (
+    Measure("nis_median_ratio", "median", "NIS"),
+    Measure("nis_inside_pct", "inside, %", "NIS"),
+    Measure("nis_ratio", "ratio", "NIS"),
+    Measure("nees_ratio", "ratio", "NEES"),
+)
+INTERVALS = (
+    "Beside or below each mean, the 95 % interval over test sequences: bootstrap over whole sequences, seeds averaged "
+    "inside each first."
+)
+TIMES = (
+    "× is the multiple of the reference: the oracle, which knows the exact plant, but not the drift that the pressure "
+    "sensors share."
+)
+MARKS = (
+    "Marked: the best mean of a column and all that cannot be told from it (Wilcoxon's test over the sequences, Holm's "
+    "correction for all pairs, 5 %). No mark: nobody is told from the best."
+)
+REFERENCES = f"{label(REFERENCE)} and {label(PRIOR)} are shown to compare with; they are not ranked and not marked."
+CENSORING = (
+    "Delay and recovery: Kaplan-Meier median over the runs, and in how many of them it was seen at all. A run in which "
+    "it was not counts as one that takes longer than was watched. Seeds that repeat one another count once."
+)
+RANK = (
+    "Rank: mean over the sequences, 1 is best, the reference rows left out; by parameter error, and by the mean of the "
+    "three 60 s errors."
+)
+LATENCY = (
+    "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "
+    "implementation's time, not the method's: docs/latency.md times filters with nothing left in Python, and there an "
+    "extended Kalman filter is quicker than DeepONet-Kalman."
+)
+MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
+
+
+KNOWN = {**DEFINITIONS, FORECAST: "Mean of the three errors forecast 60 s ahead, as the table of forecasts has them."}
+
+
+def build_tables(
+    summary: Summary, regimes: pd.DataFrame, latency: pd.DataFrame, cost: pd.DataFrame, profile: str
+) -> list[Table]:
+    """All tables of a run.
+
+    Args:
+        regimes: what ``bench.statistics.coverage.coverage_table`` returns.
+        latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us, memory_kB.
+        cost: columns estimator, seed, stage, cpu_s.
+        profile: the run's name.
+    """
+    return [
+        comparison(summary, profile),
+        _measured("forecast", "Forecasts", FORETOLD, summary),
+        _measured("parameters", "Health parameters", TRACKED, summary),
+        _measured("following", "Following a change of health", FOLLOWED, summary),
+        _measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
+        _measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
+        regime_table(regimes),
+        rank_table(summary, latency),
+        latency_table(latency),
+        cost_table(cost),
+    ]
+
+
+def comparison(summary: Summary, profile: str) -> Table:
+    """The main table: health, filtered states, forecast and honesty of every estimator."""
+    table = _measured("comparison", f"Profile {profile}: comparison on the test recordings", COMPARED, summary)
+    return replace(table, notes=(*summary.notes, *table.notes))
+
+
+def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
+    """Mean ranks, and what an update takes; nothing is marked: ranks have a figure, times are of one machine."""
+    ranks = {q: dict(zip(r.estimators, map(float, r.mean_ranks), strict=True)) for q, r in summary.rankings.items()}
+    columns = {
+        "mean_rank_parameters": (Column("health", "mean rank"), ranks.get(PARAMETERS, {})),
+        "mean_rank_forecast": (Column("60 s ahead", "mean rank"), ranks.get(FORECAST, {})),
+        "latency_p50_us": (Column("median, µs", "one update"), quickest(latency, "p50_us")),
+        "memory_kB": (Column("kB", "memory"), quickest(latency, "memory_kB")),
+    }
+    frame = pd.DataFrame({"estimator": summary.estimators})
+    for key, (_, values) in columns.items():
+        frame[key] = [values.get(e, np.nan) for e in summary.estimators]
+    rows = tuple(
+        (Cell(label(e)), *(Cell(number(values.get(e, np.nan))) for _, values in columns.values()))
+        for e in summary.estimators
+    )
+    heads = (Column("estimator"), *(column for column, _ in columns.values()))
+    return Table("ranks", "Ranks, time and memory", frame, heads, rows, (RANK, LATENCY, MEMORY))
+
+
+def quickest(latency: pd.DataFrame, column: str) -> dict[str, float]:
+    """A column's value per estimator: of the implementation with the least median time where it has several."""
+    rows = latency.sort_values("p50_us", kind="stable").drop_duplicates("estimator")
+    return {str(name): float(value) for name, value in zip(rows["estimator"], rows[column], strict=True)}
+
+
+def regime_table(regimes: pd.DataFrame) -> Table:
+    """Coverage of the ten quantities' mean in each operating regime."""
+    title = "Coverage of the 95 % intervals by regime, % (mean of the ten quantities; 95 is right)"
+    if not len(regimes):
+        return Table("regimes", title, regimes, (Column("estimator"),), (), ("No estimates in the store.",))
+    mean = regimes[regimes["quantity"] == "mean"]
+    values = {
+        (name, regime): Value(*numbers)
+        for name, regime, *numbers in mean[["estimator", "regime", "coverage_pct", "low", "high"]].to_numpy()
+    }
+    shown = [regime for regime in REGIMES if regime in set(mean["regime"])]
+    rows = [
+        (Cell(label(name)), *(_cell(values.get((name, regime), Value())) for regime in shown))
+        for name in ordered(mean["estimator"].unique())
+    ]
+    columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
+    notes = [f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown]
+    return Table("regimes", title, regimes.reset_index(drop=True), columns, tuple(rows), tuple(notes))
+
+
+def latency_table(latency: pd.DataFrame) -> Table:
+    """Percentiles of the time of one update."""
+    names = ordered(latency["estimator"].unique())
+    place = {name: i for i, name in enumerate(names)}
+    frame = latency.assign(place=latency["estimator"].map(place))
+    frame = frame.sort_values(["place", "mode", "implementation", "window"]).drop(columns="place")
+    times = [c for c in frame.columns if c.endswith("_us")]
+    about = [c for c in ("mode", "implementation", "window") if c in frame.columns]
+    columns = (
+        Column("estimator"), *(Column(c) for c in about),
+        *(Column(c.removesuffix("_us"), "µs") for c in times),
+    )  # fmt: skip
+    rows = tuple(
+        (Cell(label(row["estimator"])), *(Cell(str(row[c])) for c in about), *(Cell(number(row[c])) for c in times))
+        for row in frame.to_dict("records")
+    )
+    notes = (
+        "One update of one machine, measured alone on the machine; budget at 20 Hz: 50,000 µs."
+        if len(rows) else "No latency was measured in this run.",
+    )  # fmt: skip
+    return Table("latency", "Time of one update", frame.reset_index(drop=True), columns, rows, notes)
+
+
+def cost_table(cost: pd.DataFrame) -> Table:
+    """Processor time of training and of all test recordings; ablations are left out."""
+    cost = cost[~cost["estimator"].map(is_ablation)]
+    names = ordered(cost["estimator"].unique())
+    by = {stage: own.groupby("estimator")["cpu_s"] for stage, own in cost.groupby("stage")}
+    frame = pd.DataFrame({"estimator": names})
+    for stage, column in (("fit", "train"), ("estimate", "evaluate")):
+        if stage in by:
+            times = {"once": by[stage].mean(), "in_all": by[stage].sum(min_count=1)}
+            for key, seconds in times.items():
+                frame[f"{column}_{key}_s"] = [seconds.get(name, np.nan) for name in names]
+    heads = [Column(key.split("_", 1)[1].removesuffix("_s").replace("_", " "), f"{key.split('_')[0]}, s")
+             for key in frame.columns[1:]]  # fmt: skip
+    rows = tuple(
+        (Cell(label(row["estimator"])), *(Cell(number(row[key])) for key in frame.columns[1:]))
+        for row in frame.to_dict("records")
+    )
+    notes = (
+        "Processor time; evaluation is one pass over all test recordings with its forecasts, and the first one in a "
+        "fresh checkout compiles. In all: over the seeds; who draws nothing at random is trained and evaluated once.",
+    )
+    return Table("cost", "What training and evaluation cost", frame, (Column("estimator"), *heads), rows, notes)
+
+
+def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:
+    """Rows: the estimators. Columns: metrics with interval and multiple of the reference."""
+    rows = tuple((Cell(label(e)), *(_metric_cell(summary, e, m.metric) for m in measures)) for e in summary.estimators)
+    frame = pd.DataFrame({"estimator": summary.estimators})
+    for m in measures:
+        for column in Value._fields:
+            key = m.metric if column == "mean" else f"{m.metric}_{column}"
+            frame[key] = [getattr(summary.value(e, m.metric), column) for e in summary.estimators]
+    frame["failed"] = [summary.failures.get(e, "") for e in summary.estimators]
+    columns = (Column("estimator"), *(Column(m.head, m.group) for m in measures))
+    cells = [cell for row in rows for cell in row]
+    notes = [INTERVALS, *([TIMES] if any(c.times.startswith("×") for c in cells) else []), MARKS]
+    notes += [CENSORING] if any(m.metric in CENSORED for m in measures) else []
+    notes += [REFERENCES] if set(summary.estimators) & set(UNRANKED) else []
+    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, tuple(notes), _definitions(measures))
+
+
+def _metric_cell(summary: Summary, estimator: str, metric: str) -> Cell:
+    value = summary.value(estimator, metric)
+    if np.isnan(value.mean):
+        return Cell("failed" if estimator in summary.failures else "–")
+    return _cell(value, estimator in summary.marked.get(metric, ()))
+
+
+def _cell(value: Value, best: bool = False) -> Cell:
+    text = number(value.mean) if np.isfinite(value.mean) else "not reached"
+    known = np.isfinite(value.low)
+    interval = span(value.low, value.high) if known else ""
+    beside = f"×{number(value.times, 2)}" if np.isfinite(value.times) else ""
+    if np.isfinite(value.runs):
+        beside = f"{value.happened:.0f} of {value.runs:.0f}"
+    return Cell(text, interval, beside, best)
+
+
+def _definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
+    """One line per metric; that of the mean coverage stands for the ten quantities'."""
+    return tuple(
+        f"{m.group} {m.head}: {KNOWN[m.metric]}".strip() for m in measures if not m.metric.startswith("coverage_")
+    )
+
+
+def _regime_column(regime: str) -> Column:
+    group, _, head = regime.partition("_")
+    return Column(head or group, group if head else "")

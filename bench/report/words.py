@@ -1,0 +1,187 @@
+"""What the statistics say, in sentences: the same numbers always give the same words."""
+
+from __future__ import annotations
+
+import math
+
+from twinbench.bench.report.table_formats import number, span
+from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, label
+from twinbench.bench.statistics.bootstrap import differences
+from twinbench.bench.statistics.marks import ALPHA
+from twinbench.bench.statistics.ranks import Ranking
+from twinbench.bench.statistics.scores import IDEAL
+from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary
+
+WHERE = {PARAMETERS: "in health", FORECAST: "in the forecast"}
+BEST = {PARAMETERS: "knows the machine's health best", FORECAST: "foretells the next minute best"}
+ERROR = {PARAMETERS: "mean parameter error", FORECAST: "60 s forecast error"}
+COUNT = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+
+
+def headline(summary: Summary) -> str:
+    """The answer in one sentence: which estimator keeps the twin true, if the tests tell any apart."""
+    if len(summary.rankings) < len(BEST):
+        return "Nothing to compare: fewer than two estimators finished on two sequences"
+    alike = {q: _alike(summary, q) for q in BEST}
+    leader = {q: _by_mean(summary, q)[0] for q in BEST}
+    if len(set(leader.values())) == 1 and not any(alike.values()):
+        return f"{label(leader[PARAMETERS])} keeps the twin truest"
+    first, then = BEST
+    if leader[first] == leader[then] and all(alike.values()):
+        return (
+            f"{label(leader[first])} cannot be told apart from {_count(len(alike[first]))} {WHERE[first]}, nor from "
+            f"{_count(len(alike[then]))} {WHERE[then]}"
+        )
+    said = [
+        f"{label(leader[q])} cannot be told apart from {_count(len(alike[q]))} {WHERE[q]}" if alike[q]
+        else f"{label(leader[q])} {BEST[q]}"
+        for q in BEST
+    ]  # fmt: skip
+    return "; ".join(said)
+
+
+def answer(summary: Summary) -> list[str]:
+    """The answer in full, one paragraph per string."""
+    said = [_best_at(summary, question) for question in summary.rankings]
+    said += _against_prior(summary) + _proposed(summary)
+    return said + [_honesty(summary, e) for e in dict.fromkeys(_by_mean(summary, q)[0] for q in summary.rankings)]
+
+
+def certainty(summary: Summary) -> list[str]:
+    """How sure the answer is: what the tests say, what these sequences can resolve, who is missing."""
+    return [_friedman(ranking, question) for question, ranking in summary.rankings.items()] + summary.notes
+
+
+def _by_mean(summary: Summary, question: str) -> list[str]:
+    """The ranked estimators, the smallest mean error first."""
+    return sorted(summary.rankings[question].estimators, key=lambda e: summary.value(e, question).mean)
+
+
+def _alike(summary: Summary, question: str) -> list[str]:
+    """Who cannot be told from the best by its mean, in order of their means."""
+    best, *others = _by_mean(summary, question)
+    return [e for e in others if not _pair(summary.rankings[question], best, e)[1]]
+
+
+def _pair(ranking: Ranking, one: str, other: str) -> tuple[float, bool]:
+    """Holm-adjusted Wilcoxon p-value of two estimators, and whether it tells them apart."""
+    pairs = ranking.pairs
+    row = pairs[pairs["first"].isin((one, other)) & pairs["second"].isin((one, other))].iloc[0]
+    return float(row["holm_p"]), bool(row["resolved"])
+
+
+def _size(summary: Summary, estimator: str, question: str) -> str:
+    """``4.1 % (95 % interval 3.5 to 4.9), 1.4 times the oracle's 2.9 %``, as far as it is known."""
+    value = summary.value(estimator, question)
+    text = f"{number(value.mean)} %"
+    if math.isfinite(value.low):
+        text += f" (95 % interval {number(value.low)} to {number(value.high)})"
+    if math.isfinite(value.times):
+        text += f", {number(value.times)} times the oracle's {number(summary.value(REFERENCE, question).mean)} %"
+    return text
+
+
+def _best_at(summary: Summary, question: str) -> str:
+    best, second, *_ = _by_mean(summary, question)
+    ranking = summary.rankings[question]
+    alike = _alike(summary, question)
+    apart = [e for e in _by_mean(summary, question)[1:] if e not in alike]
+    size = _size(summary, best, question)
+    tests = "Wilcoxon's test, Holm's correction for all pairs"
+    if not alike:
+        says = f"{label(best)} {BEST[question]}: {ERROR[question]} {size}. It is told apart from every other ({tests})."
+    else:
+        named = _names(f"{label(e)} ({_p(_pair(ranking, best, e)[0])})" for e in alike)
+        says = f"{label(best)} has the least {ERROR[question]}: {size}. It cannot be told apart from {named}"
+        says += f", but is from {_names(map(label, apart))} ({tests})." if apart else f" ({tests})."
+    gap, low, high = summary.difference(second, best, question)
+    scores = summary.by_sequence[question]
+    wins = int((scores.row(best) < scores.row(second)).sum())
+    return (
+        f"{says} Next comes {label(second)}: {_more(gap)} (95 % interval {span(low, high, to=True)}), beaten on "
+        f"{wins} of {len(scores.sequences)} sequences."
+    )
+
+
+def _more(gap: float) -> str:
+    return f"{number(abs(gap))} percentage points {'more' if gap >= 0 else 'less'}"
+
+
+def _against_prior(summary: Summary) -> list[str]:
+    """Who has learnt something of the machine's health from its sensors, by the paired interval."""
+    scores = summary.by_sequence.get(PARAMETERS)
+    if scores is None or PRIOR not in scores.estimators or not math.isfinite(summary.value(PRIOR, PARAMETERS).mean):
+        return []
+    rows = differences(scores, PRIOR).set_index("estimator")
+    rows = rows[rows["low"].notna()]
+    better, worse = list(rows.index[rows["high"] < 0]), list(rows.index[rows["low"] > 0])
+    level = [e for e in rows.index if e not in (*better, *worse)]
+    said = [f"Better by the paired 95 % interval: {_names(map(label, better)) if better else 'nobody'}."]
+    said += [f"Not told from it: {_names(map(label, level))}."] if level else []
+    said += [f"Worse: {_names(map(label, worse))}."] if worse else []
+    prior = number(summary.value(PRIOR, PARAMETERS).mean)
+    return [
+        f"Who looks at no measurement and always says that the machine is healthy errs by {prior} % in health. "
+        f"{' '.join(said)}"
+    ]
+
+
+def _proposed(summary: Summary) -> list[str]:
+    """How the proposed method does wherever it is not the best, or not there at all."""
+    if PROPOSED not in summary.estimators:
+        return [f"The proposed method, {label(PROPOSED)}, took no part in this run."]
+    said = []
+    for question, ranking in summary.rankings.items():
+        order = _by_mean(summary, question)
+        if PROPOSED not in order:
+            said.append(f"The proposed method, {label(PROPOSED)}, has no complete {ERROR[question]}: "
+                        f"{ranking.dropped.get(PROPOSED, 'it failed')}.")  # fmt: skip
+        elif order[0] != PROPOSED:
+            alike = " It cannot be told apart from the first." if PROPOSED in _alike(summary, question) else ""
+            said.append(
+                f"The proposed method, {label(PROPOSED)}, does not have the least {ERROR[question]}: it is number "
+                f"{order.index(PROPOSED) + 1} of {len(order)} with {_size(summary, PROPOSED, question)}.{alike}"
+            )
+    return said
+
+
+def _honesty(summary: Summary, estimator: str) -> str:
+    value = summary.value(estimator, "coverage95_pct")
+    ideal = IDEAL["coverage95_pct"]
+    if not math.isfinite(value.mean):
+        return f"Whether the intervals of {label(estimator)} are honest is not known: it has no coverage."
+    if not math.isfinite(value.low):
+        judged = "one sequence does not tell whether that is too few or too many"
+    elif value.low <= ideal <= value.high:
+        judged = "they are as wide as they should be, as far as these sequences can tell"
+    elif value.mean > ideal:
+        judged = "they are wider than they need be"
+    else:
+        judged = "they are too narrow: it is surer than it should be"
+    spread = f" (95 % interval {number(value.low)} to {number(value.high)})" if math.isfinite(value.low) else ""
+    share = f"{number(value.mean)} % of the time{spread}"
+    return f"The 95 % intervals of {label(estimator)} hold the truth {share}; {judged}."
+
+
+def _friedman(ranking: Ranking, question: str) -> str:
+    n = f"{len(ranking.estimators)} estimators on {len(ranking.sequences)} sequences"
+    if not math.isfinite(ranking.friedman_p):
+        return f"By {ERROR[question]}, {n} are too few for Friedman's test."
+    differ = "do differ" if ranking.friedman_p < ALPHA else "cannot be told from alike"
+    return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, {_p(ranking.friedman_p)})."
+
+
+def _count(others: int) -> str:
+    """``five others``."""
+    return f"{COUNT[others] if others < len(COUNT) else others} other{'' if others == 1 else 's'}"
+
+
+def _names(labels: object) -> str:
+    """``a, b and c``; names that hold a comma are set apart by semicolons."""
+    names = list(labels)  # type: ignore[call-overload]
+    comma = "; " if any(", " in name for name in names) else ", "
+    return " and ".join(filter(None, (comma.join(names[:-1]), names[-1])))
+
+
+def _p(p: float) -> str:
+    return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"

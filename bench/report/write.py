@@ -1,0 +1,126 @@
+"""Tables, figures and the report of a run, from what it left in its folder. May be run again at any time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from twinbench.bench.report import kept
+from twinbench.bench.report.claims import claims, claims_table
+from twinbench.bench.report.evidence import Evidence, add_scenes, gather
+from twinbench.bench.report.figures import FROM_ESTIMATES, draw
+from twinbench.bench.report.paired import ablation_table, rivals_table
+from twinbench.bench.report.robustness_tables import robustness_tables
+from twinbench.bench.report.table_formats import Table, to_csv, to_markdown, to_tex
+from twinbench.bench.report.tables import build_tables
+from twinbench.bench.report.words import answer, certainty, headline
+from twinbench.bench.results import Results, load_results
+from twinbench.bench.roster import PROPOSED, UNRANKED, is_ablation, label, ordered
+from twinbench.bench.statistics.summary import Summary, summarise
+from twinbench.common.page import render, write_bytes, write_figures
+
+FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
+
+
+def write_report(out: Path) -> Table:
+    """Write ``tables/``, ``figures/`` and ``report.html`` from ``scores.csv`` and its neighbours.
+
+    Returns:
+        The comparison of the estimators, for a terminal.
+
+    Raises:
+        BadInput: the folder holds no run, or cannot be written to.
+    """
+    results = load_results(out)
+    whole = ~results.scores["estimator"].map(is_ablation)
+    failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
+    summary = summarise(results.scores[whole], failures)
+    evidence = _evidence(results)
+    gone = kept.lacking(summary, evidence)
+    evidence.coverage = kept.with_earlier_regimes(evidence.coverage, out / "tables", gone)
+    tables = build_tables(summary, evidence.coverage, results.latency, results.cost, profile_of(results))
+    if PROPOSED in results.scores["estimator"].unique():
+        tables.insert(1, rivals_table(results.scores, results.failures))
+    if not whole.all():
+        tables.append(ablation_table(results.scores, results.failures))
+    if results.manifest.get("scenes"):
+        found = claims(summary, evidence, results.scores, results.robustness, results.latency)
+        tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone)))
+    tables += robustness_tables(results.robustness)
+    for table in tables:
+        for suffix, text in FORMATS.items():
+            write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
+    lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
+    earlier = dict.fromkeys(FROM_ESTIMATES, lacks) if gone else {}
+    figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
+    write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
+    return tables[0]
+
+
+def profile_of(results: Results) -> str:
+    """The name of the profile that was run."""
+    return str((results.manifest.get("profile") or {}).get("name", "without a name"))
+
+
+def _evidence(results: Results) -> Evidence:
+    truth = results.truth()
+    evidence = Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
+    add_scenes(evidence, results.scenes())
+    return evidence
+
+
+def _html(results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]]) -> str:
+    return render(
+        Path(__file__).parent / "templates" / "report.html.j2",
+        headline=headline(summary),
+        answer=answer(summary),
+        certainty=certainty(summary),
+        profile=profile_of(results),
+        references=[label(name) for name in UNRANKED],
+        # What the page says at its top is not said again below the first table.
+        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
+        figures=figures,
+        failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
+        provenance=_provenance(results.manifest),
+    )
+
+
+def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
+    """What made these numbers, as pairs to read; what the manifest does not say is left out."""
+    commit = manifest.get("commit")
+    if commit and manifest.get("uncommitted_changes"):
+        commit = f"{commit}, with uncommitted changes"
+    machine, walls = manifest.get("machine") or {}, manifest.get("wall_s") or {}
+    pairs = [
+        ("command", manifest.get("command")),
+        *_makers(manifest),
+        ("profile", (manifest.get("profile") or {}).get("name")),
+        ("commit", commit),
+        ("seeds", _joined(manifest.get("seeds"))),
+        ("python", manifest.get("python")),
+        ("versions", _joined(f"{name} {version}" for name, version in (manifest.get("versions") or {}).items())),
+        ("machine", _joined(f"{key} {value}" for key, value in machine.items() if value is not None)),
+        ("wall time", _joined(f"{stage} {seconds:.0f} s" for stage, seconds in walls.items())),
+    ]
+    return [(name, str(value)) for name, value in pairs if value]
+
+
+def _makers(manifest: dict[str, Any]) -> list[tuple[str, str]]:
+    """Whose rows another command, commit or processor made than the last run's, as pairs to read."""
+    made: dict[tuple[Any, ...], list[str]] = {}
+    for name, by in manifest.get("made", {}).items():
+        made.setdefault((by["command"], by["commit"], by["processor"]), []).append(name)
+    if len(made) < 2:
+        return []
+    return [
+        (f"rows of {_joined(map(label, whole))}{f' and {parts} ablations' if parts else ''}",
+         f"{command}; commit {commit}; on {processor}")
+        for (command, commit, processor), names in made.items()
+        for whole in [[name for name in ordered(names) if not is_ablation(name)]]
+        for parts in [len(names) - len(whole)]
+    ]  # fmt: skip
+
+
+def _joined(values: Any) -> str:
+    return ", ".join(str(value) for value in values or ())

@@ -1,0 +1,1 @@
+"""Scores, their bootstrap, ranks, pairs and coverage."""

@@ -1,0 +1,197 @@
+"""Are the intervals honest? Coverage by quantity and regime, NIS, NEES, and what an exact filter gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binom, chi2
+
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.roster import ordered
+from twinbench.bench.statistics.aligned import truth_at
+from twinbench.bench.statistics.bootstrap import LEVEL, interval, resample_weights
+from twinbench.bench.statistics.tracking import health_change
+from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
+
+SETTLE_S = 60.0
+"""The regime ``health_during`` lasts this long past the change, or a step would have none."""
+
+REGIMES = {
+    "all": "all samples",
+    "speed_low": "lowest third of speed",
+    "speed_middle": "middle third of speed",
+    "speed_high": "highest third of speed",
+    "ratio_low": "lowest third of pressure ratio",
+    "ratio_middle": "middle third of pressure ratio",
+    "ratio_high": "highest third of pressure ratio",
+    "health_before": "before the health changes, or where it never does",
+    "health_during": "while the health changes and one minute after",
+    "health_after": "from one minute after the health changed",
+}
+"""Every regime and what it is; the thirds are those of the whole split's samples."""
+
+
+def inside(estimates: Estimates, truth: Truth) -> Array:
+    """(B, M, 10): 1 where the truth lies in the interval, 0 where not, NaN where there is none.
+
+    Args:
+        truth: at the stored ticks, as ``truth_at`` gives it.
+    """
+    low, high = estimates.low, estimates.high
+    hit = (low <= truth.estimated) & (truth.estimated <= high)
+    return np.where(np.isfinite(low) & np.isfinite(high), hit, np.nan)
+
+
+def regimes(time_s: Array, truth: Truth, changes: list[tuple[float, float] | None]) -> dict[str, np.ndarray]:
+    """Masks (B, M) of the samples in each of REGIMES.
+
+    Args:
+        changes: start and end of each sequence's health change, seconds; None where it has none.
+    """
+    speed = truth.inputs[..., 2]
+    ratio = truth.outputs[..., 0] / truth.inputs[..., 0]
+    masks = {"all": np.ones(speed.shape, dtype=bool)}
+    for name, values in (("speed", speed), ("ratio", ratio)):
+        first, second = np.quantile(values, [1 / 3, 2 / 3])
+        masks |= {
+            f"{name}_low": values <= first,
+            f"{name}_middle": (first < values) & (values <= second),
+            f"{name}_high": second < values,
+        }
+    start = np.array([change[0] if change else np.inf for change in changes])[:, None]
+    end = np.array([change[1] + SETTLE_S if change else np.inf for change in changes])[:, None]
+    masks["health_before"] = time_s < start
+    masks["health_during"] = (start <= time_s) & (time_s < end)
+    masks["health_after"] = end <= time_s
+    return masks
+
+
+def coverage_by_regime(estimates: Estimates, truth: Batch) -> pd.DataFrame:
+    """Share of samples whose 95 % interval holds the truth, by sequence, regime and quantity.
+
+    Returns:
+        Columns ``sequence, regime, quantity, inside_pct, ticks``; quantities as in ESTIMATED. A
+        sequence that never enters a regime has no row there; NaN where an interval is not finite.
+    """
+    at = truth_at(truth, estimates.names, estimates.time_s)
+    hit = inside(estimates, at)
+    changes = [change_times(truth, name) for name in estimates.names]
+    rows = []
+    for regime, mask in regimes(estimates.time_s, at, changes).items():
+        for b in np.flatnonzero(mask.any(axis=1)):
+            shares = 100.0 * hit[b, mask[b]].mean(axis=0)
+            for quantity, share in zip(ESTIMATED, shares, strict=True):
+                rows.append((estimates.names[b], regime, quantity, float(share), int(mask[b].sum())))
+    return pd.DataFrame(rows, columns=["sequence", "regime", "quantity", "inside_pct", "ticks"])
+
+
+def change_times(truth: Batch, name: str) -> tuple[float, float] | None:
+    """Start and end of the health change of one simulated sequence, seconds."""
+    assert truth.truth is not None
+    change = health_change(truth.time_s, truth.truth.health[truth.names.index(name)])
+    return change and (change.start_s, change.end_s)
+
+
+def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) -> pd.DataFrame:
+    """Coverage of each estimator by regime and quantity, with its interval over sequences.
+
+    Seeds are averaged inside a sequence; a sequence weighs as many samples as it has in the regime.
+
+    Args:
+        rows: what ``coverage_by_regime`` returns, with columns ``estimator`` and ``seed`` added.
+        failed: estimators with a failed cell and its reason; one without rows gets a NaN ``mean`` of ``all``.
+
+    Returns:
+        Columns ``estimator, regime, quantity, coverage_pct, low, high, n_sequences, expected_pct,
+        expected_low, expected_high, reason``; quantity ``mean`` is the mean of all ten. Where an
+        interval is not finite the coverage is NaN and ``reason`` says in which sequences.
+    """
+    failed = failed or {}
+    cell = ["estimator", "regime", "sequence"]
+    wide = rows.pivot(index=[*cell, "seed", "ticks"], columns="quantity", values="inside_pct")
+    wide = wide[list(ESTIMATED)].assign(mean=wide.mean(axis=1, skipna=False)).reset_index("ticks")
+    by_sequence = wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
+    table = []
+    for estimator, regime in product(ordered(rows["estimator"].unique()), REGIMES):
+        group = by_sequence.query("estimator == @estimator and regime == @regime")
+        n, ticks = len(group), group["ticks"].to_numpy()
+        if n == 0:
+            continue
+        weights = resample_weights(n) * ticks
+        weights /= weights.sum(axis=1, keepdims=True)
+        for quantity in (*ESTIMATED, "mean"):
+            shares = group[quantity].to_numpy()
+            lost = group.index.get_level_values("sequence")[np.isnan(shares)]
+            reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
+            low, high = interval(weights @ shares, n)
+            table.append((
+                estimator, regime, quantity, float(shares @ ticks / ticks.sum()), low, high, n,
+                100 * LEVEL, *expected_band(n), "; ".join(filter(None, [failed.get(estimator), reason])),
+            ))  # fmt: skip
+    missing = [name for name in failed if name not in set(rows["estimator"])]
+    nothing = (np.nan, np.nan, np.nan, 0, 100 * LEVEL, np.nan, np.nan)
+    table += [(name, "all", "mean", *nothing, failed[name]) for name in ordered(missing)]
+    return pd.DataFrame(table, columns=[
+        "estimator", "regime", "quantity", "coverage_pct", "low", "high", "n_sequences",
+        "expected_pct", "expected_low", "expected_high", "reason",
+    ])  # fmt: skip
+
+
+def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:
+    """Central 95 % band, in per cent, of the coverage that an exact filter shows in n independent trials.
+
+    Samples of one sequence are not independent: with n sequences this is the band if each counted
+    as a single trial, the widest that it can be.
+    """
+    low, high = binom.ppf([0.025, 0.975], n, level) / n
+    return 100.0 * float(low), 100.0 * float(high)
+
+
+def chi2_band(dof: int, n: int, level: float = LEVEL) -> tuple[float, float]:
+    """Bounds of the mean over n independent values of chi-square(dof) / dof, for NIS and NEES.
+
+    Bar-Shalom, Li and Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, 5.4.
+    """
+    low, high = chi2.ppf([0.5 - level / 2, 0.5 + level / 2], dof * n) / (dof * n)
+    return float(low), float(high)
+
+
+def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
+    """Mean NIS over mean dof, median of NIS over its expected median, per cent of ticks in their band; each (B,).
+
+    Args:
+        nis: (B, M), innovation' S^-1 innovation. dof: (B, M), accepted channels; 0 is left out.
+    """
+    used = dof > 0
+    ticks = np.where(used.any(axis=1), used.sum(axis=1), np.nan)
+    degrees = np.where(used.any(axis=1), dof.sum(axis=1), np.nan)
+    low, high = (chi2.ppf(p, np.maximum(dof, 1)) for p in (0.5 - LEVEL / 2, 0.5 + LEVEL / 2))
+    within = np.where(np.isfinite(nis), (low <= nis) & (nis <= high), np.nan)
+    total, hits = (np.where(used, values, 0.0).sum(axis=1) for values in (nis, within))
+    medians = [nis_median_ratio(n[u], d[u]) if u.any() else np.nan for n, d, u in zip(nis, dof, used, strict=True)]
+    return total / degrees, np.array(medians), 100.0 * hits / ticks
+
+
+def nis_median_ratio(nis: Array, dof: np.ndarray | int) -> float:
+    """Median of normalised innovations squared, (n,), each over the median of its chi-square."""
+    return float(np.median(nis / chi2.median(dof)))
+
+
+def nees(error: Array, cov: Array) -> Array:
+    """error' cov^-1 error, (B, O), of errors (B, O, n) and covariances (B, O, n, n); NaN where singular.
+
+    Quantities are brought to unit variance first: their units are six decades apart.
+    """
+    sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1).clip(0.0))
+    usable = np.isfinite(cov).all(axis=(-2, -1)) & (sd > 0).all(axis=-1) & np.isfinite(error).all(axis=-1)
+    found = np.full(usable.shape, np.nan)
+    scaled_error = error[usable] / sd[usable]
+    correlation = cov[usable] / (sd[usable][:, :, None] * sd[usable][:, None, :])
+    values, vectors = np.linalg.eigh(correlation)
+    values = np.where(values > 1e-12, values, np.nan)
+    along = np.einsum("kij,ki->kj", vectors, scaled_error)
+    found[usable] = (along**2 / values).sum(axis=-1)
+    return found

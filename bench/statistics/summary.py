@@ -1,0 +1,145 @@
+"""All statistics that the tables, the figures and the report's words are made of, computed once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from twinbench.bench.roster import REFERENCE, UNRANKED, ordered
+from twinbench.bench.statistics.bootstrap import SequenceScores, differences, means, ratios, sequence_scores
+from twinbench.bench.statistics.censored import CENSORED, Waiting, waiting, watched
+from twinbench.bench.statistics.marks import marked
+from twinbench.bench.statistics.ranks import Ranking, rank
+from twinbench.bench.statistics.scores import DEFINITIONS, FORECAST_ERRORS, IDEAL
+
+PARAMETERS = "parameter_error_pct"
+FORECAST = "forecast60_pct"
+QUESTIONS = {PARAMETERS: "parameter error", FORECAST: "60 s forecast error (mean of p, T and m)"}
+"""What the estimators are ranked by: knowing the machine's health, and foretelling what it does."""
+
+
+class Value(NamedTuple):
+    """A metric's mean over the sequences and its multiple of the reference, with 95 % intervals; NaN: none.
+
+    Of a time that may not have come, ``mean`` is the median over the runs, inf where it lies beyond what was
+    watched; ``happened`` of ``runs`` did come.
+    """
+
+    mean: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+    times: float = np.nan
+    times_low: float = np.nan
+    times_high: float = np.nan
+    happened: float = np.nan
+    runs: float = np.nan
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the benchmark found.
+
+    Attributes:
+        estimators: everyone who took part, failed ones included, in the roster's order.
+        values: by (estimator, metric).
+        by_sequence: per question of QUESTIONS, scores by sequence.
+        marked: per metric, whom its column marks, as ``bench.statistics.marks.marked`` finds them.
+        rankings: per question; reference rows are left out. Missing where nothing could be ranked.
+        unranked: per question without a ranking, why.
+        failures: per estimator with failed cells, which and why.
+    """
+
+    estimators: tuple[str, ...]
+    values: dict[tuple[str, str], Value]
+    by_sequence: dict[str, SequenceScores]
+    marked: dict[str, tuple[str, ...]]
+    rankings: dict[str, Ranking]
+    unranked: dict[str, str]
+    failures: dict[str, str]
+
+    @property
+    def notes(self) -> list[str]:
+        """What must be said beside any ranking: its resolution, and who is missing from it and why."""
+        said = [f"Ranked by {QUESTIONS[q]}: {note}" for q, r in self.rankings.items() for note in r.notes]
+        said += [f"Not ranked by {QUESTIONS[q]}: {why}." for q, why in self.unranked.items()]
+        return said + [f"Failed: {name}: {why}." for name, why in self.failures.items()]
+
+    def value(self, estimator: str, metric: str) -> Value:
+        """All NaN where the estimator has no such score."""
+        return self.values.get((estimator, metric), Value())
+
+    def difference(self, estimator: str, reference: str, question: str) -> tuple[float, float, float]:
+        """Mean paired difference, estimator minus reference, with its 95 % interval."""
+        frame = differences(self.by_sequence[question], reference).set_index("estimator")
+        mean, low, high = frame.loc[[estimator], ["difference", "low", "high"]].to_numpy(dtype=float)[0]
+        return float(mean), float(low), float(high)
+
+
+def summarise(scores: pd.DataFrame, failures: Mapping[str, str]) -> Summary:
+    """The statistics of a whole run.
+
+    Args:
+        scores: columns ``estimator, seed, sequence, metric, value``.
+        failures: per estimator with failed cells, which and why.
+    """
+    scores = pd.concat([scores, _forecast_scores(scores)], ignore_index=True)
+    metrics = [m for m in (*DEFINITIONS, FORECAST) if m in set(scores["metric"]) and m not in CENSORED]
+    tables = {metric: sequence_scores(scores, metric, failures) for metric in metrics}
+    values = {key: value for table in tables.values() for key, value in _values(table).items()}
+    for metric in CENSORED:
+        times_s = watched(scores, metric)
+        if times_s.empty:
+            continue
+        values |= {(str(e), metric): _waited(waiting(own)) for e, own in times_s.groupby("estimator")}
+        tables[metric] = _restricted(times_s, metric, failures)
+    rankings, unranked = {}, {}
+    ranked = scores[~scores["estimator"].isin(UNRANKED)]
+    lost = {name: why for name, why in failures.items() if name not in UNRANKED}
+    for question in QUESTIONS:
+        try:
+            rankings[question] = rank(sequence_scores(ranked, question, lost))
+        except ValueError as error:
+            unranked[question] = str(error)
+    return Summary(
+        estimators=tuple(ordered({*scores["estimator"], *failures})),
+        values=values,
+        by_sequence={q: tables[q] for q in QUESTIONS if q in tables},
+        marked={metric: marked(table) for metric, table in tables.items()},
+        rankings=rankings,
+        unranked=unranked,
+        failures=dict(failures),
+    )
+
+
+def _restricted(times_s: pd.DataFrame, metric: str, failures: Mapping[str, str]) -> SequenceScores:
+    """Waiting times cut off at what was watched, as scores for paired tests: who never got there comes last."""
+    # Where an old run does not say how long it watched, any number beyond all others ranks the same.
+    longest = times_s["time_s"].replace(np.inf, np.nan).max()
+    cut = times_s.assign(metric=metric, value=times_s["time_s"].replace(np.inf, 2.0 * longest))
+    return sequence_scores(cut, metric, failures)
+
+
+def _waited(w: Waiting) -> Value:
+    return Value(w.median_s, w.low_s, w.high_s, happened=w.happened, runs=w.runs)
+
+
+def _forecast_scores(scores: pd.DataFrame) -> pd.DataFrame:
+    """The mean of the three forecast errors, per estimator, seed and sequence."""
+    key = ["estimator", "seed", "sequence"]
+    parts = scores[scores["metric"].isin(FORECAST_ERRORS)].pivot(index=key, columns="metric", values="value")
+    return parts.mean(axis=1, skipna=False).rename("value").reset_index().assign(metric=FORECAST)
+
+
+def _values(table: SequenceScores) -> dict[tuple[str, str], Value]:
+    own = means(table).set_index("estimator")[["mean", "low", "high"]]
+    values = {(str(e), table.metric): Value(*row) for e, row in zip(own.index, own.to_numpy(), strict=True)}
+    if REFERENCE in table.estimators and table.metric not in IDEAL:
+        above = ratios(table).set_index("estimator")[["ratio", "low", "high"]]
+        for e, (times, low, high) in zip(above.index, above.to_numpy(), strict=True):
+            key = (str(e), table.metric)
+            values[key] = values[key]._replace(times=times, times_low=low, times_high=high)
+    return values

@@ -1,0 +1,1 @@
+"""What every room uses: errors, stored files, versions, progress, processes, pages."""

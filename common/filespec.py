@@ -1,0 +1,42 @@
+"""``FILE[:NAME]``: the one place that takes a spec apart, on every system."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+USER_FILE = "twinbench_file_"
+"""Modules of users' files are named so."""
+# The longest file that there can be, so that the colon of C:\x\my.py is none that a name follows.
+_FILE = re.compile(r"(?P<file>.+\.(?:py|toml))(?::(?P<name>.*))?", re.DOTALL)
+
+
+def split_spec(spec: str) -> tuple[str, str]:
+    """The file (.py or .toml) and what follows its colon; no file where the spec names none.
+
+    ``package.module:NAME`` and plain names have no file. The name may hold colons of its own.
+    """
+    match = _FILE.fullmatch(spec)
+    return (match["file"], match["name"] or "") if match else ("", "")
+
+
+def join_spec(file: str | Path, name: str) -> str:
+    """The spec of a file and a name."""
+    return f"{file}:{name}" if name else str(file)
+
+
+def moved(spec: str, was: Path, now: Path) -> str:
+    """A spec with its file, if it has one, told from folder ``now`` instead of from ``was``; with strokes forward.
+
+    Where no relative path leads there, as from one drive to another, the path is absolute.
+    """
+    file, name = split_spec(spec)
+    if not file:
+        return spec
+    target = os.path.join(was.absolute(), file)
+    try:
+        target = os.path.relpath(target, now.absolute())
+    except ValueError:
+        target = os.path.abspath(target)
+    return join_spec(Path(target).as_posix(), name)

@@ -1,0 +1,1 @@
+"""The proposed method: an operator network inside an augmented Kalman filter."""

@@ -1,0 +1,305 @@
+"""What keeps the filter sound when its assumptions fail: the logic of Fig. 2, one machine at a time.
+
+- *Trust*: sensitivities of the operator count for less the farther the query lies outside the
+  training envelope, and the operator's own error for more.
+- *Observability*: the sensitivities of the last minute are stacked, scaled by the sensors' accuracy;
+  health is corrected along the directions that they inform about, and along no other.
+- *Adaptation*, Eqs. (13) and (14): noise beyond the data sheet widens R, innovations that keep
+  pushing a health parameter the same way widen its random walk; both within bounds.
+- *Gates*: a channel that is far off is left out for a few updates. If the innovation as a whole stays
+  outside its chi-square gate, health returns to the last valid posterior and is frozen while the
+  operator goes on predicting; afterwards its covariance is inflated, smoothly, over eight updates.
+  What a step of one channel means is in ``steps``.
+
+Each is a small function on arrays, which ``augmented`` calls in its tick; what it needs room for, it is given. Their
+memory is ``SAFETY``.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.methods.deeponet_kalman.records import record
+from twinbench.methods.deeponet_kalman.steps import STEPS
+from twinbench.physics.health import HEALTHY, SPAN, to_zeta
+
+N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3
+"""Health coordinates; what they act on, five states and the probe; sensors of outputs."""
+CHI2_GATE = np.array([10.828, 13.816, 16.266])
+"""99.9 % points of chi-square with 1, 2 and 3 channels."""
+OUTSIDE_MOST = 5
+"""Consecutive updates outside the gate until health is frozen."""
+FROZEN_MOST = 20
+"""Updates after which even what is still inconsistent is let through: it is no glitch but a change."""
+INSIDE_LEAST = 3
+"""Consecutive updates inside the gate that end a freeze."""
+INFLATION_UPDATES = 8
+OBSERVED_S = 60.0
+"""Memory of the stacked sensitivities."""
+MOST_SENSITIVE = 1e4
+"""Bound on what a state moves by for one unit of health, in its own unit; real ones stay below a hundred."""
+LEAST_VARIANCE = 1e-12
+"""Of a reading."""
+WIDEST = (0.5 * to_zeta(HEALTHY + np.array([-1.0, -1.0, 1.0, -1.0, 1.0]) * SPAN)) ** 2
+"""Variance of a health coordinate of which nothing is known: two sd reach the end of a machine's life."""
+REFRESH = 20
+"""Updates between two looks at their singular values."""
+PUSH_KEEP = 0.99
+"""Memory of the direction of corrections: 5 s."""
+PUSHED = 6.63
+"""99 % point of chi-square with one degree of freedom: what pushes no more than this is chance."""
+MISMATCH_KEEP = 0.998
+"""beta of Eq. (13): 25 s. Slower than the walk's, so that a change of health is not taken for noise."""
+
+
+class Settings(NamedTuple):
+    """How strong each safeguard is, in brackets where it is off."""
+
+    trust_reach: float  # distance outside the envelope at which sensitivities are halved, sd [inf]
+    extrapolation: float  # growth of the process noise with distance [0]
+    least_information: float  # of a direction of health, in units of the prior's, at which corrections are halved [0]
+    q_gain: float  # gamma_q of Eq. (14) [0]
+    q_most: float  # largest factor on the walk's variance
+    r_gain: float  # the same for R, smaller [0]
+    r_most: float
+    channel_gate: float  # sd beyond which a channel is left out at first [inf]
+    rollback: bool  # freeze, roll back, inflate
+    steps: bool  # leave out channels that step, let health return
+    inflation: float  # of the health parameters' sd, all eight updates together
+    difference: float  # sensitivities by finite differences of this step instead of derivatives [0]
+
+
+class Envelope(NamedTuple):
+    """Where the operator was trained: a box in its standardised query."""
+
+    low: Array  # (5,)
+    high: Array  # (5,)
+
+
+SAFETY = record({
+    "sensitivity": ("f8", (N_MOVED, N_HEALTH)),  # of states and probe to health held constant
+    "information": ("f8", (N_HEALTH, N_HEALTH)),  # of the last minute about health
+    "observable": ("f8", (N_HEALTH, N_HEALTH)),  # projector onto what that informs about
+    "mismatch": ("f8", (N_OUTPUTS, N_OUTPUTS)),  # C of Eq. (13)
+    "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
+    "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
+    "steps": (STEPS, ()),
+    "unknown": ("i8", ()),  # updates for which the operator's query, or what its window holds of it, is not known
+    "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
+})  # fmt: skip
+"""What the safeguards carry from update to update of one machine."""
+UPDATES, OUTSIDE, FROZEN, INFLATING, CHANNEL = 0, 1, 2, 3, 4
+"""Columns of counts: updates so far, consecutive ones outside the gate, frozen ones, inflations left, per channel
+consecutive ones left out."""
+
+
+def empty_safety(batch: int) -> np.ndarray:
+    """SAFETY of B machines (B,), before the first update."""
+    safety = np.zeros(batch, SAFETY)
+    safety["observable"] = np.eye(N_HEALTH)
+    safety["valid"][:, 1] = 1.0
+    return safety
+
+
+@njit(cache=True, error_model="numpy")
+def distance(envelope, query):  # type: ignore[no-untyped-def]
+    """How far a standardised query (5,) lies outside the training envelope, in training sd; 0 inside."""
+    square = 0.0
+    for i in range(query.size):
+        beyond = max(envelope.low[i] - query[i], query[i] - envelope.high[i], 0.0)
+        square += beyond * beyond
+    return np.sqrt(square)
+
+
+@njit(cache=True, error_model="numpy")
+def trust(settings, away):  # type: ignore[no-untyped-def]
+    """Trust coefficient in (0, 1] that multiplies G of Eq. (5), at a distance from the envelope."""
+    return 1.0 / (1.0 + (away / settings.trust_reach) ** 2)
+
+
+@njit(cache=True, error_model="numpy")
+def carry_sensitivity(sensitivity, F, at, after):  # type: ignore[no-untyped-def]
+    """X <- F_x X + G in place: what health, had it always been a little different, would have changed by now.
+
+    Args:
+        sensitivity: (6, 5).
+        F: (n, n) transition Jacobian; the states and the probe come first, health from ``at`` on.
+        after: (6, 5) scratch.
+    """
+    for i in range(N_MOVED):
+        for j in range(N_HEALTH):
+            s = F[i, at + j]
+            for k in range(N_MOVED):
+                s += F[i, k] * sensitivity[k, j]
+            # Far from any machine, where broken sensors lead, the operator may be unstable.
+            after[i, j] = min(max(s, -MOST_SENSITIVE), MOST_SENSITIVE)
+    for i in range(N_MOVED):
+        for j in range(N_HEALTH):
+            sensitivity[i, j] = after[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def gather(information, sensitivity, H, at, accuracy, used, row):  # type: ignore[no-untyped-def]
+    """Let the information (5, 5) of the last minute take in one update, in place.
+
+    Args:
+        H: (3, n) measurement Jacobian.
+        accuracy: (3,) variance of a reading that counts as independent.
+        used: (3,) innovations of the channels that were used, NaN where none.
+        row: (5,) scratch.
+    """
+    keep = 1.0 - SAMPLE_PERIOD_S / OBSERVED_S
+    for i in range(N_HEALTH):
+        for j in range(N_HEALTH):
+            information[i, j] *= keep
+    for c in range(N_OUTPUTS):
+        if np.isnan(used[c]):
+            continue
+        for j in range(N_HEALTH):
+            row[j] = H[c, at + j]
+            for k in range(N_MOVED):
+                row[j] += H[c, k] * sensitivity[k, j]
+        for i in range(N_HEALTH):
+            for j in range(N_HEALTH):
+                information[i, j] += row[i] * row[j] / max(accuracy[c], LEAST_VARIANCE)
+
+
+@njit(cache=True, error_model="numpy")
+def informed(information, least, observable, room):  # type: ignore[no-untyped-def]
+    """Projector onto the directions of health that are known well enough, into ``observable`` (5, 5).
+
+    Not a sharp one: which directions those are changes with the load, and a correction that came
+    and went with it would shake health. At ``least`` it is a half: an eigenvalue a counts for
+    a^2 / (a^2 + least^2), the real part of a / (a + i least), so that it takes a linear solve and no eigenvectors.
+    Pivots are not needed: every leading block has a definite imaginary part.
+
+    Args:
+        room: (5, 10) complex scratch.
+    """
+    n = N_HEALTH
+    for i in range(n):
+        for j in range(n):
+            room[i, j] = room[i, n + j] = information[i, j]
+        room[i, i] += 1j * least
+    for k in range(n):
+        for i in range(n):
+            if i != k:
+                factor = room[i, k] / room[k, k]
+                for j in range(k, 2 * n):
+                    room[i, j] -= factor * room[k, j]
+    for i in range(n):
+        for j in range(n):
+            observable[i, j] = (room[i, n + j] / room[i, i]).real
+
+
+@njit(cache=True, error_model="numpy")
+def note_mismatch(C, innovation, explained):  # type: ignore[no-untyped-def]
+    """Eq. (13) in place: C (3, 3), innovation (3,) with NaN where missing, explained (3, 3) = H P H'."""
+    for i in range(N_OUTPUTS):
+        for j in range(N_OUTPUTS):
+            product = innovation[i] * innovation[j]
+            if not np.isnan(product):
+                C[i, j] = MISMATCH_KEEP * C[i, j] + (1.0 - MISMATCH_KEEP) * (product - explained[i, j])
+
+
+@njit(cache=True, error_model="numpy")
+def noise_factor(settings, C, R, updates, channel):  # type: ignore[no-untyped-def]
+    """By how much one channel's variance R is widened: never narrowed, at most ``r_most``.
+
+    A running mean over n updates of a chi-square scatters by sqrt(2 / n): within three of these, all is well.
+    """
+    seen = min(float(updates), 0.5 * (1.0 + MISMATCH_KEEP) / (1.0 - MISMATCH_KEEP))
+    if seen < 1.0:
+        return 1.0
+    weight = 1.0 - MISMATCH_KEEP**updates
+    excess = C[channel, channel] / (weight * R) - 1.0 - 3.0 * np.sqrt(2.0 / seen)
+    return min(1.0 + settings.r_gain * max(excess, 0.0), settings.r_most)
+
+
+@njit(cache=True, error_model="numpy")
+def note_push(push, correction, variance):  # type: ignore[no-untyped-def]
+    """Running mean, in place, of health corrections (5,) over their expected sd."""
+    for i in range(N_HEALTH):
+        normal = correction[i] / np.sqrt(variance[i]) if variance[i] > 0.0 else 0.0
+        push[i] = PUSH_KEEP * push[i] + (1.0 - PUSH_KEEP) * min(max(normal, -6.0), 6.0)
+
+
+@njit(cache=True, error_model="numpy")
+def walk_factor(settings, push):  # type: ignore[no-untyped-def]
+    """Eq. (14) for one parameter: exp(gamma d), d being how far beyond chance it is pushed one way."""
+    beyond = push * push * (1.0 + PUSH_KEEP) / (1.0 - PUSH_KEEP) - PUSHED
+    return min(np.exp(settings.q_gain * max(beyond, 0.0)), settings.q_most)
+
+
+@njit(cache=True, error_model="numpy")
+def left_out(settings, counts, innovation, S):  # type: ignore[no-untyped-def]
+    """Take channels that are far off out of ``innovation`` (3,), in place: NaN; a shift that lasts comes back."""
+    for c in range(N_OUTPUTS):
+        if np.isnan(innovation[c]):
+            continue
+        far = abs(innovation[c]) > settings.channel_gate * np.sqrt(S[c, c])
+        if far and counts[CHANNEL + c] < OUTSIDE_MOST:
+            counts[CHANNEL + c] += 1
+            innovation[c] = np.nan
+        elif not far:
+            counts[CHANNEL + c] = 0
+
+
+@njit(cache=True, error_model="numpy")
+def watch(counts, nis, channels):  # type: ignore[no-untyped-def]
+    """Advance the counts (7,) by one update with its NIS; True if this is where health rolls back.
+
+    Args:
+        channels: how many the NIS is of; 0 leaves everything as it is.
+    """
+    if channels == 0:
+        return False
+    outside = nis > CHI2_GATE[channels - 1]
+    if counts[FROZEN] == 0:
+        counts[OUTSIDE] = counts[OUTSIDE] + 1 if outside else 0
+        if counts[OUTSIDE] < OUTSIDE_MOST or counts[INFLATING] > 0:
+            return False
+        counts[FROZEN] = 1
+        counts[OUTSIDE] = 0
+        return True
+    counts[FROZEN] += 1
+    counts[OUTSIDE] = 0 if outside else counts[OUTSIDE] + 1  # while frozen: consecutive ones inside
+    if counts[OUTSIDE] >= INSIDE_LEAST or counts[FROZEN] > FROZEN_MOST:
+        counts[FROZEN] = 0
+        counts[OUTSIDE] = 0
+        counts[INFLATING] = INFLATION_UPDATES
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
+    """D P D in place with ``factor`` (5,) on health and 1 elsewhere: correlations and definiteness stay."""
+    for j in range(N_HEALTH):
+        for i in range(P.shape[0]):
+            P[at + j, i] *= factor[j]
+        for i in range(P.shape[0]):
+            P[i, at + j] *= factor[j]
+
+
+@njit(cache=True, error_model="numpy")
+def bound_health(P, at, most, column):  # type: ignore[no-untyped-def]
+    """Keep the variance of each health parameter within ``most`` (5,) by a reading of it that brings no news.
+
+    The update of Eq. (11) with zero innovation and the noise at which the variance comes out at ``most``;
+    clipping it instead would break its correlations. ``column`` (n,) is scratch.
+    """
+    n = P.shape[0]
+    for i in range(N_HEALTH):
+        j = at + i
+        variance = P[j, j]
+        if variance > most[i]:
+            for a in range(n):
+                column[a] = P[a, j]
+            share = (variance - most[i]) / variance**2
+            for a in range(n):
+                for b in range(n):
+                    P[a, b] -= share * column[a] * column[b]

@@ -1,0 +1,1 @@
+"""What a diagnosis says: words for the terminal, tables, figures, one page."""

@@ -1,0 +1,58 @@
+"""Why simulator and recordings differ: everything read and checked, then the engine, then the files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from twinbench.common.progress import Progress
+from twinbench.common.store import check_writable
+from twinbench.mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
+from twinbench.mismatch.recordings import check_excited, check_measured, read_recordings
+
+if TYPE_CHECKING:
+    from twinbench.mismatch import Verdict
+
+
+def explain(
+    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
+    trust: bool = False, inputs: str = "auto",
+) -> Verdict:  # fmt: skip
+    """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
+
+    Args:
+        hold_out: recordings that nothing is learnt from.
+        catalogue: the file of a user's own mechanisms, or nothing.
+        trust: run the Python that a ``model.toml`` names wherever it lies.
+        inputs: between samples "held" or "linear"; "auto" is what a ``model.toml`` says, or else a fit.
+
+    Raises:
+        BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
+    """
+    given = load_model(spec, trust)
+    simulator = given.simulator
+    own = load_catalogue(catalogue, simulator) if catalogue else ()
+    recordings = read_recordings([*paths, *hold_out], simulator, mapping)
+    fitted, held_out = recordings[: len(paths)], recordings[len(paths) :]
+    check_measured(recordings, simulator)
+    check_excited(fitted, simulator)
+    # Now that the input is good: the engine takes seconds to import.
+    from twinbench.mismatch import diagnose
+    from twinbench.mismatch.report.write import write_findings
+
+    period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
+    whole = whole_catalogue(simulator, own, period_s)
+    check_writable(out)
+    with Progress() as progress:
+        verdict = diagnose(
+            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults,
+            inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
+        )  # fmt: skip
+        joined = verdict.diagnosis.joined.inputs
+        said = joined if given.inputs or joined == "linear" else ""
+        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)
+        write_findings(verdict, model, out)
+    return verdict

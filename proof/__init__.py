@@ -1,0 +1,1 @@
+"""What judges the mismatch engine: concealed effects, the flagship question, opponents, real recordings."""

@@ -1,0 +1,125 @@
+"""One case of the suite: draw it, publish its seal, ask the engines blindly, open the seal, score."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from twinbench.common.store import key_of, write_text
+from twinbench.common.versions import code_version
+from twinbench.proof.concealed.engine import Engine
+from twinbench.proof.concealed.engines import ORACLE
+from twinbench.proof.concealed.generate import Case, Item, draw, write
+from twinbench.proof.concealed.judge import score
+from twinbench.proof.concealed.seal import Sealed, canonical, seal
+
+TIMEOUT_S = 900.0
+_PROCESSES: dict[str, Engine] = {}
+"""This worker's blind process, by the folder it is kept out of: one for all cases and engines compiles once."""
+
+
+def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked: Sequence[str]) -> int:
+    """Ask some engines about a case, then write its truth and the rows of all engines down.
+
+    While an engine runs the truth is in this process's memory alone.
+
+    Args:
+        engines: by name, all that have a row.
+        asked: those of them that have not answered yet.
+
+    Returns:
+        How many were asked.
+    """
+    case = draw(item, seed)
+    folder = out / "cases" / item.case
+    sealed, is_new = _sealed(case, folder)
+    asked = list(engines) if is_new else asked
+    for name in asked:
+        with tempfile.TemporaryDirectory(prefix="case-") as given:
+            write(case, Path(given))
+            if name == ORACLE:
+                told = case.public | {"only": [n for e in case.truth["effects"] for n in e["right"]]}
+                (Path(given) / "case.json").write_text(json.dumps(told))
+            answer = _process(out).ask(Path(given), engines[name], TIMEOUT_S)
+        write_text(folder / f"verdict-{name}.json", json.dumps(answer, indent=1))
+    write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
+    published, oracle_gain = digest(out, item), 1.0
+    for name in sorted(engines, key=lambda name: name != ORACLE):
+        row = score(sealed, published, _read(folder / f"verdict-{name}.json"), name, oracle_gain)
+        if name == ORACLE:
+            oracle_gain = row["gain"]
+        write_text(folder / f"row-{name}.json", json.dumps({"key": _key(item, seed, engines[name]), "row": row}))
+    return len(asked)
+
+
+def missing(item: Item, seed: int, out: Path, engines: Mapping[str, str]) -> list[str]:
+    """Engines that have no row of this case by the code as it is."""
+    folder = out / "cases" / item.case
+    if not (folder / "truth.json").is_file():
+        return list(engines)
+    found = []
+    for name, engine in engines.items():
+        try:
+            known = _read(folder / f"row-{name}.json")["key"] == _key(item, seed, engine)
+        except (OSError, ValueError, KeyError):
+            known = False
+        found += [] if known else [name]
+    return found
+
+
+def row(item: Item, out: Path, name: str) -> dict[str, Any]:
+    """An engine's scored row of a finished case."""
+    return dict(_read(out / "cases" / item.case / f"row-{name}.json")["row"])
+
+
+def digest(out: Path, item: Item) -> str:
+    """What was published of a case's truth."""
+    return str(_read(out / "cases" / item.case / "seal.json")["sha256"])
+
+
+def close(out: Path) -> None:
+    """End this process's own blind process; a worker's ends with the worker."""
+    if process := _PROCESSES.pop(str(out), None):
+        process.close()
+
+
+def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
+    """The case sealed; and is the seal new? A finished case keeps its seal, and its truth leaves the disk for now."""
+    path = folder / "truth.json"
+    try:
+        sealed = Sealed(**_read(path))
+        known = sealed.digest == _read(folder / "seal.json")["sha256"]
+        known = known and canonical(sealed.truth) == canonical(case.truth)
+    except (OSError, ValueError, KeyError, TypeError):
+        known = False
+    path.unlink(missing_ok=True)
+    if known:
+        return sealed, False
+    # Parts of an earlier attempt must not be taken for this one's.
+    for old in folder.glob("row-*.json"):
+        old.unlink()
+    sealed = seal(case.truth)
+    published = {"case": case.item.case, "sha256": sealed.digest, "of": "salt, newline, canonical JSON of the truth"}
+    write_text(folder / "seal.json", json.dumps(published))
+    return sealed, True
+
+
+def _process(out: Path) -> Engine:
+    if str(out) not in _PROCESSES:
+        _PROCESSES[str(out)] = Engine(out, out / f"engine-{os.getpid()}.log")
+    return _PROCESSES[str(out)]
+
+
+def _key(item: Item, seed: int, engine: str) -> str:
+    """What a row depends on: the item, the seed, the generator's, the judge's and the engine's code."""
+    own = ("twinbench.proof.concealed.generate", "twinbench.proof.concealed.judge", "twinbench.proof.blind")
+    parts = (*own, engine.partition(":")[0])
+    return key_of(item=list(item.__dict__.values()), seed=seed, engine=engine, code=[code_version(p) for p in parts])
+
+
+def _read(path: Path) -> dict[str, Any]:
+    return dict(json.loads(path.read_text()))

@@ -1,0 +1,44 @@
+"""The engines of the suite by name: ours, the oracle, the opponents, and ours with a guard left out."""
+
+from __future__ import annotations
+
+import importlib.util
+
+from twinbench.common.errors import BadInput
+
+ORACLE = "oracle"
+"""It is told which mechanisms there are, and its gain is what others are held against."""
+ENGINES = {
+    "twinbench": "mismatch:diagnose",
+    ORACLE: "mismatch:diagnose",
+    "calibrate_only": "twinbench.proof.opponents.calibrate_only:diagnose",
+    "sindy": "twinbench.proof.opponents.sindy:sindy",
+    "sindy_projected": "twinbench.proof.opponents.sindy:sindy_projected",
+    "weak_sindy": "twinbench.proof.opponents.sindy:weak_sindy",
+    "weak_sindy_projected": "twinbench.proof.opponents.sindy:weak_sindy_projected",
+    "black_box": "twinbench.proof.opponents.black_box:diagnose",
+    "bic_picker": "twinbench.proof.opponents.bic_picker:diagnose",
+    "no_projection": "twinbench.proof.opponents.ablations:no_projection",
+    "no_whitening": "twinbench.proof.opponents.ablations:no_whitening",
+    "no_held_out_gate": "twinbench.proof.opponents.ablations:no_held_out_gate",
+    "no_pairs": "twinbench.proof.opponents.ablations:no_pairs",
+    "no_nominal_null": "twinbench.proof.opponents.ablations:no_nominal_null",
+}
+"""By name, "module:function", called as ``mismatch.diagnose``."""
+MAIN = ("twinbench", ORACLE)
+"""Those that always get every case."""
+
+
+def chosen(names: str) -> dict[str, str]:
+    """Engines by their names, joined by commas; ``all`` of them.
+
+    Raises:
+        BadInput: an unknown name, or an engine whose library is not installed.
+    """
+    listed = list(ENGINES) if names == "all" else [name.strip() for name in names.split(",")]
+    for name in listed:
+        if name not in ENGINES:
+            raise BadInput(f"engine {name!r} is not known; choose from {', '.join(ENGINES)}, or all")
+        if "sindy" in name and importlib.util.find_spec("pysindy") is None:
+            raise BadInput(f"engine {name!r} needs pysindy; install it with: pip install 'twinbench[opponents]'")
+    return {name: ENGINES[name] for name in listed}

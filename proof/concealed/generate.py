@@ -1,0 +1,257 @@
+"""Draw one case from a seed: a machine, what is wrong with it, how it was run; write what the engine may see."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from twinbench.data.scenario import stream
+from twinbench.physics.simulator import Array
+from twinbench.proof.concealed.faults import faults, faulty, first_size, parts, span_of
+from twinbench.proof.concealed.machine import Effect, Machine, clock
+from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.record import recorded
+from twinbench.proof.concealed.severity import Take, Yardstick, readings
+
+CELLS = (
+    "clean", "parameters", "sensor", "mechanism", "confusable", "two_effects", "left_out", "foreign", "poor_excitation",
+    "onset",
+)  # fmt: skip
+BACKGROUND_PCT = ((0.0, 0.2, 1.0), (0.4, 0.4, 0.2))
+"""Ripple of the main flow map that no catalogue has, in per cent; how often each is drawn."""
+PAUSE_S = 600.0
+MEANS_IT = 0.9
+"""A case whose effect cannot reach this share of its severity carries the severity that it has."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """What a case is about. ``effects`` are names of the machine's; none on a sound machine."""
+
+    case: str
+    cell: str
+    machine: str
+    effects: tuple[str, ...] = ()
+    severity: float = 0.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A drawn case.
+
+    Attributes:
+        public: what the engine may know, ``case.json``.
+        tables: recordings by name: time, inputs, outputs.
+        truth: what is sealed; plain JSON.
+    """
+
+    item: Item
+    public: dict[str, Any]
+    tables: dict[str, pd.DataFrame]
+    truth: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """A case before it is recorded: truth's parameters without and with the effects, faults and their sizes."""
+
+    takes: tuple[Take, ...]
+    before: Array
+    after: Array
+    onset_s: float
+    faults: tuple[tuple[str, str, float], ...]  # port, kind, size
+
+
+def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> Case:
+    """Draw a case; the same item and seed give the same case."""
+    machine = machines[item.machine]
+    rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
+    background = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
+    p = _parameters(machine, item.cell, background, rng)
+    takes = _takes(machine, "poor" if item.cell == "poor_excitation" else "", rng)
+    known = {e.name: e for e in (*machine.effects, *machine.foreign, *faults(machine))}
+    effects = [known[name] for name in item.effects]
+    onset_s = np.inf if not effects else _onset(takes, rng) if item.cell == "onset" else -np.inf
+    plan, found = _scaled(machine, item, effects, takes, p, onset_s)
+    tables, floor = _recorded(machine, plan, rng)
+    reached = [f["severity"] for f in found]
+    severity = item.severity if min(reached, default=1.0) >= MEANS_IT * item.severity else min(reached)
+    without = sorted({n for e in effects for n in e.right}) if item.cell == "left_out" else []
+    public = {
+        "machine": machine.name, "simulator": machine.simulator, "values": dict(machine.values),
+        "calibrate": list(machine.calibrate), "without": without,
+        "train": [t.name for t in takes if not t.held_out], "held_out": [t.name for t in takes if t.held_out],
+    }  # fmt: skip
+    truth = {
+        "case": item.case, "machine": machine.name, "cell": item.cell, "severity": round(float(severity), 4),
+        "background_pct": background, "effects": found, "onset_s": onset_s if np.isfinite(onset_s) else None,
+        "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.before, strict=True)},
+        "outputs": list(machine.outputs), "held_out_floor": floor,
+    }  # fmt: skip
+    return Case(item, public, tables, truth)
+
+
+def write(case: Case, folder: Path) -> None:
+    """Write what the engine may see: ``case.json`` and one CSV per recording."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "case.json").write_text(json.dumps(case.public, indent=1, sort_keys=True))
+    for name, table in case.tables.items():
+        table.to_csv(folder / f"{name}.csv", index=False, float_format="%.8g")
+
+
+def _parameters(machine: Machine, cell: str, background: float, rng: np.random.Generator) -> Array:
+    """The machine's own constants: as the twin says in cell "clean", off by up to 15 % elsewhere."""
+    off = 0.0 if cell == "clean" else 1.0
+    values = {}
+    for name, share in machine.spread.items():
+        value = machine.parameters[name] * (1.0 + off * share * rng.uniform(-1.0, 1.0))
+        values[name] = min(value, machine.high.get(name, np.inf))
+    for name, width in machine.offsets.items():
+        values[name] = machine.parameters[name] + off * width * rng.uniform(-1.0, 1.0)
+    return machine.p(
+        **values, ripple=background / 100.0, ripple_phase=rng.uniform(0, 2 * np.pi),
+        ambient=machine.ambient, ambient_phase=rng.uniform(0, 2 * np.pi), exponent=rng.uniform(*machine.exponent),
+    )  # fmt: skip
+
+
+def _takes(machine: Machine, regime: str, rng: np.random.Generator) -> tuple[Take, ...]:
+    takes, clock = [], 0.0
+    for part in ("train", "held"):
+        for i, seconds in enumerate(machine.seconds[part]):
+            takes.append(Take(f"{part}_{i + 1}", clock, machine.operate(rng, seconds, regime or part)))
+            clock += seconds + PAUSE_S
+    return tuple(takes)
+
+
+def _onset(takes: Sequence[Take], rng: np.random.Generator) -> float:
+    """In the middle half of the second training recording."""
+    seconds = takes[2].start_s - PAUSE_S - takes[1].start_s
+    return float(np.round(takes[1].start_s + rng.uniform(0.25, 0.75) * seconds, 1))
+
+
+def _scaled(
+    machine: Machine, item: Item, effects: Sequence[Effect], takes: tuple[Take, ...], p: Array, onset_s: float
+) -> tuple[_Plan, list[dict[str, Any]]]:
+    """Give every effect the amplitude of the case's severity, each by itself, on a machine without background."""
+    quiet = p.copy()
+    quiet[machine.at("ripple")] = quiet[machine.at("ambient")] = 0.0
+    measure = item.cell != "poor_excitation" and bool(effects)
+    yardstick = Yardstick(machine, takes, quiet) if measure else None
+    after, wrong, found = p.copy(), [], []
+    for effect in effects:
+        kind = parts(effect)[0] if not effect.slot else ""
+        change: Callable[[float], Sequence[Array]]
+        if effect.slot:
+            start, most = effect.typical, effect.most
+            change = _effect_change(machine, yardstick, quiet, effect, onset_s)
+        else:
+            start, most, change = _fault_change(machine, yardstick, takes, effect)
+        amplitude, held_out, in_training = start, 0.0, 0.0
+        if yardstick is not None and kind == "stuck":  # in one training recording alone
+            held_out, in_training = yardstick.measure(change(start))
+        elif yardstick is not None:
+            amplitude, held_out, in_training = yardstick.scale(change, start, most, item.severity)
+        if effect.slot:
+            after[machine.at(effect.slot)] = amplitude
+        else:
+            wrong.append((effect.ports[0], kind, amplitude))
+        sizes = {effect.size: [effect.absent + effect.scale * amplitude, effect.absent]} if effect.size else {}
+        found.append({
+            "name": effect.name, "right": list(effect.right), "alike": _alike(machine, effect),
+            "ports": list(effect.ports), "amplitude": amplitude, "sizes": sizes,
+            "held_out": held_out, "in_training": in_training,
+            "severity": in_training if kind == "stuck" else min(held_out, in_training),
+        })  # fmt: skip
+    return _Plan(takes, p, after, onset_s, tuple(wrong)), found
+
+
+def _alike(machine: Machine, effect: Effect) -> list[str]:
+    """Catalogue names of what looks like an effect: where the catalogue lacks it, a set with one of them is right."""
+    partners = [name for pair in machine.confusable if effect.name in pair for name in pair if name != effect.name]
+    return sorted({n for partner in partners for n in machine.effect(partner).right})
+
+
+def _effect_change(
+    machine: Machine, yardstick: Yardstick | None, quiet: Array, effect: Effect, onset_s: float
+) -> Callable[[float], Sequence[Array]]:
+    def change(amplitude: float) -> Sequence[Array]:
+        assert yardstick is not None
+        moved = quiet.copy()
+        moved[machine.at(effect.slot)] = amplitude
+        return yardstick.with_parameters(moved, onset_s)
+
+    return change
+
+
+def _fault_change(
+    machine: Machine, yardstick: Yardstick | None, takes: Sequence[Take], effect: Effect
+) -> tuple[float, float, Callable[[float], Sequence[Array]]]:
+    kind, channel = parts(effect)
+    at_input = channel in machine.inputs
+    column = (machine.inputs if at_input else machine.outputs).index(channel)
+    assert yardstick is not None
+    series = [t.u for t in takes] if at_input else yardstick.base
+    span = span_of([s[:, column] for s in series])
+    start, most = first_size(kind, machine.noise[channel].sigma, span)
+
+    def change(size: float) -> Sequence[Array]:
+        made = [_with_fault(machine, take, s, column, kind, size, span) for take, s in zip(takes, series, strict=True)]
+        return yardstick.with_inputs(made) if at_input else made
+
+    return start, most, change
+
+
+def _with_fault(
+    machine: Machine, take: Take, series: Array, column: int, kind: str, size: float, span: tuple[float, float]
+) -> Array:
+    time_s = take.start_s + clock(len(series) * machine.period_s, machine.period_s)
+    changed = series.copy()
+    last = take.name == f"train_{len(machine.seconds['train'])}"
+    changed[:, column] = faulty(kind, size, time_s, series[:, column], span, last)
+    return changed
+
+
+def _recorded(
+    machine: Machine, plan: _Plan, rng: np.random.Generator
+) -> tuple[dict[str, pd.DataFrame], dict[str, float]]:
+    """Tables as recorded; and per output the rms of reading less clean reading over the held-out ones."""
+    commands = [take.u for take in plan.takes]
+    given = commands
+    for port, kind, size in plan.faults:
+        side, _, channel = port.partition(":")
+        if side == "input":
+            column = machine.inputs.index(channel)
+            span = span_of([u[:, column] for u in commands])
+            pairs = zip(plan.takes, given, strict=True)
+            given = [_with_fault(machine, take, u, column, kind, size, span) for take, u in pairs]
+    clean = []
+    for take, u in zip(plan.takes, given, strict=True):
+        before = plan.before if take.start_s < plan.onset_s else plan.after
+        x0 = machine.settled(u, before, take.start_s, plan.onset_s)
+        clean.append(readings(machine, take, u, x0, plan.before, plan.after, plan.onset_s, machine.fine))
+    sensed = clean
+    for port, kind, size in plan.faults:
+        side, _, channel = port.partition(":")
+        if side == "output":
+            column = machine.outputs.index(channel)
+            span = span_of([y[:, column] for y in clean])
+            pairs = zip(plan.takes, sensed, strict=True)
+            sensed = [_with_fault(machine, take, y, column, kind, size, span) for take, y in pairs]
+    tables, errors = {}, []
+    channels = (*machine.inputs, *machine.outputs)
+    for take, u, y in zip(plan.takes, commands, sensed, strict=True):
+        if not np.isfinite(y).all():
+            raise FloatingPointError(f"machine {machine.name} diverged while {take.name} was recorded")
+        noisy = recorded(machine, channels, np.concatenate([u, y], axis=-1), rng)
+        time_s = np.round(take.start_s + np.arange(len(u)) * machine.period_s, 6)
+        tables[take.name] = pd.DataFrame({"time_s": time_s} | dict(zip(channels, noisy.T, strict=True)))
+        if take.held_out:
+            errors.append(noisy[:, len(machine.inputs) :] - y)
+    rms = np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
+    return tables, {name: float(v) for name, v in zip(machine.outputs, rms, strict=True)}

@@ -1,0 +1,133 @@
+"""Open the seal and score a verdict: one row of ``cases.csv``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twinbench.proof.concealed.seal import Sealed, check
+
+COLUMNS = (
+    "case", "machine", "cell", "severity", "background_pct", "truth", "verdict", "named", "set", "port_truth",
+    "ports_named", "onset_error_s", "size_error_pct", "size_covered", "gain", "oracle_gain", "engine", "seconds",
+    "alike",
+)  # fmt: skip
+"""In ``truth`` and ``port_truth`` effects are joined by ``+``, what counts as right for one of them by ``|``.
+``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``;
+``alike`` what looks like the effects, which is right in a set where the catalogue lacks them."""
+PORTS = 2
+"""So many ports a location may hold."""
+_LEAST_EXCESS = 2e-4
+"""Below this share of the noise's mean square there is no error that a mended model could remove."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What one finding says is there: one name, a set, or something unnamed; and where."""
+
+    names: tuple[str, ...]
+    ports: tuple[str, ...]
+    finding: Mapping[str, Any]
+
+    @property
+    def single(self) -> bool:
+        return len(self.names) == 1
+
+
+def score(
+    sealed: Sealed, published: str, verdict: Mapping[str, Any], engine: str = "twinbench", oracle_gain: float = 1.0
+) -> dict[str, Any]:
+    """Score a verdict (``verdict.json``) against the sealed truth.
+
+    Args:
+        published: the digest that was published before the engine ran.
+        oracle_gain: held-out gain of the engine that was told the name; 1 removes all that is not noise.
+
+    Raises:
+        BrokenSeal: the truth is not the one that was sealed.
+    """
+    truth = check(sealed, published)
+    effects = truth["effects"]
+    found = claims(verdict)
+    # Names for the same thing, each as right as the other, are no set.
+    same = [c for c in found if c.single or any(c.names and set(c.names) <= set(e["right"]) for e in effects)]
+    named = [c.names[0] for c in same]
+    sets = [_things(c.names, effects) for c in found if len(c.names) > 1 and c not in same]
+    matched = [(e, c) for e in effects for c in same if c.names[0] in e["right"]]
+    error, covered = size_error(*matched[0]) if len(effects) == 1 and matched else (np.nan, np.nan)
+    return {
+        "case": truth["case"], "machine": truth["machine"], "cell": truth["cell"], "severity": truth["severity"],
+        "background_pct": truth["background_pct"],
+        "truth": "+".join("|".join(e["right"]) or e["name"] for e in effects),
+        "verdict": verdict.get("verdict", ""), "named": "+".join(named), "set": "+".join("|".join(s) for s in sets),
+        "port_truth": "+".join("|".join(e["ports"]) for e in effects),
+        "ports_named": "+".join("|".join(c.ports) for c in found),
+        "onset_error_s": onset_error(truth["onset_s"], found, effects),
+        "size_error_pct": error, "size_covered": covered,
+        "gain": gain(verdict, truth["held_out_floor"]) if found else np.nan, "oracle_gain": oracle_gain,
+        "engine": engine, "seconds": float(verdict.get("seconds", np.nan)),
+        "alike": "+".join("|".join(e["alike"]) for e in effects),
+    }  # fmt: skip
+
+
+def claims(verdict: Mapping[str, Any]) -> list[Claim]:
+    """What a verdict's findings say; a change of a parameter is no claim of something left out."""
+    found = []
+    for finding in verdict.get("findings", ()):
+        kind, port = str(finding.get("kind") or ""), str(finding.get("port") or "")
+        if "parameter" in kind or port.startswith("parameter") or kind == "consistent":
+            continue
+        name = finding.get("mechanism")
+        names = tuple(dict.fromkeys([*([name] if name else []), *(finding.get("indistinguishable_from") or ())]))
+        ranked = sorted(finding.get("ports") or (), key=lambda p: -float(p.get("probability") or 0.0))
+        ports = list(dict.fromkeys([*([port] if port else []), *(p["port"] for p in ranked)]))
+        found.append(Claim(names, tuple(ports[:PORTS]), finding))
+    return found
+
+
+def _things(names: Sequence[str], effects: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """A set with one name for each thing, where several are as right as each other."""
+    for e in effects:
+        right = [n for n in names if n in e["right"]]
+        names = [n for n in names if n not in right[1:]]
+    return tuple(names)
+
+
+def gain(verdict: Mapping[str, Any], floor: Mapping[str, float]) -> float:
+    """Share of the removable held-out error that the mended model removed, all channels in units of their noise.
+
+    (before^2 - after^2) / (before^2 - floor^2), each summed over channels after division by floor^2;
+    ``floor`` is the rms of reading less truth. NaN where there was nothing to remove, or no fit is told.
+    """
+    fit = {f["channel"]: f for f in verdict.get("fit", ()) if f.get("held_out")}
+    channels = [c for c in floor if c in fit]
+    before, after = (
+        np.array([float(fit[c][key]) / floor[c] for c in channels]) ** 2 for key in ("rmse_before", "rmse_after")
+    )
+    removable = float(np.sum(before - 1.0))
+    if not channels or not removable > _LEAST_EXCESS * len(channels):
+        return float("nan")
+    return float(np.sum(before - after)) / removable
+
+
+def size_error(effect: Mapping[str, Any], claim: Claim) -> tuple[float, float]:
+    """Error of the effect's size in per cent of the effect, and 1 or 0: does the interval cover it? NaN if unknown."""
+    fitted = claim.finding.get("parameters") or {}
+    for name, (true, absent) in effect["sizes"].items():
+        if name in fitted:
+            value, low, high = (float(fitted[name][key]) for key in ("value", "low", "high"))
+            return 100.0 * abs(value - true) / abs(true - absent), float(low <= true <= high)
+    return float("nan"), float("nan")
+
+
+def onset_error(onset_s: float | None, found: Sequence[Claim], effects: Iterable[Mapping[str, Any]]) -> float:
+    """Seconds between the onset and what a finding gives, on the recordings' clock; the right finding's if any."""
+    if onset_s is None:
+        return float("nan")
+    right = {name for e in effects for name in e["right"]}
+    dated = [c for c in found if c.finding.get("since_s") is not None]
+    ours = [c for c in dated if right & set(c.names)] or dated
+    return min((abs(float(c.finding["since_s"]) - onset_s) for c in ours), default=float("nan"))

@@ -1,0 +1,144 @@
+"""What the suite knows of a concealed machine: its true equations, its twin, how it is run and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from twinbench.physics.simulator import Array
+from twinbench.proof.concealed.integrate import run
+
+
+@dataclass(frozen=True)
+class Noise:
+    """A channel's noise in its unit: white and AR(1) parts with their sd, the latter's time constant."""
+
+    white: float
+    coloured: float
+    tau_s: float
+
+    @property
+    def sigma(self) -> float:
+        """sd of both together."""
+        return float(np.hypot(self.white, self.coloured))
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Something that the truth has and the twin has not.
+
+    Attributes:
+        slot: the truth's parameter that holds its amplitude; 0 is absent.
+        typical, most: an amplitude to start from, and the largest that makes sense.
+        right: catalogue names that count as right; none for physics foreign to every catalogue.
+        ports: where it may rightly be located.
+        size: the catalogue parameter that its amplitude can be compared with, as
+            ``absent + scale * amplitude``; empty where the forms differ too much.
+    """
+
+    name: str
+    slot: str
+    typical: float
+    most: float
+    right: tuple[str, ...]
+    ports: tuple[str, ...]
+    size: str = ""
+    absent: float = 0.0
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Machine:
+    """A concealed machine.
+
+    Attributes:
+        simulator, values: the twin as the engine gets it: where it is, what it is set to.
+        calibrate: parameters that the twin may calibrate; the truth has them by the same names.
+        parameters: the truth's parameters and their nominal values, in the order of its equations.
+        spread, offsets, high: how far a case's parameters lie off: relative, absolute, and an upper limit.
+        exponent: range that the effects' exponents are drawn from, where a machine has that parameter.
+        ambient: amplitude of the drifting ambient, in the unit of the parameter ``ambient``.
+        law, reading, start: the equations, and a state to settle from.
+        slow: states (index, size of change) whose start values the twin must find in every recording.
+        operate: ``operate(rng, seconds, regime) -> u``, regime "train", "held" or "poor".
+        fine, coarse: integration steps per sample, for what is recorded and for what is only scaled.
+        seconds: lengths of the recordings.
+        confusable: pairs that look alike.
+    """
+
+    name: str
+    simulator: str
+    values: Mapping[str, float]
+    calibrate: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parameters: Mapping[str, float]
+    spread: Mapping[str, float]
+    law: Any
+    reading: Any
+    start: Callable[[Array, Array], Array]
+    slow: Mapping[int, float]
+    operate: Callable[[np.random.Generator, float, str], Array]
+    settle_s: float
+    period_s: float
+    fine: int
+    coarse: int
+    seconds: Mapping[str, tuple[float, ...]]
+    noise: Mapping[str, Noise]
+    lsb: Mapping[str, float]
+    effects: tuple[Effect, ...]
+    foreign: tuple[Effect, ...]
+    confusable: tuple[tuple[str, str], ...]
+    offsets: Mapping[str, float] = field(default_factory=dict)
+    high: Mapping[str, float] = field(default_factory=dict)
+    exponent: tuple[float, float] = (1.9, 2.1)
+    ambient: float = 0.0
+
+    def at(self, parameter: str) -> int:
+        """Where a parameter stands in p."""
+        return list(self.parameters).index(parameter)
+
+    def p(self, **values: float) -> Array:
+        """The truth's parameters (np,), nominal but for ``values``."""
+        unknown = set(values) - set(self.parameters)
+        if unknown:
+            raise ValueError(f"machine {self.name!r} has no parameter {sorted(unknown)}")
+        return np.array([values.get(name, nominal) for name, nominal in self.parameters.items()], dtype=float)
+
+    def effect(self, name: str) -> Effect:
+        """An effect by its name."""
+        return next(e for e in (*self.effects, *self.foreign) if e.name == name)
+
+    def sigma(self) -> Array:
+        """Noise sd of the outputs, (ny,)."""
+        return np.array([self.noise[name].sigma for name in self.outputs])
+
+    def settled(self, u: Array, p: Array, start_s: float, onset_s: float) -> Array:
+        """The state (nx,) after ``settle_s`` under the first inputs of u."""
+        held = np.tile(u[0], (round(self.settle_s / self.period_s), 1))
+        began = start_s - self.settle_s
+        return run(
+            self.law, self.reading, len(self.outputs), began, self.period_s, self.coarse, held, self.start(u[0], p),
+            p, p, onset_s,
+        )[1]  # fmt: skip
+
+
+def clock(seconds: float, period_s: float) -> Array:
+    """Sample instants (N,) from 0."""
+    return np.arange(round(seconds / period_s), dtype=np.float64) * period_s
+
+
+def levels(
+    rng: np.random.Generator, t: Array, limits: tuple[float, float], hold_s: tuple[float, float],
+    ramp_s: tuple[float, float],
+) -> Array:  # fmt: skip
+    """Held levels joined by ramps, at times t (N,); hold times are drawn evenly in their logarithm."""
+    knots = [(0.0, rng.uniform(*limits))]
+    while knots[-1][0] < t[-1]:
+        leave = knots[-1][0] + float(np.exp(rng.uniform(*np.log(hold_s))))
+        knots += [(leave, knots[-1][1]), (leave + rng.uniform(*ramp_s), rng.uniform(*limits))]
+    times, values = np.array(knots).T
+    return np.interp(t, times, values)

@@ -1,0 +1,146 @@
+"""How large an effect is where it counts: what calibration cannot absorb, in noise sigmas.
+
+Severity s of an effect := the smaller of two rms values of what is left of
+(readings with the effect - readings without it) / sigma, over samples and channels, when all that the
+twin could absorb is taken out of it:
+
+- in the training recordings: after a linear least-squares fit of the twin's calibratable parameters (with a
+  prior as wide as they are off) and of the start values of slow states, one set per recording;
+- in the held-out recordings: after the same parameters, not fitted again, and their own start values.
+
+sigma is the sd of a channel's noise, white and coloured parts together. The smaller of the two, because an
+effect that shows in the other regime alone cannot be found where the engine looks. A calibrated twin thus has
+a held-out rms error of at least sqrt(1 + s^2) sigma: 1.0005, 1.005, 1.04 and 1.41 sigma at severities 0.03,
+0.1, 0.3 and 1. Each effect is measured by itself, on the truth's own parameters, without background.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twinbench.physics.simulator import Array
+from twinbench.proof.concealed.integrate import run
+from twinbench.proof.concealed.machine import Machine
+
+THIN = 4
+STEPS, CLOSE = 8, 0.03
+
+
+@dataclass(frozen=True)
+class Take:
+    """One recording to be made: when on the suite's clock, under which inputs (N, nu)."""
+
+    name: str
+    start_s: float
+    u: Array
+
+    @property
+    def held_out(self) -> bool:
+        return self.name.startswith("held")
+
+
+def readings(machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float,
+             substeps: int) -> Array:  # fmt: skip
+    """Clean readings (N, ny) of one take under inputs u."""
+    return run(machine.law, machine.reading, len(machine.outputs), take.start_s, machine.period_s, substeps, u, x0,
+               before, after, onset_s)[0]  # fmt: skip
+
+
+class Yardstick:
+    """Measures changes of a machine's readings over its takes."""
+
+    def __init__(self, machine: Machine, takes: Sequence[Take], p: Array) -> None:
+        self.machine, self.takes, self.p = machine, tuple(takes), p
+        self.sigma = machine.sigma()
+        self.starts = [machine.settled(t.u, p, t.start_s, np.inf) for t in takes]
+        self.base = [self._run(t, t.u, x, p) for t, x in zip(takes, self.starts, strict=True)]
+        self._own, self._free = [], []
+        for take, x0, base in zip(self.takes, self.starts, self.base, strict=True):
+            columns = []
+            for name in machine.calibrate:
+                moved = p.copy()
+                step = self._step(name)
+                moved[machine.at(name)] += 0.05 * step
+                columns.append(self._whole(self._run(take, take.u, x0, moved) - base) / 0.05)
+            self._own.append(np.stack(columns, axis=-1))
+            columns = []
+            for i, change in machine.slow.items():
+                x = x0.copy()
+                x[i] += change
+                columns.append(self._whole(self._run(take, take.u, x, p) - base))
+            self._free.append(np.stack(columns, axis=-1) if columns else np.zeros((len(self._own[-1]), 0)))
+
+    def with_parameters(self, after: Array, onset_s: float = -np.inf) -> list[Array]:
+        """Readings of every take with parameters ``after`` from ``onset_s`` on."""
+        machine = self.machine
+        made = []
+        for take in self.takes:
+            before = self.p if take.start_s < onset_s else after
+            x0 = machine.settled(take.u, before, take.start_s, np.inf)
+            made.append(readings(machine, take, take.u, x0, self.p, after, onset_s, machine.coarse))
+        return made
+
+    def with_inputs(self, inputs: Sequence[Array]) -> list[Array]:
+        """Readings of every take had the inputs been others."""
+        return [self._run(t, u, x, self.p) for t, u, x in zip(self.takes, inputs, self.starts, strict=True)]
+
+    def measure(self, changed: Sequence[Array]) -> tuple[float, float]:
+        """The two rms values, held-out and training, of readings that became ``changed``."""
+        change = [self._whole(c - b) for c, b in zip(changed, self.base, strict=True)]
+        train = [i for i, t in enumerate(self.takes) if not t.held_out]
+        held = [i for i, t in enumerate(self.takes) if t.held_out]
+        n_own, n_free = self._own[0].shape[1], self._free[0].shape[1]
+        columns = np.zeros((sum(len(change[i]) for i in train), n_own + n_free * len(train)))
+        row = 0
+        for j, i in enumerate(train):
+            rows = slice(row, row + len(change[i]))
+            columns[rows, :n_own] = self._own[i]
+            columns[rows, n_own + j * n_free : n_own + (j + 1) * n_free] = self._free[i]
+            row = rows.stop
+        prior = np.eye(n_own, columns.shape[1])  # a column is what one spread of a parameter does
+        target = np.concatenate([*(change[i] for i in train), np.zeros(n_own)])
+        fit = np.linalg.lstsq(np.concatenate([columns, prior]), target, rcond=None)[0]
+        left = target[: len(columns)] - columns @ fit
+        beyond = []
+        for i in held:
+            rest = change[i] - self._own[i] @ fit[:n_own]
+            free = self._free[i]
+            beyond.append(rest - free @ np.linalg.lstsq(free, rest, rcond=None)[0])
+        return _rms(np.concatenate(beyond)), _rms(left)
+
+    def scale(
+        self, change: Callable[[float], Sequence[Array]], start: float, most: float, wanted: float
+    ) -> tuple[float, float, float]:
+        """Find the amplitude at which ``change(amplitude)`` has the wanted severity.
+
+        Returns:
+            The amplitude (at most ``most``), and its rms held out and in training.
+        """
+        amplitude = start
+        for step in range(STEPS):
+            beyond, in_training = self.measure(change(amplitude))
+            reached = min(beyond, in_training)
+            if abs(reached / wanted - 1.0) < CLOSE or (amplitude == most and reached < wanted) or step == STEPS - 1:
+                break
+            amplitude = float(np.clip(amplitude * wanted / max(reached, 1e-3 * wanted), amplitude / 30.0, most))
+        return amplitude, beyond, in_training
+
+    def _run(self, take: Take, u: Array, x0: Array, p: Array) -> Array:
+        return readings(self.machine, take, u, x0, p, p, np.inf, self.machine.coarse)
+
+    def _whole(self, change: Array) -> Array:
+        """(N, ny) to one whole vector in noise sigmas, thinned."""
+        return (change[::THIN] / self.sigma).ravel()
+
+    def _step(self, name: str) -> float:
+        machine = self.machine
+        if name in machine.offsets:
+            return machine.offsets[name]
+        return machine.spread.get(name, 0.15) * machine.parameters[name]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,118 @@
+"""The whole suite: every case on every engine, resumable, in parallel, with its tables."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import Console
+
+from twinbench.common.errors import BadInput
+from twinbench.common.jobs import cores
+from twinbench.common.progress import Progress
+from twinbench.common.store import check_writable, key_of, write_text
+from twinbench.common.versions import provenance
+from twinbench.common.workers import side_by_side
+from twinbench.proof.concealed.case import close, digest, missing, row, run_case
+from twinbench.proof.concealed.engines import ENGINES, MAIN, ORACLE
+from twinbench.proof.concealed.gates import (
+    as_markdown,
+    by,
+    engine_table,
+    engines_as_markdown,
+    gate_table,
+    misses,
+    read_cases,
+)
+from twinbench.proof.concealed.generate import Item
+from twinbench.proof.concealed.judge import COLUMNS
+from twinbench.proof.concealed.plan import cases
+
+OURS = MappingProxyType({"twinbench": ENGINES["twinbench"]})
+_Plan = Sequence[tuple[Item, Mapping[str, str]]]
+"""Cases, and the engines that get each of them."""
+
+
+def run(
+    n: int, seed: int, out: Path, console: Console, engines: Mapping[str, str] = OURS, jobs: int = 0,
+    opponent_cases: int | None = None, command: str = "",
+) -> pd.DataFrame:  # fmt: skip
+    """Run n cases on every engine; write ``cases.csv``, ``gates.csv``, ``misses.csv``, ``manifest.json`` into ``out``.
+
+    ``engines.csv`` and ``engines.md`` hold the engines side by side. What an earlier run finished with the same
+    code is kept, engine by engine.
+
+    Args:
+        engines: by name, "module:function", called as ``mismatch.diagnose``.
+        jobs: processes; as many as there are cores if 0.
+        opponent_cases: so many cases, spread over the plan, for all but our engine and the oracle; all if None.
+
+    Returns:
+        The gate table of the first engine that is not the oracle.
+
+    Raises:
+        BadInput: no case at all is wanted, or ``out`` cannot be written to.
+    """
+    plan = planned(n, seed, engines, opponent_cases)
+    began = time.time()
+    out = out.absolute()
+    check_writable(out)
+    todo = [(item, asked, left) for item, asked in plan if (left := missing(item, seed, out, asked))]
+    if len(todo) < len(plan):
+        console.print(f"{len(plan) - len(todo)} of {len(plan)} cases are there from an earlier run")
+    several = [(item, seed, out, asked, left) for item, asked, left in todo]
+    # Cases differ in how many engines they ask, so answers count.
+    answers = sum(len(left) for *_, left in todo)
+    try:
+        with Progress(console) as progress, progress.stage("answers", answers) as going:
+            for done, asked in enumerate(side_by_side(run_case, several, min(jobs or cores(), len(todo) or 1)), 1):
+                going.step(asked)
+                going.says = f"{done} of {len(todo)} cases"
+    finally:
+        close(out)
+    facts = {"command": command, "opponent_cases": opponent_cases, "wall_s": round(time.time() - began, 1)}
+    return report(out, plan, seed, engines, facts)
+
+
+def planned(n: int, seed: int, engines: Mapping[str, str], opponent_cases: int | None) -> _Plan:
+    """Which engines get which cases; a case that none gets is left out."""
+    few = n if opponent_cases is None else opponent_cases
+    for option, value in (("--cases", n), ("--opponent-cases", few)):
+        if value < 1:
+            raise BadInput(f"{option} is {value}, must be at least 1")
+    main = {name: engine for name, engine in engines.items() if name in MAIN}
+    shared = set(np.linspace(0, n - 1, min(few, n)).round())
+    plan = [(item, engines if i in shared else main) for i, item in enumerate(cases(n, seed))]
+    return [(item, asked) for item, asked in plan if asked]
+
+
+def report(
+    out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts: Mapping[str, Any]
+) -> pd.DataFrame:  # fmt: skip
+    """Write the tables of finished cases; the first engine's gates, the oracle's aside."""
+    rows = [row(item, out, name) for item, asked in plan for name in asked]
+    seals = {item.case: digest(out, item) for item, _ in plan}
+    write_text(out / "cases.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
+    table = read_cases(out / "cases.csv")
+    gates = {name: gate_table(table[table["engine"] == name]) for name in engines}
+    write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))
+    write_text(out / "misses.csv", misses(table).to_csv(index=False))
+    rates = by(table, ["engine", "machine", "severity", "background_pct"])
+    write_text(out / "by_severity.csv", rates.to_csv(index=False))
+    write_text(out / "seals.json", json.dumps(seals, indent=1) + "\n")
+    first = next((name for name in engines if name != ORACLE), ORACLE)
+    write_text(out / "gates.md", as_markdown(gates[first]))
+    compared = engine_table(table)
+    write_text(out / "engines.csv", compared.to_csv(index=False))
+    write_text(out / "engines.md", engines_as_markdown(compared))
+    manifest = {
+        "cases": len(plan), "seed": seed, "engines": dict(engines), "seal": key_of(**seals), **facts, **provenance(),
+    }  # fmt: skip
+    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    return gates[first]

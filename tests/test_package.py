@@ -1,0 +1,105 @@
+"""What somebody gets who installs the package: one name, and commands that work wherever they stand."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+OWN = "raise RuntimeError('a user file of this name was imported')\n"
+PROFILE = """
+scenes = false
+[data]
+n_train = 2
+n_validation = 1
+n_test = 2
+minutes = 2.5
+warmup_minutes = 0.5
+[evaluation]
+origin_every_s = 20.0
+[latency]
+updates = 0
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of an environment that holds the wheel, and of ours what it depends on."""
+    folder = tmp_path_factory.mktemp("package")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+    made = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(ROOT)]
+    subprocess.run(made, check=True, cwd=folder)
+    venv.create(folder / "env", with_pip=False, symlinks=True)
+    python = folder / "env" / "bin" / "python"
+    code = "import sysconfig; print(sysconfig.get_path('purelib'))"
+    packages = Path(subprocess.run([python, "-c", code], check=True, capture_output=True, text=True).stdout.strip())
+    (wheel,) = folder.glob("twinbench-*.whl")
+    subprocess.run([*pip, "install", "--no-deps", "--target", str(packages), str(wheel)], check=True)
+    # A path in a .pth file is looked in, and .pth files that it holds are not: the checkout stays out.
+    (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return python
+
+
+@pytest.fixture
+def workplace(tmp_path: Path) -> Path:
+    """A folder with files and folders of a user's, named as ours are."""
+    for name in ("bench", "common", "methods", "mismatch"):
+        (tmp_path / f"{name}.py").write_text(OWN)
+    for name in ("data", "physics"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").write_text(OWN)
+    return tmp_path
+
+
+def said(installed: Path, workplace: Path, *arguments: str, status: int = 0) -> str:
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
+    done = subprocess.run(
+        [installed, *arguments], cwd=workplace, capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.returncode == status, done.stderr
+    return done.stdout
+
+
+def test_one_name_joins_the_users_packages(installed: Path) -> None:
+    packages = next((installed.parents[1] / "lib").glob("python*/site-packages"))
+    names = {path.name for path in packages.iterdir() if path.suffix not in (".pth", ".dist-info")}
+    assert names - {"bin", "__pycache__"} == {"twinbench"}
+    assert not any(path.is_symlink() for path in (packages / "twinbench").rglob("*"))
+    assert (packages / "twinbench" / "py.typed").is_file()
+
+
+def test_the_public_names_come_from_the_package(installed: Path, workplace: Path) -> None:
+    code = "import twinbench; print(twinbench.__file__, *[getattr(twinbench, n).__module__ for n in twinbench.__all__])"
+    file, *modules = said(installed, workplace, "-c", code).split()
+    assert str(installed.parents[1]) in file
+    assert all(module.startswith("twinbench.") for module in modules)
+
+
+def test_help_and_lists(installed: Path, workplace: Path) -> None:
+    assert "mismatch" in said(installed, workplace, "-m", "twinbench", "--help")
+    assert "deeponet_kalman" in said(installed, workplace, "-m", "twinbench", "list")
+
+
+def test_the_first_verdict_of_the_tutorial(installed: Path, workplace: Path) -> None:
+    page = (ROOT / "docs" / "mismatch_tutorial.md").read_text(encoding="utf-8")
+    for block in page.split("```python\n# ")[1:]:
+        name, _, text = block.partition("\n")
+        (workplace / name).write_text(text.partition("```")[0])
+    said(installed, workplace, "logger.py")
+    line = next(line for line in page.splitlines() if line.startswith("twinbench mismatch"))
+    assert "coulomb_friction" in said(installed, workplace, "-m", *line.split(), status=10)
+    assert (workplace / "found" / "report.html").is_file()
+
+
+def test_a_tiny_run_with_a_users_estimator(installed: Path, workplace: Path) -> None:
+    (workplace / "tiny.toml").write_text(PROFILE)
+    (workplace / "mine.py").write_text((ROOT / "examples" / "regression.py").read_text())
+    run = ("-m", "twinbench", "run", "--profile", "tiny.toml", "--only", "mine.py", "--out", "out")
+    assert "report:" in said(installed, workplace, *run)
+    assert (workplace / "out" / "report.html").is_file()

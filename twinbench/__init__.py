@@ -1,0 +1,46 @@
+"""Which estimator keeps a machine's digital twin true, and what does its simulator leave out?
+
+The names below are the public face; each is imported when it is first asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from twinbench.common.compiled_code import settle
+
+if TYPE_CHECKING:
+    from twinbench.data.recording import Recording
+    from twinbench.methods.estimator import Estimator, Sample, gaussian_state, no_info, register
+    from twinbench.mismatch import diagnose
+    from twinbench.mismatch.model import load_catalogue, load_simulator
+    from twinbench.mismatch.recordings import read_recordings
+    from twinbench.physics.simulator import Mechanism, Simulator, Variable
+
+__all__ = [
+    "Estimator", "Mechanism", "Recording", "Sample", "Simulator", "Variable", "diagnose", "gaussian_state",
+    "load_catalogue", "load_simulator", "no_info", "read_recordings", "register",
+]  # fmt: skip
+
+_HOMES = {
+    "physics.simulator": ("Simulator", "Variable", "Mechanism"),
+    "data.recording": ("Recording",),
+    "methods.estimator": ("Estimator", "Sample", "gaussian_state", "no_info", "register"),
+    "mismatch": ("diagnose",),
+    "mismatch.model": ("load_catalogue", "load_simulator"),
+    "mismatch.recordings": ("read_recordings",),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+settle()  # before anything is compiled
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'twinbench' has no attribute {name!r}; it has: {', '.join(__all__)}")
+    return getattr(importlib.import_module(f"twinbench.{_HOME_OF[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -1,0 +1,5 @@
+"""``python -m twinbench``."""
+
+from twinbench.bench.cli.main import main
+
+raise SystemExit(main())
