@@ -152,7 +152,7 @@ def attempt(
         raise
     except (Exception, SystemExit) as error:
         return Outcome(cell, stage, one_line(error))
-    write_text(_cost_file(store, stage, key), f"{time.process_time() - begun:.1f}")
+    write_text(_cost_file(store, stage, key), f"{time.process_time() - begun:.3f}")
     return Outcome(cell, stage)
 
 
