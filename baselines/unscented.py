@@ -61,10 +61,14 @@ def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  #
     """Correct by the measurements that are there.
 
     Args:
-        z, P: (B, n), (B, n, n) prior; points: (B, 2n + 1, n), its sigma points.
-        readings: (B, 2n + 1, m), what each would read.
-        measured: (B, m); NaN means missing.
-        variance: (B, m) of the measurement noise.
+        z: (B, n) prior mean, each in the filter's own coordinate.
+        P: (B, n, n) its covariance.
+        points: (B, 2n + 1, n), the prior's sigma points, as z.
+        readings: (B, 2n + 1, m), what each would read, in the sensors' units.
+        measured: (B, m), in the same units; NaN means missing.
+        variance: (B, m) of the measurement noise, those units squared.
+        w_mean: (2n + 1,) dimensionless weights of the points in a mean.
+        w_cov: (2n + 1,) dimensionless weights of the points in a covariance.
         clip: innovations are bounded to this many standard deviations.
 
     Returns:

@@ -79,9 +79,11 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
     Args:
         m: its Memory, without the leading axis.
         fitted: a Fitted.
-        accepted, spike: (7,) are written.
-        confirmed: (7,) is written: was the reading of the tick before held back, and rightly there?
-        before: (7,) is written: the values of the tick before, what is confirmed put right.
+        measured: (7,) the tick's readings in the channels' units, order CHANNELS; NaN means missing.
+        accepted: (7,) bool, is written: was the reading taken?
+        spike: (7,) bool, is written: was it rejected as an isolated spike?
+        confirmed: (7,) bool, is written: was the reading of the tick before held back, and rightly there?
+        before: (7,) is written: the values of the tick before, what is confirmed put right, in the channels' units.
         kept: (WINDOW,) is scratch.
     """
     window, channels = m.recent.shape

@@ -127,7 +127,11 @@ class Machine:
         """Simulated readings (N, ny) at the recording's samples; NaN from where the run diverges.
 
         Args:
-            varying, values: positions (V,) in theta that change in time, and their values (N, V).
+            track: the recording, as the engine prepared it.
+            theta: the parameter vector, (n_theta,), each in its parameter's unit.
+            x0: the state to start from, (nx,), each in its state's unit.
+            varying: positions (V,) in theta of what changes in time, dimensionless.
+            values: the values that those take, (N, V), each in its parameter's unit.
             since_s: time from which candidates are there.
             blocks: step from block to block under their mean inputs: block means (B, ny), many times
                 faster and nearly the same; ``values`` are then those of ``grid``.

@@ -135,7 +135,8 @@ def model_toml(
     """The text of ``folder/model.toml``.
 
     Args:
-        base, simulator: the spec of the simulator that was mended, and itself.
+        base: the spec of the simulator that was mended.
+        simulator: that simulator itself.
         mechanisms: what was found, physics and faults.
         values: by name, every calibrated parameter and those of the mechanisms, in their units.
         catalogue: where mechanisms that are not ours come from, as given to ``load_catalogue``.

@@ -116,7 +116,9 @@ def levels(fitted: Sequence[Array], held: Sequence[Array]) -> list[Array]:
     than that noise must not be blamed for it. Less noise than usual, and what may be chance, counts as usual.
 
     Args:
-        fitted, held: residuals (B, ny) of one model per recording.
+        fitted: residuals of one model on the recordings that it was fitted to, (B, ny) per recording, in the
+            outputs' units.
+        held: its residuals on the held-out recordings, likewise.
     """
     usual = noise_floor(fitted)
     known = np.where(usual > 0.0, usual, np.inf)

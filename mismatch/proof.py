@@ -90,7 +90,9 @@ def held_out(
     """Open-loop errors on other recordings.
 
     Args:
-        problem, z: a fit; what is shared between recordings is taken from it.
+        problem: a fit; what is shared between recordings is taken from it.
+        z: (n_unknowns,) where its unknowns stand, each in its own unit.
+        tracks: the held-out recordings, as the engine prepared them.
         own: unknowns of the held-out recordings themselves.
         near: a similar fit's, to begin from: its columns serve again.
     """

@@ -90,8 +90,9 @@ def survival(time_s: Array, seen: np.ndarray, weights: Array) -> tuple[Array, Ar
     """Kaplan and Meier's estimate of the share that still waits.
 
     Args:
-        time_s, seen: (n,) times, and whether it happened then (else: watched until then).
-        weights: (R, n) of the runs in each of R resamples.
+        time_s: (n,) seconds, when it happened or until when it was watched.
+        seen: (n,) bool, whether it happened then.
+        weights: (R, n) dimensionless shares of the runs in each of R resamples.
 
     Returns:
         (n,) the times in order, and (R, n) the share that waits longer than each.

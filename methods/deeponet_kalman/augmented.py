@@ -411,7 +411,8 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         measured: (3,) outputs, NaN where missing or rejected.
         lag: (3,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
             gets a correction of its own at its time; what is older than the last tick is left out.
-        white_sd, coloured_sd: (3,) present sd of the output noise.
+        white_sd: (3,) present sd of the outputs' white noise, in their units.
+        coloured_sd: (3,) present sd of the outputs' coloured noise, in their units.
         out: innovation (3,), S (3, 3), nis, accepted (3,), flags.
     """
     safety, informs = m.safety, model.settings.least_information > 0.0

@@ -76,7 +76,8 @@ def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
     Negative flow, gas leaving colder than it entered, a pressure ratio outside the simulated range.
 
     Args:
-        x, x_next: (B, 5) states in physical units.
+        x: (B, 5) states before the tick in physical units, order STATES.
+        x_next: (B, 5) states after it, likewise.
         suction: (B, 2) suction pressure in bar and temperature in K.
     """
     flow = torch.relu(-x_next[:, 4])
