@@ -1,0 +1,167 @@
+"""The public face says what it is: a docstring on every name, and of every array its shape and its unit.
+
+The docstrings are read as the site reads them, by griffe.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import griffe
+import pytest
+
+import twinbench
+
+ROOT = Path(__file__).parents[1]
+HELD = (
+    "physics.*", "data.*", "methods.estimator", "mismatch", "mismatch.model", "mismatch.recordings",
+    "bench.statistics.*",
+)  # fmt: skip
+"""Modules, and rooms with all their modules where a star follows, of which every public array is told."""
+ARRAY = re.compile(r"\b(ndarray|NDArray|ArrayLike|Tensor|Array)\b")
+CALLABLE = re.compile(r"Callable\[\[.*?\], [^]]*\]+")
+DIMENSION = r"(?:\.\.\.|[\w*'. ]+(?: [+x-] \w+)*)"
+SIZES = rf"\({DIMENSION},(?: {DIMENSION},?)*\)"
+SHAPE = re.compile(rf"{SIZES}|\bone per \w|\bany shape\b|\blikewise\b")
+UNIT = re.compile(
+    r"\bunits?\b|\bdimensionless\b|\bseconds\b|(?<![\w'’])(s|ms|us|bar|K|kg/s|rpm)\b|\bper cent\b|%|\bbool\b"
+    r"|\b(positions|ticks|samples|shares|standardised|whitened|ranks|flags|scratch|bytes)\b|\blikewise\b"
+)
+"""Words of a unit, or of what plainly has none."""
+
+
+@cache
+def package() -> griffe.Module:
+    loader = griffe.GriffeLoader(
+        search_paths=[ROOT], docstring_parser=griffe.Parser.google, docstring_options={"warn_missing_types": False},
+        allow_inspection=False,
+    )  # fmt: skip
+    loaded = loader.load("twinbench")
+    assert isinstance(loaded, griffe.Module)
+    loader.resolve_aliases()
+    return loaded
+
+
+def held() -> list[griffe.Module]:
+    """The modules of HELD."""
+    found = []
+    for name in HELD:
+        first = package()[name.removesuffix(".*")]
+        found.append(first)
+        if name.endswith(".*"):
+            found += _below(first)
+    return found
+
+
+def _below(module: griffe.Module) -> Iterator[griffe.Module]:
+    for one in module.modules.values():
+        if not one.is_alias:
+            yield one
+            yield from _below(one)
+
+
+def own(parent: griffe.Object) -> Iterator[griffe.Object]:
+    """What is public and defined there."""
+    for name, member in parent.members.items():
+        if not name.startswith("_") and not member.is_alias and not member.is_module:
+            yield member
+
+
+def docstring(member: griffe.Object) -> griffe.Docstring | None:
+    """Its own, or that of what it overrides."""
+    if member.docstring is not None or not isinstance(member.parent, griffe.Class):
+        return member.docstring
+    for base in member.parent.mro():
+        if member.name in base.members and (above := base.members[member.name].docstring) is not None:
+            return above
+    return None
+
+
+def told(member: griffe.Object, kind: str) -> dict[str, str]:
+    """By name, what a docstring says of its parameters or attributes."""
+    text = docstring(member)
+    sections = text.parsed if text is not None else []
+    entries = (entry for section in sections if section.kind.value == kind for entry in section.value)
+    return {entry.name: entry.description for entry in entries}
+
+
+def arrays(member: griffe.Object) -> Iterator[tuple[str, str]]:
+    """The arrays that a function takes, or a class holds: each one's name, and what is said of it."""
+    if isinstance(member, griffe.Function):
+        known = told(member, "parameters")
+        for parameter in member.parameters:
+            if _is_array(parameter.annotation):
+                yield f"{member.path}({parameter.name})", known.get(parameter.name, "")
+    elif isinstance(member, griffe.Class):
+        known = told(member, "attributes")
+        for field in own(member):
+            if isinstance(field, griffe.Attribute) and "property" not in field.labels and _is_array(field.annotation):
+                yield field.path, known.get(field.name, "") or (field.docstring.value if field.docstring else "")
+            elif isinstance(field, griffe.Function):
+                yield from arrays(field)
+        if "dataclass" not in member.labels and isinstance(init := member.members.get("__init__"), griffe.Function):
+            known |= told(init, "parameters") | told(member, "parameters")
+            for parameter in init.parameters:
+                if _is_array(parameter.annotation):
+                    yield f"{member.path}({parameter.name})", known.get(parameter.name, "")
+
+
+def _is_array(annotation: object) -> bool:
+    return ARRAY.search(CALLABLE.sub("", str(annotation))) is not None
+
+
+def complaint(says: str) -> str:
+    """What is missing of what is said of an array."""
+    if not says:
+        return "no word"
+    if not SHAPE.search(says):
+        return f"no shape: {says}"
+    return "" if UNIT.search(re.sub(SIZES, "", says)) else f"no unit: {says}"
+
+
+@pytest.mark.parametrize("name", twinbench.__all__)
+def test_every_public_name_says_what_it_is(name: str) -> None:
+    target = package()[name].final_target
+    assert target.docstring is not None, target.path
+    if isinstance(target, griffe.Class):
+        known = told(target, "attributes")
+        for member in own(target):
+            said = docstring(member) is not None or member.name in known
+            assert said, f"{member.path}: tell it in the docstring"
+
+
+@pytest.mark.parametrize("name", ["Simulator", "Mechanism"])
+def test_every_equation_that_a_user_writes_states_its_shapes_and_units(name: str) -> None:
+    target = package()[name].final_target
+    known = told(target, "attributes")
+    equations = [m.name for m in own(target) if m.is_attribute and re.search("Equation|Callable", str(m.annotation))]
+    assert equations
+    assert {equation: complaint(known.get(equation, "")) for equation in equations} == dict.fromkeys(equations, "")
+
+
+def test_every_array_states_its_shape_and_unit() -> None:
+    found = [(name, complaint(says)) for module in held() for m in own(module) for name, says in arrays(m)]
+    assert found
+    missing = [f"{name}: {what}" for name, what in found if what]
+    assert not missing, "\n".join(missing)
+
+
+@pytest.mark.parametrize(
+    ("says", "wrong"),
+    [
+        ("", "no word"),
+        ("measured minus predicted", "no shape"),
+        ("what was read (see above), in bar", "no shape"),
+        ("(n, 4) of the machine's inputs", "no unit"),
+        ("(K,) of all", "no unit"),
+        ("(B, L, 4), the inputs in the channels' units", ""),
+        ("(2n + 1,) dimensionless weights", ""),
+        ("one per recording, in K", ""),
+    ],
+)
+def test_what_is_not_told_would_be_noticed(says: str, wrong: str) -> None:
+    assert complaint(says).startswith(wrong)
+    assert bool(complaint(says)) == bool(wrong)
