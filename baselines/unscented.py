@@ -123,7 +123,16 @@ def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  #
 def linear_filter(
     F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
 ) -> Callable[[Array], tuple[Array, Array]]:
-    """As ``methods.kalman.linear_filter``, by sigma points; R diagonal."""
+    """As ``methods.kalman.linear_filter``, by sigma points.
+
+    Args:
+        F: (n, n) how a tick moves the state, in the states' units.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared; diagonal.
+        x0: (n,) mean before the first prediction, each in its state's unit.
+        P0: (n, n) covariance before the first prediction, in the states' units squared.
+    """
     w_mean, w_cov = weights(len(x0), 0.5)
     variance = np.diag(R)[None].copy()
 

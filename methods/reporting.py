@@ -45,9 +45,9 @@ def report(z: Array, P: Array, keep: np.ndarray, memory: tuple[np.ndarray, ...])
 
     Args:
         z: (B, n) mean in the filter's coordinates: states in their units, health as dimensionless zeta.
-        P: (B, n, n) its covariance.
+        P: (B, n, n) its covariance, in those units squared.
         keep: (10,) positions in z, dimensionless: where the five states and the five zeta stand.
-        memory: the method's own arrays, every one with leading axis B.
+        memory: the method's own arrays, in units of its own, every shape (B, ...).
     """
     shape = (len(z), len(keep))
     mean, low, high, cov = np.empty(shape), np.empty(shape), np.empty(shape), np.empty((*shape, len(keep)))

@@ -29,14 +29,23 @@ share of windows that each gets: of the recordings, steps and ramps are a sixth,
 
 
 class Transitions(NamedTuple):
-    """M transitions over ``dt_s``: where in which sequence, from what, under what, to what."""
+    """M transitions over ``dt_s``: where in which sequence, from what, under what, to what.
 
-    sequence: np.ndarray  # (M,) int
-    sample: np.ndarray  # (M,) int; the window ends here
-    x: Array  # (M, 5) perturbed states, order STATES
-    theta: Array  # (M, 5) counterfactual health, order HEALTH
-    dt_s: Array  # (M,)
-    x_next: Array  # (M, 5) what the plant makes of it
+    Attributes:
+        sequence: (M,) integers, positions in the batch.
+        sample: (M,) integers, positions in the sequence; the window ends here.
+        x: (M, 5) perturbed states in their units, order STATES.
+        theta: (M, 5) counterfactual health in its units, order HEALTH.
+        dt_s: (M,) seconds.
+        x_next: (M, 5) what the plant makes of it, in the states' units.
+    """
+
+    sequence: np.ndarray
+    sample: np.ndarray
+    x: Array
+    theta: Array
+    dt_s: Array
+    x_next: Array
 
     @property
     def increment(self) -> Array:
@@ -113,11 +122,17 @@ def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
 
 
 class Slopes(NamedTuple):
-    """One derivative of each transition's increment, along a direction of its own."""
+    """One derivative of each transition's increment, along a direction of its own.
 
-    x: Array  # (M, 5) direction in the states
-    theta: Array  # (M, 5) direction in health
-    increment: Array  # (M, 5) derivative of x_next - x along it
+    Attributes:
+        x: (M, 5) direction in the states, in their units, order STATES.
+        theta: (M, 5) direction in health, in its units, order HEALTH.
+        increment: (M, 5) derivative of x_next - x along it, in the states' units.
+    """
+
+    x: Array
+    theta: Array
+    increment: Array
 
 
 def plant_slopes(train: Batch, transitions: Transitions, rng: np.random.Generator, step: float = 1e-2) -> Slopes:

@@ -17,8 +17,8 @@ import twinbench
 
 ROOT = Path(__file__).parents[1]
 HELD = (
-    "physics.*", "data.*", "methods.estimator", "mismatch", "mismatch.model", "mismatch.recordings",
-    "bench.statistics.*",
+    "physics.*", "data.*", "methods.*", "baselines.*", "bench.contract.*", "bench.statistics.*", "mismatch",
+    "mismatch.model", "mismatch.recordings",
 )  # fmt: skip
 """Modules, and rooms with all their modules where a star follows, of which every public array is told."""
 ARRAY = re.compile(r"\b(ndarray|NDArray|ArrayLike|Tensor|Array)\b")
@@ -70,22 +70,23 @@ def own(parent: griffe.Object) -> Iterator[griffe.Object]:
             yield member
 
 
-def docstring(member: griffe.Object) -> griffe.Docstring | None:
-    """Its own, or that of what it overrides."""
-    if member.docstring is not None or not isinstance(member.parent, griffe.Class):
-        return member.docstring
-    for base in member.parent.mro():
-        if member.name in base.members and (above := base.members[member.name].docstring) is not None:
-            return above
-    return None
+def docstrings(member: griffe.Object) -> Iterator[griffe.Docstring]:
+    """Its own, and those of what it overrides."""
+    if member.docstring is not None:
+        yield member.docstring
+    if isinstance(member.parent, griffe.Class):
+        for base in member.parent.mro():
+            if member.name in base.members and (above := base.members[member.name].docstring) is not None:
+                yield above
 
 
 def told(member: griffe.Object, kind: str) -> dict[str, str]:
-    """By name, what a docstring says of its parameters or attributes."""
-    text = docstring(member)
-    sections = text.parsed if text is not None else []
-    entries = (entry for section in sections if section.kind.value == kind for entry in section.value)
-    return {entry.name: entry.description for entry in entries}
+    """By name, what docstrings say of its parameters or attributes."""
+    found: dict[str, str] = {}
+    for text in docstrings(member):
+        entries = (entry for section in text.parsed if section.kind.value == kind for entry in section.value)
+        found = {entry.name: entry.description for entry in entries} | found
+    return found
 
 
 def arrays(member: griffe.Object) -> Iterator[tuple[str, str]]:
@@ -129,7 +130,7 @@ def test_every_public_name_says_what_it_is(name: str) -> None:
     if isinstance(target, griffe.Class):
         known = told(target, "attributes")
         for member in own(target):
-            said = docstring(member) is not None or member.name in known
+            said = any(docstrings(member)) or member.name in known
             assert said, f"{member.path}: tell it in the docstring"
 
 

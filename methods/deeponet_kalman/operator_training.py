@@ -28,7 +28,13 @@ REFINED_WINDOWS = 8192
 
 @dataclass(frozen=True)
 class Scales:
-    """How states enter the heads and increments leave them, each (5,)."""
+    """How states enter the heads and increments leave them.
+
+    Attributes:
+        state_mean: (5,) means of the training states in their units, order STATES.
+        state_scale: (5,) their spreads in the same units.
+        increment: (5,) spread of the states' change in a tick, in the same units.
+    """
 
     state_mean: Array
     state_scale: Array
@@ -41,7 +47,12 @@ class Scales:
         return Scales(transitions.x.mean(axis=0), transitions.x.std(axis=0), transitions.increment[tick].std(axis=0))
 
     def condition(self, x: Array, zeta: Array) -> np.ndarray:
-        """What the heads are conditioned on, (..., 9) float32, from x (..., 5) and zeta (..., 4 or 5)."""
+        """What the heads are conditioned on, (..., 9) float32, from x (..., 5) and zeta (..., 4 or 5).
+
+        Args:
+            x: (..., 5) states in their units, order STATES.
+            zeta: (..., 4) or (..., 5) dimensionless coordinates of health.
+        """
         standard = (x - self.state_mean) / self.state_scale
         return np.concatenate([standard, zeta[..., :N_ZETA] / ZETA_SCALE], axis=-1).astype(np.float32)
 
@@ -240,13 +251,16 @@ class Audit:
     """Is the operator fit to be a filter's model? Each checkpoint is asked before it is used.
 
     Attributes:
-        residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation
-            recordings themselves.
-        slow_sd: (5,) sd of its one-minute means, the part that does not average out, in the recordings' second halves.
-        first_sd: (5,) the same at their beginning, where the running means have not yet seen what the metal has.
-        G_cosine, G_size: (4,) agreement of each health column of G with the plant's, over the
-            sensitivities of all states in units of the increments; 1 and 1 is perfect.
-        F_cosine: (5,) the same for the state columns of F - I.
+        residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation recordings themselves,
+            in the states' units squared.
+        slow_sd: (5,) sd of its one-minute means, the part that does not average out, in the recordings' second halves,
+            in the states' units.
+        first_sd: (5,) the same at their beginning, where the running means have not yet seen what the metal has, in the
+            states' units.
+        G_cosine: (4,) dimensionless agreement of the direction of each health column of G with the plant's, over the
+            sensitivities of all states in units of the increments; 1 is perfect.
+        G_size: (4,) dimensionless, the size of each over the plant's, likewise.
+        F_cosine: (5,) dimensionless, the same as G_cosine for the state columns of F - I.
     """
 
     residual_cov: Array
