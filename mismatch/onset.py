@@ -30,6 +30,9 @@ def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...]
     """For each recording the time from which an effect is there, s, or None if always.
 
     Minus infinity is from the beginning, infinity is not in this recording. One start for all effects.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
     """
     order = sorted(range(len(shown.variants)), key=lambda i: -shown.gain((i,)))
     terms = [i for i in order if problem.machine.candidates[shown.variants[i].candidate].mechanism.series is None]
@@ -124,7 +127,11 @@ def _on_from(share: float) -> Array:
 
 
 def settled_onsets(problem: Problem, z: Array) -> Problem:
-    """The problem with each start moved by a few seconds to where the fit is best."""
+    """The problem with each start moved by a few seconds to where the fit is best.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+    """
     since = list(problem.since)
     for r, track in enumerate(problem.tracks):
         if not np.isfinite(since[r]):
