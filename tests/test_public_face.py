@@ -16,10 +16,10 @@ import pytest
 import twinbench
 
 ROOT = Path(__file__).parents[1]
-HELD = ("physics", "data", "methods", "baselines", "mismatch", "bench.contract", "bench.statistics")
+HELD = ("common", "physics", "data", "methods", "baselines", "mismatch", "bench")
 """Rooms with all their modules, of which every public array is told."""
 ARRAY = re.compile(r"\b(ndarray|NDArray|ArrayLike|Tensor|Array)\b")
-CALLABLE = re.compile(r"Callable\[\[.*?\], [^]]*\]+")
+CALLABLE = re.compile(r"Callable\[(?:\[.*?\]|\.\.\.), [^]]*\]+")
 DIMENSION = r"(?:\.\.\.|[\w*'. ]+(?: [+x-] \w+)*)"
 SIZES = rf"\({DIMENSION},(?: {DIMENSION},?)*\)"
 SHAPE = re.compile(rf"{SIZES}|\bone per \w|\bany shape\b|\blikewise\b")

@@ -116,8 +116,8 @@ def parameter_violins(samples: Mapping[str, np.ndarray], per_sequence: Mapping[s
     """Fig. 5c: distribution of the mean relative parameter error over all test time.
 
     Args:
-        samples: per estimator, the four-parameter mean relative error in % at every stored instant.
-        per_sequence: per estimator, the time mean of each sequence, drawn as dots.
+        samples: (n,) per estimator, the four-parameter mean relative error in % at every stored instant.
+        per_sequence: (S,) per estimator, the time mean of each sequence in %, drawn as dots.
     """
     names = [n for n in ordered(samples) if np.isfinite(samples[n]).any()]
     figure = canvas(COLUMN_MM * 1.25, 16.0 + 9.5 * max(len(names), 1))
