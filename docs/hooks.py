@@ -41,15 +41,16 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """The commands' help in its place; of links to what the site does not hold, the text."""
+    """The commands' help in its place; of links to folders and pages that the site does not hold, the text."""
     docs = Path(config.docs_dir)
     here = docs / Path(page.file.src_uri).parent
 
     def kept(link: re.Match[str]) -> str:
         place = Path(os.path.normpath(here / link[2]))
-        return link[0] if place.is_relative_to(docs) or _is_taken(place, docs) else link[1]
+        left_out = place.exists() and not place.is_relative_to(docs) and not _is_taken(place, docs)
+        return link[1] if left_out else link[0]  # what is nowhere stays, for mkdocs to complain of
 
-    return OUTSIDE.sub(kept, markdown).replace(HELP, _help() if HELP in markdown else "")
+    return OUTSIDE.sub(kept, markdown).replace(HELP, commands_help() if HELP in markdown else "")
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
@@ -62,7 +63,8 @@ def _is_taken(place: Path, docs: Path) -> bool:
     return place.is_file() and place.suffix != ".md" and not place.is_relative_to(docs)
 
 
-def _help() -> str:
+def commands_help() -> str:
+    """A heading for every command, and below it what its ``--help`` says."""
     before, os.environ["COLUMNS"] = os.environ.get("COLUMNS"), WIDTH
     try:
         parser = build_parser()

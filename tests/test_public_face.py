@@ -5,6 +5,7 @@ The docstrings are read as the site reads them, by griffe.
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -14,6 +15,7 @@ import griffe
 import pytest
 
 import twinbench
+from twinbench.bench.cli.main import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 ARRAY = re.compile(r"\b(ndarray|NDArray|ArrayLike|Tensor|Array)\b")
@@ -116,6 +118,23 @@ def test_every_public_name_says_what_it_is(name: str) -> None:
         for member in own(target):
             said = any(docstrings(member)) or member.name in known
             assert said, f"{member.path}: tell it in the docstring"
+
+
+def test_the_reference_shows_every_public_name_where_it_is_defined() -> None:
+    page = (ROOT / "docs" / "api" / "twinbench.md").read_text(encoding="utf-8")
+    shown = re.findall(r"^::: (\S+)$", page, re.MULTILINE)
+    assert sorted(shown) == sorted(package()[name].final_target.path for name in twinbench.__all__)
+
+
+def test_the_reference_shows_the_help_of_every_command() -> None:
+    spec = importlib.util.spec_from_file_location("hooks", ROOT / "docs" / "hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    hooks = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(hooks)
+    assert hooks.HELP in (ROOT / "docs" / "api" / "commands.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## (.*)$", hooks.commands_help(), re.MULTILINE)
+    assert headings == ["twinbench", *(f"twinbench {name}" for name in COMMANDS)]
 
 
 @pytest.mark.parametrize("name", ["Simulator", "Mechanism"])
