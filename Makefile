@@ -22,7 +22,7 @@ lint: .venv/.ready-dev
 
 # The pages and the reference as a site in site/; a warning is an error.
 docs: .venv/.ready-dev
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 clean:
 	rm -rf .venv site results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
