@@ -89,8 +89,9 @@ def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -
     base = replace(problem, theta=switched(machine, problem.theta, variant, 0.0))
     knots = tuple(
         Unknown("size", "drift", at, -np.inf, np.inf, 0.0, np.inf, abs(typical(candidate)), r, j)
-        for r in range(len(problem.tracks)) for j in range(KNOTS)
-    )  # fmt: skip
+        for r in range(len(problem.tracks))
+        for j in range(KNOTS)
+    )
     free = replace(base, unknowns=(*problem.unknowns, *knots))
     residuals = base.residuals(z)
     wide = np.concatenate((z, np.zeros(len(knots))))

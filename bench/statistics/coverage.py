@@ -127,17 +127,39 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
             lost = group.index.get_level_values("sequence")[np.isnan(shares)]
             reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
             low, high = interval(weights @ shares, n)
-            table.append((
-                estimator, regime, quantity, float(shares @ ticks / ticks.sum()), low, high, n,
-                100 * LEVEL, *expected_band(n), "; ".join(filter(None, [failed.get(estimator), reason])),
-            ))  # fmt: skip
+            table.append(
+                (
+                    estimator,
+                    regime,
+                    quantity,
+                    float(shares @ ticks / ticks.sum()),
+                    low,
+                    high,
+                    n,
+                    100 * LEVEL,
+                    *expected_band(n),
+                    "; ".join(filter(None, [failed.get(estimator), reason])),
+                )
+            )
     missing = [name for name in failed if name not in set(rows["estimator"])]
     nothing = (np.nan, np.nan, np.nan, 0, 100 * LEVEL, np.nan, np.nan)
     table += [(name, "all", "mean", *nothing, failed[name]) for name in ordered(missing)]
-    return pd.DataFrame(table, columns=[
-        "estimator", "regime", "quantity", "coverage_pct", "low", "high", "n_sequences",
-        "expected_pct", "expected_low", "expected_high", "reason",
-    ])  # fmt: skip
+    return pd.DataFrame(
+        table,
+        columns=[
+            "estimator",
+            "regime",
+            "quantity",
+            "coverage_pct",
+            "low",
+            "high",
+            "n_sequences",
+            "expected_pct",
+            "expected_low",
+            "expected_high",
+            "reason",
+        ],
+    )
 
 
 def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:

@@ -88,8 +88,9 @@ class DeepONetKalman(Estimator):
         "inflation": (1.5, 10.0),
         "least_information": (0.03, 3.0),
     }
-    online = frozenset({*Settings._fields, "hampel", "update_every", "model_noise", "slow_error", "error_tau_s",
-                        "health_walk"})  # fmt: skip
+    online = frozenset(
+        {*Settings._fields, "hampel", "update_every", "model_noise", "slow_error", "error_tau_s", "health_walk"}
+    )
     ablations: ClassVar[dict[str, dict[str, Any]]] = {
         "no_covariance_adaptation": {"q_gain": 0.0, "r_gain": 0.0},
         "no_feasibility": {"feasibility": 0.0},

@@ -90,9 +90,13 @@ class _Examples:
     """Transitions as tensors, ready to be drawn by window."""
 
     def __init__(
-        self, source: WindowSource, transitions: Transitions, slopes: Slopes | None, scales: Scales,
+        self,
+        source: WindowSource,
+        transitions: Transitions,
+        slopes: Slopes | None,
+        scales: Scales,
         conditioned: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         def tensor(values: Array) -> Tensor:
             return torch.from_numpy(values.astype(np.float32))
 
@@ -120,9 +124,14 @@ class _Examples:
 
 
 def fit_operator(
-    operator: Operator, source: WindowSource, transitions: Transitions, scales: Scales, rng: np.random.Generator,
-    recipe: Recipe, slopes: Slopes | None = None,
-) -> list[float]:  # fmt: skip
+    operator: Operator,
+    source: WindowSource,
+    transitions: Transitions,
+    scales: Scales,
+    rng: np.random.Generator,
+    recipe: Recipe,
+    slopes: Slopes | None = None,
+) -> list[float]:
     """Minimise Eq. (4); every iteration draws windows with all their transitions.
 
     Args:

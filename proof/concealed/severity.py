@@ -42,11 +42,23 @@ class Take:
         return self.name.startswith("held")
 
 
-def readings(machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float,
-             substeps: int) -> Array:  # fmt: skip
+def readings(
+    machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float, substeps: int
+) -> Array:
     """Clean readings (N, ny) of one take under inputs u."""
-    return run(machine.law, machine.reading, len(machine.outputs), take.start_s, machine.period_s, substeps, u, x0,
-               before, after, onset_s)[0]  # fmt: skip
+    return run(
+        machine.law,
+        machine.reading,
+        len(machine.outputs),
+        take.start_s,
+        machine.period_s,
+        substeps,
+        u,
+        x0,
+        before,
+        after,
+        onset_s,
+    )[0]
 
 
 class Yardstick:

@@ -70,10 +70,22 @@ def toy() -> tuple[Batch, Estimates]:
     batch = Batch(names, time_s, np.zeros((RUNS, TICKS, 7)), Truth(X[..., :5], X[..., 5:], X[..., :3], inputs))
     origins = [9, 29]
     exact = Estimates(
-        "exact", 0, names, time_s, M, M - half_, M + half_, N, np.full(N.shape, 3, dtype=np.int8),
-        np.zeros(N.shape, dtype=np.int16), time_s[origins], np.array([1.0]), np.zeros((RUNS, 2, 1, 3)),
-        M[:, origins], np.stack([covs[k] for k in origins], axis=1),
-    )  # fmt: skip
+        "exact",
+        0,
+        names,
+        time_s,
+        M,
+        M - half_,
+        M + half_,
+        N,
+        np.full(N.shape, 3, dtype=np.int8),
+        np.zeros(N.shape, dtype=np.int16),
+        time_s[origins],
+        np.array([1.0]),
+        np.zeros((RUNS, 2, 1, 3)),
+        M[:, origins],
+        np.stack([covs[k] for k in origins], axis=1),
+    )
     return batch, exact
 
 

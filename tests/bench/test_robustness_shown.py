@@ -24,8 +24,10 @@ def scores() -> pd.DataFrame:
                 continue
             for metric in (*METRICS, "parameter_after_pct"):
                 hurt = 3.0 if condition == "stuck m_flow_kg_s" and metric == "parameter_after_pct" else 1.0
-                rows += [(name, 0, group, condition, f"s{i}", metric, noise * hurt * (1 + 0.01 * rng.random()))
-                         for i in range(3)]  # fmt: skip
+                rows += [
+                    (name, 0, group, condition, f"s{i}", metric, noise * hurt * (1 + 0.01 * rng.random()))
+                    for i in range(3)
+                ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

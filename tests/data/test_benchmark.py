@@ -34,8 +34,10 @@ def parts(split):
 
 def test_the_papers_numbers(split):
     assert {part: b.measured.shape for part, b in parts(split).items()} == {
-        "train": (26, 30_000, 7), "validation": (6, 30_000, 7), "test": (10, 30_000, 7),
-    }  # fmt: skip
+        "train": (26, 30_000, 7),
+        "validation": (6, 30_000, 7),
+        "test": (10, 30_000, 7),
+    }
     for batch in parts(split).values():
         assert batch.truth.estimated.shape == (len(batch), 30_000, len(ESTIMATED))
         assert batch.truth.outputs.shape == (len(batch), 30_000, len(OUTPUTS))

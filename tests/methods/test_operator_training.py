@@ -239,8 +239,10 @@ def test_augmentation_is_what_sensors_do(train):
     change = (noisy.values - plain.values).numpy()
     p_suc, p_dis = (CHANNELS.index(c) for c in PRESSURES)
     # The drift of the two pressures is one and the same share of the reading.
-    share = [(change[:, 1:, c] * scale[c]).mean(axis=1) / (plain.values[:, 1:, c].numpy() * scale[c] + mean[c]).mean(
-        axis=1) for c in (p_suc, p_dis)]  # fmt: skip
+    share = [
+        (change[:, 1:, c] * scale[c]).mean(axis=1) / (plain.values[:, 1:, c].numpy() * scale[c] + mean[c]).mean(axis=1)
+        for c in (p_suc, p_dis)
+    ]
     assert np.corrcoef(share)[0, 1] > 0.9
     silent = (plain.masks - noisy.masks).numpy()
     gappy = np.delete(silent, FLOW, axis=2).any(axis=(1, 2))

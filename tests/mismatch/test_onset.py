@@ -37,8 +37,9 @@ def starts(*since_s: float):
         theta[MOTOR.index(name)] = value
     unknowns = tuple(
         Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, 10.0 * v.scale, 0.2 * v.scale, r)
-        for r in range(len(tracks)) for i, v in enumerate(MOTOR.states)
-    )  # fmt: skip
+        for r in range(len(tracks))
+        for i, v in enumerate(MOTOR.states)
+    )
     problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((3, 0)), FLOOR))
     problem = replace(problem, theta=theta)
     shown = picture(problem, problem.z0, variants(machine.candidates))
@@ -77,6 +78,7 @@ def test_what_begins_in_no_recording_has_no_time_but_is_told_recording_by_record
     assert told_onsets((np.inf, -np.inf), tracks) == (Onset("monday", "not"), Onset("friday", "throughout"))
     late = replace(tracks[1], time_s=tracks[1].time_s + 100.0)
     assert told_onsets((-np.inf, 107.0), (tracks[0], late)) == (
-        Onset("monday", "throughout"), Onset("friday", "from", 107.0, 7.0),
-    )  # fmt: skip
+        Onset("monday", "throughout"),
+        Onset("friday", "from", 107.0, 7.0),
+    )
     assert told_onsets((-np.inf, -np.inf), tracks) == ()

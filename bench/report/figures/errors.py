@@ -53,9 +53,17 @@ def _group(axes: Axes, group: int, names: list[str], summary: Summary, metric: s
         # An interval may be unknown (one sequence) or reach below zero, which a log axis cannot show.
         spread = np.nan_to_num([[mean - max(low, 1e-3 * mean)], [high - mean]]).clip(0)
         axes.errorbar(
-            group + offset, mean, yerr=spread, color=look.colour, marker=look.marker, markersize=5,
-            markerfacecolor=face(name, look), linewidth=1.2, capsize=2, capthick=0.9,
-        )  # fmt: skip
+            group + offset,
+            mean,
+            yerr=spread,
+            color=look.colour,
+            marker=look.marker,
+            markersize=5,
+            markerfacecolor=face(name, look),
+            linewidth=1.2,
+            capsize=2,
+            capthick=0.9,
+        )
         if name == REFERENCE:
             axes.hlines(mean, group - 0.44, group + 0.44, color=INK, linewidth=0.7, linestyles="--", zorder=1)
 
@@ -105,8 +113,14 @@ def critical_difference(
             axes.plot([mean_ranks[name]] * 2 + [end], [0, y, y], color=look[name].colour, linewidth=1.1)
             axes.plot(mean_ranks[name], 0, look[name].marker, color=look[name].colour, markersize=5, clip_on=False)
             weight = "bold" if name == PROPOSED else "normal"
-            axes.text(end + 0.08 * side, y, f"{label(name)}  {mean_ranks[name]:.2f}",
-                      ha="right" if side < 0 else "left", va="center", weight=weight)  # fmt: skip
+            axes.text(
+                end + 0.08 * side,
+                y,
+                f"{label(name)}  {mean_ranks[name]:.2f}",
+                ha="right" if side < 0 else "left",
+                va="center",
+                weight=weight,
+            )
     axes.text((1 + top) / 2, depth + 0.55, says, color=MUTED, ha="center", va="center")
     return figure
 

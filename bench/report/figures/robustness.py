@@ -65,9 +65,15 @@ def beyond_the_envelope(table: pd.DataFrame) -> Figure:
             means = _means(table, estimator, metric)
             values = [means.get(names[b], np.nan) for b in BEYOND]
             axes.plot(
-                [100.0 * b for b in BEYOND], values, color=colour, marker=marker, linestyle=line, linewidth=1.4,
-                markersize=4.5, label=says,
-            )  # fmt: skip
+                [100.0 * b for b in BEYOND],
+                values,
+                color=colour,
+                marker=marker,
+                linestyle=line,
+                linewidth=1.4,
+                markersize=4.5,
+                label=says,
+            )
     left.axhline(RIGHT_PCT, color=MUTED, linewidth=0.8, linestyle="--")
     left.set_ylabel("95 % interval holds, %")
     right.set_ylabel("parameter error, %")
@@ -89,9 +95,15 @@ def after_faults(table: pd.DataFrame) -> Figure:
         means = _means(table, name, "parameter_after_pct")
         share = np.array([means.get(f.name, np.nan) for f in FAULTS]) / means.get(UNDISTURBED.name, np.nan)
         axes.plot(
-            share, rows + offset, linestyle="none", color=look.colour, marker=look.marker, markersize=4.5,
-            markerfacecolor=face(name, look), label=label(name),
-        )  # fmt: skip
+            share,
+            rows + offset,
+            linestyle="none",
+            color=look.colour,
+            marker=look.marker,
+            markersize=4.5,
+            markerfacecolor=face(name, look),
+            label=label(name),
+        )
     axes.axvline(1.0, color=INK, linewidth=0.8, linestyle="--")
     for edge in rows[:-1] + 0.5:
         axes.axhline(edge, color=FAINT, linewidth=0.6)
