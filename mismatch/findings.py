@@ -106,8 +106,8 @@ def stuck(d: Diagnosis) -> Iterator[Finding]:
         name, port = f"sensor_stuck@{v.name}", f"output:{v.name}"
         where = listed(
             [
-                f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while the "
-                f"simulator says that it moved by {with_unit(s.moved, v.unit)}"
+                f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while "
+                f"the simulator says that it moved by {with_unit(s.moved, v.unit)}"
                 for s in stretches
             ]
         )

@@ -65,7 +65,8 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
             "Weight of the explanations that have an effect there, among all that were fitted. Each of several effects "
             "has a port, so the bars may sum to more than 100 %."
             if d.chosen is not None
-            else "Probability that the difference enters there, from how much a free force at each port alone would explain."
+            else "Probability that the difference enters there, from how much a free force at each port alone would "
+            "explain."
         )
         + " Below 1 %: not shown.",
         partial(ports, located.ports) if located else None,

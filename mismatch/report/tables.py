@@ -80,8 +80,8 @@ def _errors(errors: Sequence[OutputError]) -> Listing:
             "Error: root mean square of measured minus simulated, open loop, reading by reading.",
             "Before: the simulator with its own parameters fitted. After: with what was found added. So the change is "
             "what was found, not what was merely set wrong.",
-            "Sensor's scatter: its noise from reading to reading. Slow noise does not show in that, so all its noise is "
-            "this or more.",
+            "Sensor's scatter: its noise from reading to reading. Slow noise does not show in that, so all its noise "
+            "is this or more.",
         ),
         "No output was measured.",
     )
@@ -165,8 +165,8 @@ def _explanations(d: Diagnosis) -> Listing:
         ("standing",),
         rows,
         (
-            "Gain: over the calibrated simulator, twice the log-likelihood. Had to gain: what noise alone could with as "
-            "many effects.",
+            "Gain: over the calibrated simulator, twice the log-likelihood. Had to gain: what noise alone could with "
+            "as many effects.",
         ),
         "None: no candidate promised enough.",
     )
