@@ -70,13 +70,13 @@ class Recipe:
     refinement: int = 0
 
 
-def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
+def feasibility(x_next: Tensor, suction: Tensor) -> Tensor:
     """Penalty of Eq. (4) on what no compressor does, mean over the batch.
 
     Negative flow, gas leaving colder than it entered, a pressure ratio outside the simulated range.
 
     Args:
-        x, x_next: (B, 5) states in physical units.
+        x_next: (B, 5) states in physical units.
         suction: (B, 2) suction pressure in bar and temperature in K.
     """
     flow = torch.relu(-x_next[:, 4])
@@ -161,7 +161,7 @@ def fit_operator(
         value = value + recipe.smoothness * rate.square().mean()
         suction = query[:, [3, 2]] * examples.q_scale[[3, 2]] + examples.q_mean[[3, 2]]
         state = examples.state[rows]
-        infeasible = feasibility(state, state + predicted * examples.increment, suction)
+        infeasible = feasibility(state + predicted * examples.increment, suction)
         value = value + recipe.feasibility * infeasible
         if recipe.sobolev:
             some = slice(0, len(rows), 3)
