@@ -155,10 +155,22 @@ def _tick(  # type: ignore[no-untyped-def]
 
 
 def _tick_filterpy(
-    rhs: Any, output: Any, model: Filter, z: Array, P: Array, started: np.ndarray, u_before: Array, u: Array,
-    u_sd: Array, measured: Array, health: Array, slope: Array, white: Array, coloured: Array,
+    rhs: Any,
+    output: Any,
+    model: Filter,
+    z: Array,
+    P: Array,
+    started: np.ndarray,
+    u_before: Array,
+    u: Array,
+    u_sd: Array,
+    measured: Array,
+    health: Array,
+    slope: Array,
+    white: Array,
+    coloured: Array,
     info: tuple[Array, Array, Array],
-) -> None:  # fmt: skip
+) -> None:
     """As ``_tick``, by filterpy: the peer that it must equal and is timed against."""
     innovation, S, nis = info
     for b in range(z.shape[0]):
@@ -250,9 +262,22 @@ class ModelEKF(Estimator):
         tick = _tick_filterpy if self.config["implementation"] == "filterpy" else _tick
         rhs, output = as_argument(equations.rhs), as_argument(equations.output)
         tick(
-            rhs, output, self._model, z, P, started, u_before, u, input_sd(clean.filled),
-            measured, health, slope, white, coloured, info,
-        )  # fmt: skip
+            rhs,
+            output,
+            self._model,
+            z,
+            P,
+            started,
+            u_before,
+            u,
+            input_sd(clean.filled),
+            measured,
+            health,
+            slope,
+            white,
+            coloured,
+            info,
+        )
         reported = self._report(z, P, (started, *after))
         return reported, Info(*info, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
 

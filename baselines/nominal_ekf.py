@@ -24,8 +24,12 @@ class NominalEKF(ModelEKF):
     says = "extended Kalman filter with the recalibrated reduced-order model"
     implementations = ("compiled", "filterpy")
     settings: ClassVar[dict[str, Any]] = {
-        **ModelEKF.settings, "substeps": 1, "calibration_minutes": 8.0, "health_walk": 2.126, "state_walk": 126.8,
-    }  # fmt: skip
+        **ModelEKF.settings,
+        "substeps": 1,
+        "calibration_minutes": 8.0,
+        "health_walk": 2.126,
+        "state_walk": 126.8,
+    }
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Recalibrate the model's constants, then as the base class."""

@@ -28,9 +28,13 @@ class NominalEKFMended(ModelEKF):
     name = "nominal_ekf_mended"
     says = "the nominal EKF after the mismatch engine has mended its model"
     settings: ClassVar[dict[str, Any]] = {
-        **NominalEKF.settings, "recordings": 6, "hold_out": 2, "recording_minutes": 10.0,
-        "health_walk": 1.275, "state_walk": 9.445,
-    }  # fmt: skip
+        **NominalEKF.settings,
+        "recordings": 6,
+        "hold_out": 2,
+        "recording_minutes": 10.0,
+        "health_walk": 1.275,
+        "state_walk": 9.445,
+    }
     search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "recording_minutes": [10.0, 25.0]}
     contract_settings: ClassVar[dict[str, Any]] = {"recordings": 1, "hold_out": 1, "recording_minutes": 1.0}
 

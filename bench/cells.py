@@ -65,9 +65,12 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
     whole = {**kind.settings, **own}
     learnt = {name: value for name, value in whole.items() if name not in kind.online}
     fit = key_of(
-        estimator=kind.ablation_of or kind.name, settings=learnt, seed=seed if kind.draws else None,
-        code=code_version(kind.__module__), data=data,
-    )  # fmt: skip
+        estimator=kind.ablation_of or kind.name,
+        settings=learnt,
+        seed=seed if kind.draws else None,
+        code=code_version(kind.__module__),
+        data=data,
+    )
     evaluation = asdict(profile.evaluation)
     code = code_version("twinbench.bench.evaluate")
     estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code)
@@ -216,10 +219,12 @@ def _whole(batch: Batch) -> Batch:
     assert batch.truth is not None
     leading = (len(batch.names), len(batch.time_s))
     shapes = {
-        "measured": (batch.measured, len(CHANNELS)), "health": (batch.truth.health, len(HEALTH)),
-        "outputs": (batch.truth.outputs, len(OUTPUTS)), "inputs": (batch.truth.inputs, len(INPUTS)),
+        "measured": (batch.measured, len(CHANNELS)),
+        "health": (batch.truth.health, len(HEALTH)),
+        "outputs": (batch.truth.outputs, len(OUTPUTS)),
+        "inputs": (batch.truth.inputs, len(INPUTS)),
         "states": (batch.truth.states, batch.truth.states.shape[-1]),
-    }  # fmt: skip
+    }
     for name, (array, width) in shapes.items():
         if array.shape != (*leading, width):
             raise ValueError(f"{name} has shape {array.shape}, must have {(*leading, width)}")

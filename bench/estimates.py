@@ -79,10 +79,16 @@ class Estimates:
         ticks, n = (len(self.names), len(self.time_s)), len(ESTIMATED)
         origins = (len(self.names), len(self.forecast_time_s))
         shapes = {
-            "mean": (*ticks, n), "low": (*ticks, n), "high": (*ticks, n), "nis": ticks, "nis_dof": ticks,
-            "flags": ticks, "forecast": (*origins, len(self.leads_s), len(OUTPUTS)), "mean_at_origin": (*origins, n),
+            "mean": (*ticks, n),
+            "low": (*ticks, n),
+            "high": (*ticks, n),
+            "nis": ticks,
+            "nis_dof": ticks,
+            "flags": ticks,
+            "forecast": (*origins, len(self.leads_s), len(OUTPUTS)),
+            "mean_at_origin": (*origins, n),
             "cov_at_origin": (*origins, n, n),
-        }  # fmt: skip
+        }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, must have {shape}")

@@ -49,9 +49,22 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
             at += 1
     _check_finite(estimator, batch.time_s[stored], mean, low, high)
     return Estimates(
-        estimator.name, seed, batch.names, batch.time_s[stored], mean, low, high, nis, dof, flags,
-        batch.time_s[origins], np.array(evaluation.leads_s), forecast, origin_mean, origin_cov,
-    )  # fmt: skip
+        estimator.name,
+        seed,
+        batch.names,
+        batch.time_s[stored],
+        mean,
+        low,
+        high,
+        nis,
+        dof,
+        flags,
+        batch.time_s[origins],
+        np.array(evaluation.leads_s),
+        forecast,
+        origin_mean,
+        origin_cov,
+    )
 
 
 def _check_finite(estimator: Estimator, time_s: Array, *bounds: np.ndarray) -> None:

@@ -25,13 +25,18 @@ from twinbench.data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Cond
 
 COLUMNS = list(HARDER)
 METRICS = (
-    *STATE_ERRORS, *FORECAST_ERRORS,
-    "parameter_error_pct", "coverage95_pct", "nis_ratio",
-)  # fmt: skip
+    *STATE_ERRORS,
+    *FORECAST_ERRORS,
+    "parameter_error_pct",
+    "coverage95_pct",
+    "nis_ratio",
+)
 AFTERWARDS = {
-    "p_nrmse_pct": "p_after_pct", "T_nrmse_pct": "T_after_pct", "m_nrmse_pct": "m_after_pct",
+    "p_nrmse_pct": "p_after_pct",
+    "T_nrmse_pct": "T_after_pct",
+    "m_nrmse_pct": "m_after_pct",
     "parameter_error_pct": "parameter_after_pct",
-}  # fmt: skip
+}
 """Scores of the time after a fault, and what they are called."""
 RECOVERY_S = 60.0
 """After a fault's end an estimate has so long to be as good again as without the fault."""

@@ -87,9 +87,17 @@ def write_regimes(out: Path, before: Earlier, todo: Iterable[Cell]) -> None:
 
 
 def write_manifest(
-    out: Path, before: Earlier, profile: Profile, todo: list[Cell], unchanged: set[str], good: list[Cell],
-    takes: list[Take], robust: bool, command: str, walls: dict[str, float],
-) -> None:  # fmt: skip
+    out: Path,
+    before: Earlier,
+    profile: Profile,
+    todo: list[Cell],
+    unchanged: set[str],
+    good: list[Cell],
+    takes: list[Take],
+    robust: bool,
+    command: str,
+    walls: dict[str, float],
+) -> None:
     """``manifest.json``, last: what it does not name has not been finished."""
     about = provenance()
     names = {c.estimator for c in todo}

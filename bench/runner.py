@@ -97,8 +97,13 @@ def run(
                         results.append(result)
                         going.step()
                         if isinstance(result, Outcome):
-                            log.info("%s: %s, seed %d: %s", name, result.cell.estimator, result.cell.seed,
-                                     result.reason or "done")  # fmt: skip
+                            log.info(
+                                "%s: %s, seed %d: %s",
+                                name,
+                                result.cell.estimator,
+                                result.cell.seed,
+                                result.reason or "done",
+                            )
                 walls[name] = round(time.perf_counter() - start, 2)
                 return results
 
@@ -229,14 +234,18 @@ def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store
     others = before.others({c.estimator for c in todo})
     beside = ordered(name for name in others if not is_ablation(name))
     console.print(
-        f"profile {profile.name}: {', '.join(map(label, names))}" + (f"; {parts} ablations" if parts else "")
+        f"profile {profile.name}: {', '.join(map(label, names))}"
+        + (f"; {parts} ablations" if parts else "")
         + f"; seeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
         f"tested on {data.n_test} others\n"
-        f"results in {out}" + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else "")
+        f"results in {out}"
+        + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else "")
         + (f"; beside {', '.join(map(label, beside))}, whose rows stay" if beside else ""),
-        highlight=False, markup=False, soft_wrap=True,
-    )  # fmt: skip
+        highlight=False,
+        markup=False,
+        soft_wrap=True,
+    )
 
 
 @contextlib.contextmanager

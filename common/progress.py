@@ -94,10 +94,16 @@ class Progress:
         # With --verbose there are lines on stderr that a bar would tear apart.
         drawn = self.console.is_terminal and not log.isEnabledFor(logging.INFO)
         self._bars = (
-            Bars(TextColumn("{task.description:>15}"), BarColumn(), TextColumn("{task.fields[status]}"),
-                 console=self.console, auto_refresh=False)
-            if drawn else None
-        )  # fmt: skip
+            Bars(
+                TextColumn("{task.description:>15}"),
+                BarColumn(),
+                TextColumn("{task.fields[status]}"),
+                console=self.console,
+                auto_refresh=False,
+            )
+            if drawn
+            else None
+        )
 
     def __enter__(self) -> Progress:
         if self._bars:

@@ -31,9 +31,12 @@ class DesignConfig:
 
     def __post_init__(self) -> None:
         for name, low, high in (
-            ("n_train", 1, 1000), ("n_validation", 1, 1000), ("n_test", 1, 1000),
-            ("minutes", 1.0, 600.0), ("warmup_minutes", 0.0, 60.0),
-        ):  # fmt: skip
+            ("n_train", 1, 1000),
+            ("n_validation", 1, 1000),
+            ("n_test", 1, 1000),
+            ("minutes", 1.0, 600.0),
+            ("warmup_minutes", 0.0, 60.0),
+        ):
             value = getattr(self, name)
             if not low <= value <= high:
                 raise BadInput(f"design: {name} is {value}, must lie in [{low}, {high}]")

@@ -74,12 +74,15 @@ class Condition:
 UNDISTURBED = Condition("fault", "none")
 """What the time after a fault is compared with."""
 CONDITIONS = (
-    *(Condition("noise and dropout", f"noise {n:g}, dropout {d:g}", Corruption(noise=n, dropout=d))
-      for n in NOISE_LEVELS for d in DROPOUT_LEVELS),
+    *(
+        Condition("noise and dropout", f"noise {n:g}, dropout {d:g}", Corruption(noise=n, dropout=d))
+        for n in NOISE_LEVELS
+        for d in DROPOUT_LEVELS
+    ),
     *(Condition("pace", f"wear at pace {p:g}", pace=p) for p in PACES),
     *(Condition("envelope", f"loads {b:.0%} beyond", beyond=b) for b in BEYOND),
     *(Condition("fault", f.name, fault=f) for f in FAULTS),
-)  # fmt: skip
+)
 
 
 def simulate_condition(config: DesignConfig, condition: Condition) -> Batch:
@@ -100,10 +103,11 @@ def _harder(scenario: Scenario, condition: Condition) -> Scenario:
         replace(c, finish_s=c.begin_s + (c.finish_s - c.begin_s) / condition.pace) for c in scenario.changes
     )
     return replace(
-        scenario, changes=changes,
+        scenario,
+        changes=changes,
         N_rpm=_stretched(scenario.N_rpm, N_LIMITS_RPM, condition.beyond),
         ratio=_stretched(scenario.ratio, RATIO_LIMITS, condition.beyond),
-    )  # fmt: skip
+    )
 
 
 def _stretched(knots: Array, limits: tuple[float, float], beyond: float) -> Array:

@@ -38,12 +38,14 @@ def load_ramps(seed: int, level: Corruption = Corruption()) -> Batch:
     scenarios = []
     for name, ratio, speed, ramp_s in zip(RAMP_NAMES, RAMPS, SPEEDS_RPM, RAMP_S, strict=True):
         still = draw(name, "none", seed, RAMP_MINUTES, WARMUP_MINUTES, False, MIDDLE)
-        scenarios.append(replace(
-            still,
-            N_rpm=_ramp(speed, warm + RAMP_BEGINS_S, ramp_s),
-            ratio=_ramp(ratio, warm + RAMP_BEGINS_S, ramp_s),
-            p_suc_bar=np.array([[0.0, 0.95], [still.seconds, 0.95]]),
-        ))  # fmt: skip
+        scenarios.append(
+            replace(
+                still,
+                N_rpm=_ramp(speed, warm + RAMP_BEGINS_S, ramp_s),
+                ratio=_ramp(ratio, warm + RAMP_BEGINS_S, ramp_s),
+                p_suc_bar=np.array([[0.0, 0.95], [still.seconds, 0.95]]),
+            )
+        )
     return run(tuple(scenarios), WARMUP_MINUTES, level)
 
 

@@ -12,11 +12,13 @@ def rhs(x, u, theta):
     voltage, load = u
     R_ohm, L_H, K_Nm_A, J_kg_m2, b_Nms, C_J_K, G_W_K, T_amb_K = theta
     R = R_ohm * (1.0 + COPPER_1_K * (winding - 293.0))
-    return np.array([
-        (voltage - R * current - K_Nm_A * omega) / L_H,
-        (K_Nm_A * current - b_Nms * omega - load) / J_kg_m2,
-        (R * current**2 - G_W_K * (winding - T_amb_K)) / C_J_K,
-    ])  # fmt: skip
+    return np.array(
+        [
+            (voltage - R * current - K_Nm_A * omega) / L_H,
+            (K_Nm_A * current - b_Nms * omega - load) / J_kg_m2,
+            (R * current**2 - G_W_K * (winding - T_amb_K)) / C_J_K,
+        ]
+    )
 
 
 def output(x, u, theta):

@@ -217,12 +217,17 @@ class Estimator(ABC):
 def ablated(kind: type[Estimator], ablation: str) -> type[Estimator]:
     """An estimator without one of its parts, under the name ``estimator:ablation``."""
     return type(
-        kind.__name__, (kind,), {
-            "name": f"{kind.name}:{ablation}", "ablation_of": kind.name, "ablations": {},
-            "left_out": kind.ablations[ablation], "settings": {**kind.settings, **kind.ablations[ablation]},
+        kind.__name__,
+        (kind,),
+        {
+            "name": f"{kind.name}:{ablation}",
+            "ablation_of": kind.name,
+            "ablations": {},
+            "left_out": kind.ablations[ablation],
+            "settings": {**kind.settings, **kind.ablations[ablation]},
             "__module__": kind.__module__,
         },
-    )  # fmt: skip
+    )
 
 
 REGISTRY: dict[str, type[Estimator]] = {}

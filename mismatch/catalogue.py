@@ -17,10 +17,13 @@ from twinbench.physics.compose import plain_rhs
 from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 TEMPERATURES = {
-    "K": (240.0, 325.0, 295.0), "kelvin": (240.0, 325.0, 295.0),
-    "degC": (-30.0, 50.0, 20.0), "°C": (-30.0, 50.0, 20.0), "celsius": (-30.0, 50.0, 20.0),
+    "K": (240.0, 325.0, 295.0),
+    "kelvin": (240.0, 325.0, 295.0),
+    "degC": (-30.0, 50.0, 20.0),
+    "°C": (-30.0, 50.0, 20.0),
+    "celsius": (-30.0, 50.0, 20.0),
     "degF": (-20.0, 120.0, 70.0),
-}  # fmt: skip
+}
 """Units of temperature, and in each a cold, a hot and a common ambient."""
 AMBIENT = re.compile(r"(?<![a-z])t?amb(ient)?(?![a-z])")
 """Names of an ambient temperature: T_amb_K, Tamb, ambient; not T_chamber_K."""
@@ -97,10 +100,12 @@ def _by_nature(p: Place, simulator: Simulator, places: list[Place], moves: bool)
     else:
         before = [q for q in places[: p.index] if q.variable.unit == v.unit and q.variable.low >= 0.0]
         return [
-            effects.leak(p), effects.linear(p, "linear_leak", "a leak"),
-            effects.quadratic(p, "quadratic_leak", "a leak"), effects.overflow(p),
+            effects.leak(p),
+            effects.linear(p, "linear_leak", "a leak"),
+            effects.quadratic(p, "quadratic_leak", "a leak"),
+            effects.overflow(p),
             *(effects.spill(p, q) for q in before[-1:] if v.unit in CONTENTS),
-        ]  # fmt: skip
+        ]
     found = [
         make(p, name, word)
         for make, name, word in zip(

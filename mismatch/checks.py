@@ -90,9 +90,15 @@ def residual_tests(
             rho = np.array([np.mean(e[k:] * e[:-k]) for k in range(1, LAGS + 1)]) / np.mean(e**2)
             box = float(len(e) * np.sum(rho**2))
             found.append(
-                Test("whiteness", track.name, variable.name, box, float(chi2.sf(box, LAGS)),
-                     f"residual of {variable.name} remembers itself; {ratio:.3g} times the noise floor's variance")
-            )  # fmt: skip
+                Test(
+                    "whiteness",
+                    track.name,
+                    variable.name,
+                    box,
+                    float(chi2.sf(box, LAGS)),
+                    f"residual of {variable.name} remembers itself; {ratio:.3g} times the noise floor's variance",
+                )
+            )
             for i, source in enumerate(simulator.inputs):
                 u = np.array([track.u[k, i] for k in track.starts])[np.isfinite(white[:, c])]
                 if np.ptp(u) == 0.0:

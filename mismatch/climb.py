@@ -38,9 +38,11 @@ def gross(problem: Problem, z: Array, floor: Array) -> bool:
 
 
 def climb(
-    before: Explanation, choices: Sequence[Variant], pairs: bool = True,
+    before: Explanation,
+    choices: Sequence[Variant],
+    pairs: bool = True,
     advance: Callable[[float], None] = lambda share: None,
-) -> list[Explanation]:  # fmt: skip
+) -> list[Explanation]:
     """Sets of effects that explain the recordings, best first: of physics alone, and of physics and faults.
 
     Errors so large are missing physics more often than not, and a flexible fault may stand in for it on the way.
@@ -65,9 +67,14 @@ def _goes_by_clock(candidate: Candidate) -> bool:
 
 
 def _grown(
-    before: Explanation, choices: Sequence[Variant], candidates: Sequence[int], effects: int, most: int,
-    restarts: int, advance: Callable[[float], None],
-) -> list[Explanation]:  # fmt: skip
+    before: Explanation,
+    choices: Sequence[Variant],
+    candidates: Sequence[int],
+    effects: int,
+    most: int,
+    restarts: int,
+    advance: Callable[[float], None],
+) -> list[Explanation]:
     """Add one effect after the other to the best few sets of each size; the sets that were kept, of all sizes."""
     listed = before.problem.machine.candidates
     names = [c.name for c in listed]
@@ -76,9 +83,10 @@ def _grown(
     for size in range(effects):
         sets = {
             frozenset((*parent.names, names[j])): (parent, j)
-            for parent in kept[::-1] for j in candidates
+            for parent in kept[::-1]
+            for j in candidates
             if listed[j].family not in {listed[v.candidate].family for v in parent.chosen}
-        }  # fmt: skip
+        }
         begun = []
         for done, (parent, j) in enumerate(sets.values()):
             advance((size + done / len(sets)) / effects)

@@ -102,8 +102,17 @@ def hysteresis(p: Place) -> Mechanism:
     reach = p.shape("hysteresis", "travel", unit, 0.05 * travel, 5.0 * travel, 0.5 * travel, "travel to full force")
     own = Variable(f"hysteresis_force_{p.name}", "1", -1.0, 1.0, 0.0, 0.5, "hysteretic force over its largest")
     # Over a short travel it is dry friction.
-    return p.add("hysteresis", says, "-{0} z, z' = ({x} - |{x}| z)/{1}", term, size, reach,
-                 states=(own,), derivative=derivative, contains=f"coulomb_friction@{p.name}")  # fmt: skip
+    return p.add(
+        "hysteresis",
+        says,
+        "-{0} z, z' = ({x} - |{x}| z)/{1}",
+        term,
+        size,
+        reach,
+        states=(own,),
+        derivative=derivative,
+        contains=f"coulomb_friction@{p.name}",
+    )
 
 
 def hardening_spring(p: Place, position: int, of: Variable) -> Mechanism:
@@ -211,8 +220,16 @@ def second_thermal_mass(p: Place) -> Mechanism:
     size = p.size("second_thermal_mass", "1/s", v.scale)
     tau = p.shape("second_thermal_mass", "tau_s", "s", p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s, "its time constant")
     own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
-    mechanism = p.add("second_thermal_mass", says, "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}", term, size, tau,
-                      states=(own,), derivative=derivative)  # fmt: skip
+    mechanism = p.add(
+        "second_thermal_mass",
+        says,
+        "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}",
+        term,
+        size,
+        tau,
+        states=(own,),
+        derivative=derivative,
+    )
     return replace(mechanism, initial=initial)
 
 
@@ -231,8 +248,9 @@ def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Mechanis
     period = p.shape("periodic", "period_s", "s", least, greatest, typical, "period")
     phase = p.shape("periodic", "phase", "rad", -math.pi, math.pi, 0.0, "phase when the recordings' clock began")
     clock = Variable(f"{CLOCK}_{p.name}", "s", -math.inf, math.inf, 0.0, p.tau_s, "time by the recordings' clock")
-    return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase,
-                 states=(clock,), derivative=derivative)  # fmt: skip
+    return p.add(
+        "periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, states=(clock,), derivative=derivative
+    )
 
 
 def dead_zone(index: int, v: Variable) -> Mechanism:

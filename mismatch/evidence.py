@@ -53,9 +53,15 @@ def output_errors(d: Diagnosis) -> tuple[OutputError, ...]:
     """Errors where it learnt, then on what was held out; before is after where nothing was accepted."""
     after = d.chosen or d.before
     whole = [
-        (False, d.tracks, learnt_rmse(d.before), learnt_rmse(after), d.before.problem.residuals(d.before.z),
-         after.problem.residuals(after.z))
-    ]  # fmt: skip
+        (
+            False,
+            d.tracks,
+            learnt_rmse(d.before),
+            learnt_rmse(after),
+            d.before.problem.residuals(d.before.z),
+            after.problem.residuals(after.z),
+        )
+    ]
     if d.held_before is not None:
         later = d.held_after if d.chosen is not None and d.held_after is not None else d.held_before
         whole.append((True, d.held, d.held_before.rmse, later.rmse, d.held_before.residuals, later.residuals))

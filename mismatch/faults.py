@@ -52,33 +52,74 @@ def _of_channel(port: str, v: Variable, sample_period_s: float) -> list[Mechanis
             return series(time_s, held(np.asarray(values, dtype=np.float64)), theta)
 
         return Mechanism(
-            f"{kind}_{name}@{n}", f"{who} {says}", f"{port}:{n}", (parameter, *shape),
-            series=over_gaps, formula=formula, kind=kind,
-        )  # fmt: skip
+            f"{kind}_{name}@{n}",
+            f"{who} {says}",
+            f"{port}:{n}",
+            (parameter, *shape),
+            series=over_gaps,
+            formula=formula,
+            kind=kind,
+        )
 
     return [
-        fault("bias", "is off by a constant", f"{n} + {{bias_{n}}}",
-              lambda t, y, p: y + p[0], size("bias", unit, -span, span, v.scale)),
-        fault("gain", "is off in proportion", f"(1 + {{gain_{n}}}) {n}",
-              lambda t, y, p: (1.0 + p[0]) * y, size("gain", "1", -0.5, 0.5, 0.05)),
-        fault("lag", "follows late, as a first-order lag", f"first-order lag of {n} by {{lag_s_{n}}}",
-              lambda t, y, p: lag(t, y, p[0]), size("lag_s", "s", 0.0, 500.0 * sample_period_s, 2.0 * sample_period_s)),
-        fault("delay", "comes late by a fixed time", f"{n}(t - {{delay_s_{n}}})",
-              lambda t, y, p: delay(t, y, p[0]),
-              size("delay_s", "s", 0.0, 200.0 * sample_period_s, 2.0 * sample_period_s)),
-        fault("drift", "drifts at a steady rate from the start of the record", f"{n} + {{drift_{n}}} (t - t_0)",
-              lambda t, y, p: y + p[0] * (t - t[0]),
-              size("drift", f"{bracketed(unit)}/s", -span / _DRIFT_S, span / _DRIFT_S, v.scale / _DRIFT_S)),
-        fault("saturation", "does not go above a limit",
-              f"{n} - {{saturation_{n}}} max(0, {n} - {{limit_{n}}})",
-              lambda t, y, p: y - p[0] * np.maximum(0.0, y - p[1]),
-              size("saturation", "1", 0.8, 1.0, 1.0), _limit(v)),
-        fault("quantisation", "moves in steps", f"{n} rounded to steps of {{quantisation_{n}}}",
-              lambda t, y, p: y if p[0] <= 0.0 else np.round(y / p[0]) * p[0],
-              size("quantisation", unit, 0.0, span, 0.5 * v.scale)),
-        fault("stuck", "stands still from some time on", f"{n} constant over the last {{stuck_{n}}} of the record",
-              lambda t, y, p: stuck_from(t, y, p[0]), size("stuck", "1", 0.0, 1.0, 0.2)),
-    ]  # fmt: skip
+        fault(
+            "bias",
+            "is off by a constant",
+            f"{n} + {{bias_{n}}}",
+            lambda t, y, p: y + p[0],
+            size("bias", unit, -span, span, v.scale),
+        ),
+        fault(
+            "gain",
+            "is off in proportion",
+            f"(1 + {{gain_{n}}}) {n}",
+            lambda t, y, p: (1.0 + p[0]) * y,
+            size("gain", "1", -0.5, 0.5, 0.05),
+        ),
+        fault(
+            "lag",
+            "follows late, as a first-order lag",
+            f"first-order lag of {n} by {{lag_s_{n}}}",
+            lambda t, y, p: lag(t, y, p[0]),
+            size("lag_s", "s", 0.0, 500.0 * sample_period_s, 2.0 * sample_period_s),
+        ),
+        fault(
+            "delay",
+            "comes late by a fixed time",
+            f"{n}(t - {{delay_s_{n}}})",
+            lambda t, y, p: delay(t, y, p[0]),
+            size("delay_s", "s", 0.0, 200.0 * sample_period_s, 2.0 * sample_period_s),
+        ),
+        fault(
+            "drift",
+            "drifts at a steady rate from the start of the record",
+            f"{n} + {{drift_{n}}} (t - t_0)",
+            lambda t, y, p: y + p[0] * (t - t[0]),
+            size("drift", f"{bracketed(unit)}/s", -span / _DRIFT_S, span / _DRIFT_S, v.scale / _DRIFT_S),
+        ),
+        fault(
+            "saturation",
+            "does not go above a limit",
+            f"{n} - {{saturation_{n}}} max(0, {n} - {{limit_{n}}})",
+            lambda t, y, p: y - p[0] * np.maximum(0.0, y - p[1]),
+            size("saturation", "1", 0.8, 1.0, 1.0),
+            _limit(v),
+        ),
+        fault(
+            "quantisation",
+            "moves in steps",
+            f"{n} rounded to steps of {{quantisation_{n}}}",
+            lambda t, y, p: y if p[0] <= 0.0 else np.round(y / p[0]) * p[0],
+            size("quantisation", unit, 0.0, span, 0.5 * v.scale),
+        ),
+        fault(
+            "stuck",
+            "stands still from some time on",
+            f"{n} constant over the last {{stuck_{n}}} of the record",
+            lambda t, y, p: stuck_from(t, y, p[0]),
+            size("stuck", "1", 0.0, 1.0, 0.2),
+        ),
+    ]
 
 
 def _span(v: Variable) -> float:

@@ -104,17 +104,26 @@ def stuck(d: Diagnosis) -> Iterator[Finding]:
     for c in sorted({s.channel for s in d.stuck}):
         v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
         name, port = f"sensor_stuck@{v.name}", f"output:{v.name}"
-        where = listed([
-            f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while the "
-            f"simulator says that it moved by {with_unit(s.moved, v.unit)}"
-            for s in stretches
-        ])  # fmt: skip
+        where = listed(
+            [
+                f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while "
+                f"the simulator says that it moved by {with_unit(s.moved, v.unit)}"
+                for s in stretches
+            ]
+        )
         says = f"the sensor of {v.name} stands still ({name}, at {port}): {where}; its readings there were set aside"
         times = tuple((s.since_s, s.until_s) for s in stretches)
         yield replace(
-            UNNAMED, kind="sensor fault", mechanism=name, candidates=(name,), port=port, ports=((port, 1.0),),
-            since_s=times[0][0], intervals_s=times, says=sentence(says),
-        )  # fmt: skip
+            UNNAMED,
+            kind="sensor fault",
+            mechanism=name,
+            candidates=(name,),
+            port=port,
+            ports=((port, 1.0),),
+            since_s=times[0][0],
+            intervals_s=times,
+            says=sentence(says),
+        )
 
 
 def named(d: Diagnosis, located: Located | None) -> Iterator[Finding]:
@@ -136,18 +145,36 @@ def named(d: Diagnosis, located: Located | None) -> Iterator[Finding]:
         single = len(groups) <= LARGEST_SET
         force = _force(d, mechanism, at, covariance)
         yield Finding(
-            KINDS.get(mechanism.kind, "sensor fault"), mechanism.name if single else None, formula(mechanism, values),
-            weights[mechanism.name] if single else None, names[1:] if single else (), names, mechanism.port, ports,
-            since_s, onsets, () if since_s is None else ((since_s, until_s),), where, values, force,
+            KINDS.get(mechanism.kind, "sensor fault"),
+            mechanism.name if single else None,
+            formula(mechanism, values),
+            weights[mechanism.name] if single else None,
+            names[1:] if single else (),
+            names,
+            mechanism.port,
+            ports,
+            since_s,
+            onsets,
+            () if since_s is None else ((since_s, until_s),),
+            where,
+            values,
+            force,
             _says(d.simulator, mechanism, values, force, names, single, weights[mechanism.name], onsets, where),
-        )  # fmt: skip
+        )
         at += n
 
 
 def _says(
-    simulator: Simulator, mechanism: Mechanism, values: tuple[Value, ...], force: Value | None,
-    names: tuple[str, ...], single: bool, weight: float | None, onsets: tuple[Onset, ...], where: str,
-) -> str:  # fmt: skip
+    simulator: Simulator,
+    mechanism: Mechanism,
+    values: tuple[Value, ...],
+    force: Value | None,
+    names: tuple[str, ...],
+    single: bool,
+    weight: float | None,
+    onsets: tuple[Onset, ...],
+    where: str,
+) -> str:
     said, known = [], variable_names(simulator)
     if single:
         said.append(f"{mechanism.says} ({mechanism.name}, at {mechanism.port})")

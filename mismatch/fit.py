@@ -240,11 +240,14 @@ class Problem:
             ahead[k] += step
             out[r][:, :, place] = (residuals[r] - self.residual(r, ahead)) / step
 
-        parallel([
-            lambda r=r, place=place, k=k: column(r, place, k)
-            for r in range(len(self.tracks)) for place, k in enumerate(chosen)
-            if self.unknowns[k].recording in (-1, r)
-        ])  # fmt: skip
+        parallel(
+            [
+                lambda r=r, place=place, k=k: column(r, place, k)
+                for r in range(len(self.tracks))
+                for place, k in enumerate(chosen)
+                if self.unknowns[k].recording in (-1, r)
+            ]
+        )
         return out
 
     def normal(
@@ -326,9 +329,14 @@ def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
 
 
 def solve(
-    problem: Problem, z: Array, rounds: int = 8, chords: int = 2, known: Sequence[Array] | None = None,
-    share: float = 0.0, advance: Callable[[float], None] = lambda share: None,
-) -> tuple[Array, float]:  # fmt: skip
+    problem: Problem,
+    z: Array,
+    rounds: int = 8,
+    chords: int = 2,
+    known: Sequence[Array] | None = None,
+    share: float = 0.0,
+    advance: Callable[[float], None] = lambda share: None,
+) -> tuple[Array, float]:
     """Damped Gauss-Newton; each Jacobian serves a few steps.
 
     Args:

@@ -54,9 +54,10 @@ def told_followed(
     found = []
     for c, v in enumerate(outputs):
         pairs = [
-            pair for track, residual in zip(tracks, residuals, strict=True)
+            pair
+            for track, residual in zip(tracks, residuals, strict=True)
             for pair in _pieces(track.means[:, c], residual[:, c])
-        ]  # fmt: skip
+        ]
         if len(pairs) < 2:
             continue
         whole, left = np.array(pairs).T

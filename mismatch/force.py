@@ -88,5 +88,8 @@ def _divides(simulator: Simulator, state: int, parameter: int) -> bool:
             rates.append(np.array([rhs(*point, theta)[state] for point in zip(x, u, strict=True)], dtype=np.float64))
     first, second = rates[0] - rates[1], rates[1] - rates[2]
     size = np.abs(np.array(rates)).max()
-    return bool(np.isfinite(size) and np.abs(first).max() > EXACT * size
-                and np.allclose(first, 2.0 * second, rtol=EXACT, atol=EXACT * size))  # fmt: skip
+    return bool(
+        np.isfinite(size)
+        and np.abs(first).max() > EXACT * size
+        and np.allclose(first, 2.0 * second, rtol=EXACT, atol=EXACT * size)
+    )

@@ -49,9 +49,7 @@ def locate(d: Diagnosis) -> Located:
         G, b = problem.projected(z, residuals, nuisance, columns)
         w, V = np.linalg.eigh(G * scale**2)
         w, b = np.maximum(w, 0.0), V.T @ (b * scale)
-        gains = [
-            0.5 * float(np.sum(s * b**2 / (1.0 + s * w)) - np.sum(np.log1p(s * w))) for s in _SIZES
-        ]  # fmt: skip
+        gains = [0.5 * float(np.sum(s * b**2 / (1.0 + s * w)) - np.sum(np.log1p(s * w))) for s in _SIZES]
         best = int(np.argmax(gains))
         evidence.append(gains[best])
         a = scale * (V @ (_SIZES[best] * b / (1.0 + _SIZES[best] * w)))
@@ -88,8 +86,9 @@ def _force(d: Diagnosis, port: str, scale: float) -> list[Unknown]:
     at = d.machine.force_at[port]
     return [
         Unknown(port, "drift", at, -np.inf, np.inf, 0.0, np.inf, scale, r, k)
-        for r in range(len(d.tracks)) for k in range(KNOTS_FORCE)
-    ]  # fmt: skip
+        for r in range(len(d.tracks))
+        for k in range(KNOTS_FORCE)
+    ]
 
 
 def regime(d: Diagnosis) -> str:

@@ -121,9 +121,15 @@ class Machine:
         return x0 + self._clocks * (track.time_s[0] - self.epoch_s)
 
     def run(
-        self, track: Track, theta: Array, x0: Array, varying: np.ndarray | None = None, values: Array | None = None,
-        since_s: float = -np.inf, blocks: bool = False,
-    ) -> Array:  # fmt: skip
+        self,
+        track: Track,
+        theta: Array,
+        x0: Array,
+        varying: np.ndarray | None = None,
+        values: Array | None = None,
+        since_s: float = -np.inf,
+        blocks: bool = False,
+    ) -> Array:
         """Simulated readings (N, ny) at the recording's samples; NaN from where the run diverges.
 
         Args:
@@ -139,9 +145,16 @@ class Machine:
         return self.read(track, theta, self.clean(track, theta, x0, varying, values, since_s, blocks), since_s)
 
     def clean(
-        self, track: Track, theta: Array, x0: Array, varying: np.ndarray | None = None, values: Array | None = None,
-        since_s: float = -np.inf, blocks: bool = False, states: bool = False,
-    ) -> Array:  # fmt: skip
+        self,
+        track: Track,
+        theta: Array,
+        x0: Array,
+        varying: np.ndarray | None = None,
+        values: Array | None = None,
+        since_s: float = -np.inf,
+        blocks: bool = False,
+        states: bool = False,
+    ) -> Array:
         """As ``run``, before the sensors' faults; or the ``states`` (N, nx) in place of the readings.
 
         Args:
@@ -175,11 +188,20 @@ class Machine:
         state = as_argument(_state) if native else _state
         with np.errstate(all="ignore"):  # as in the compiled loop: a stretch without samples has no mean
             loop(
-                self._rhs, state if states else self._output, grid.u, grid.seconds, grid.samples,
-                np.ascontiguousarray(x0), np.ascontiguousarray(theta[: self._n_ode]), varying,
-                np.ascontiguousarray(values), self.block_step_s if blocks else self.step_s,
-                self.scheme if blocks else RUNGE_KUTTA, limit, y,
-            )  # fmt: skip
+                self._rhs,
+                state if states else self._output,
+                grid.u,
+                grid.seconds,
+                grid.samples,
+                np.ascontiguousarray(x0),
+                np.ascontiguousarray(theta[: self._n_ode]),
+                varying,
+                np.ascontiguousarray(values),
+                self.block_step_s if blocks else self.step_s,
+                self.scheme if blocks else RUNGE_KUTTA,
+                limit,
+                y,
+            )
         y = y[grid.samples > 0]
         return track.joined(y, grid) if blocks else y
 
@@ -311,9 +333,11 @@ def _state(x, u, theta):  # type: ignore[no-untyped-def]
 
 def _ports(simulator: Simulator) -> tuple[str, ...]:
     groups = {
-        "balance": simulator.states, "flux": simulator.fluxes,
-        "input": simulator.inputs, "output": simulator.outputs,
-    }  # fmt: skip
+        "balance": simulator.states,
+        "flux": simulator.fluxes,
+        "input": simulator.inputs,
+        "output": simulator.outputs,
+    }
     return tuple(f"{kind}:{v.name}" for kind, variables in groups.items() for v in variables)
 
 

@@ -26,9 +26,12 @@ priors are shortened to. Loose, such a fit ends where large effects cancel each 
 
 
 def from_everything(
-    best: Explanation, problem: Problem, choices: Sequence[Variant], floor: Array,
+    best: Explanation,
+    problem: Problem,
+    choices: Sequence[Variant],
+    floor: Array,
     advance: Callable[[float], None] = lambda share: None,
-) -> Explanation:  # fmt: skip
+) -> Explanation:
     """The best of the given explanation and of those reached from the fit of everything.
 
     That fit begins from the simulator as it came: a calibration without the effects has gone far out of its way

@@ -75,11 +75,24 @@ def _stabilised(rhs, x, u, theta, h, scheme, work):  # type: ignore[no-untyped-d
 
 @njit(
     types.void(
-        FUNCTION, FUNCTION, MATRIX, VECTOR, INDICES, VECTOR, VECTOR, INDICES, MATRIX, types.float64, MATRIX, VECTOR,
+        FUNCTION,
+        FUNCTION,
+        MATRIX,
+        VECTOR,
+        INDICES,
+        VECTOR,
+        VECTOR,
+        INDICES,
+        MATRIX,
+        types.float64,
+        MATRIX,
+        VECTOR,
         MATRIX,
     ),
-    cache=True, error_model="numpy", nogil=True,
-)  # fmt: skip
+    cache=True,
+    error_model="numpy",
+    nogil=True,
+)
 def march(rhs, output, u, seconds, samples, x0, theta, varying, values, step_s, scheme, limit, y_out):  # type: ignore[no-untyped-def]
     """Step through stretches over each of which the inputs hold; ``y_out`` stays NaN after a divergence.
 

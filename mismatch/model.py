@@ -134,9 +134,14 @@ def whole_catalogue(
 
 
 def model_toml(
-    base: str, simulator: Simulator, mechanisms: Sequence[Mechanism], values: Mapping[str, float], folder: Path,
-    catalogue: str = "", inputs: str = "",
-) -> str:  # fmt: skip
+    base: str,
+    simulator: Simulator,
+    mechanisms: Sequence[Mechanism],
+    values: Mapping[str, float],
+    folder: Path,
+    catalogue: str = "",
+    inputs: str = "",
+) -> str:
     """The text of ``folder/model.toml``.
 
     Args:
@@ -161,9 +166,12 @@ def model_toml(
         if not source:
             raise ValueError(f"mechanism {mechanism.name!r} is in no catalogue; name the file it comes from")
         lines += [
-            "", "[[mechanisms]]", f"name = {_quoted(mechanism.name)}", f"from = {_quoted(source)}",
+            "",
+            "[[mechanisms]]",
+            f"name = {_quoted(mechanism.name)}",
+            f"from = {_quoted(source)}",
             *(f"# {line}" for line in mechanism.says.splitlines()),
-        ]  # fmt: skip
+        ]
         units |= {v.name: v.unit for v in mechanism.parameters}
     lines += ["", "[values]"]
     for name, value in values.items():

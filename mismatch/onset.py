@@ -73,11 +73,6 @@ def told_onsets(since: Sequence[float], tracks: Sequence[Track]) -> tuple[Onset,
     return tuple(found)
 
 
-def first_onset(since: Sequence[float]) -> float | None:
-    """When it began, on the recordings' clock: the first start inside a recording, if there is one."""
-    return float(min(inside)) if (inside := [s for s in since if np.isfinite(s)]) else None
-
-
 def _time(time_s: Array, share: float) -> float:
     if share <= 0.0:
         return -np.inf
@@ -92,8 +87,9 @@ def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -
     base = replace(problem, theta=switched(machine, problem.theta, variant, 0.0))
     knots = tuple(
         Unknown("size", "drift", at, -np.inf, np.inf, 0.0, np.inf, abs(typical(candidate)), r, j)
-        for r in range(len(problem.tracks)) for j in range(KNOTS)
-    )  # fmt: skip
+        for r in range(len(problem.tracks))
+        for j in range(KNOTS)
+    )
     free = replace(base, unknowns=(*problem.unknowns, *knots))
     residuals = base.residuals(z)
     wide = np.concatenate((z, np.zeros(len(knots))))

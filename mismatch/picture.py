@@ -168,9 +168,13 @@ def typical(candidate: Candidate) -> float:
 
 
 def picture(
-    problem: Problem, z: Array, listed: Sequence[Variant], present: Mapping[Variant, float] = MappingProxyType({}),
-    advance: Callable[[], None] = lambda: None, projection: bool = True,
-) -> Picture:  # fmt: skip
+    problem: Problem,
+    z: Array,
+    listed: Sequence[Variant],
+    present: Mapping[Variant, float] = MappingProxyType({}),
+    advance: Callable[[], None] = lambda: None,
+    projection: bool = True,
+) -> Picture:
     """Linearise around a fit.
 
     Args:

@@ -43,9 +43,7 @@ class Place:
         """A common magnitude of the state."""
         return max(abs(self.variable.nominal), self.variable.scale)
 
-    def size(
-        self, effect: str, unit: str, at: float = 1.0, low: float = 0.0, generous: float = GENEROUS
-    ) -> Variable:  # fmt: skip
+    def size(self, effect: str, unit: str, at: float = 1.0, low: float = 0.0, generous: float = GENEROUS) -> Variable:
         """An effect's size, such that it is common where ``at`` is what the size multiplies.
 
         ``low`` is in shares of the upper bound: 0 or -1.
@@ -61,15 +59,29 @@ class Place:
         return Variable(name, unit, low, high, min(max(typical, low), high), (high - low) / 6.0, says)
 
     def add(
-        self, effect: str, says: str, formula: str, term: Term, *parameters: Variable,
-        states: tuple[Variable, ...] = (), derivative: Equation | None = None, contains: str = "",
-    ) -> Mechanism:  # fmt: skip
+        self,
+        effect: str,
+        says: str,
+        formula: str,
+        term: Term,
+        *parameters: Variable,
+        states: tuple[Variable, ...] = (),
+        derivative: Equation | None = None,
+        contains: str = "",
+    ) -> Mechanism:
         """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
         names = ["{" + v.name + "}" for v in parameters]
         return Mechanism(
-            f"{effect}@{self.name}", says, f"balance:{self.name}", parameters, states=states, term=term,
-            derivative=derivative, formula=formula.format(*names, x=self.name), contains=contains,
-        )  # fmt: skip
+            f"{effect}@{self.name}",
+            says,
+            f"balance:{self.name}",
+            parameters,
+            states=states,
+            term=term,
+            derivative=derivative,
+            formula=formula.format(*names, x=self.name),
+            contains=contains,
+        )
 
 
 def bracketed(unit: str) -> str:

@@ -86,7 +86,7 @@ class BorneOut(NamedTuple):
 
 def held_out(
     problem: Problem, z: Array, tracks: Sequence[Track], own: Sequence[Unknown], near: Held | None = None
-) -> Held:  # fmt: skip
+) -> Held:
     """Open-loop errors on other recordings.
 
     Args:

@@ -46,9 +46,12 @@ def slack(worth: float) -> float:
 
 
 def alternatives(
-    before: Explanation, best: Explanation, shown: Picture, pairs: bool = True,
+    before: Explanation,
+    best: Explanation,
+    shown: Picture,
+    pairs: bool = True,
     advance: Callable[[float], None] = lambda share: None,
-) -> list[Explanation]:  # fmt: skip
+) -> list[Explanation]:
     """What could stand in the place of one effect of ``best`` or another, and ``best`` without each, fitted in full.
 
     Another candidate can stand alone in an effect's place; several can together, where the picture without the
@@ -107,9 +110,11 @@ def fresh_rounds(best: Explanation) -> int:
 
 
 def rivals(
-    before: Explanation, best: Explanation, fitted: Sequence[Explanation],
+    before: Explanation,
+    best: Explanation,
+    fitted: Sequence[Explanation],
     also: Callable[[Explanation], float] = lambda e: 0.0,
-) -> list[Rivals]:  # fmt: skip
+) -> list[Rivals]:
     """For each effect of ``best``, names that could stand in its place.
 
     They come from explanations without it that are nearly as good; and a fellow whose size is tied to its own
@@ -169,9 +174,11 @@ def _grouped(behind: dict[str, float]) -> list[tuple[str, ...]]:
 
 
 def losses(
-    before: Explanation, best: Explanation, fitted: Sequence[Explanation],
+    before: Explanation,
+    best: Explanation,
+    fitted: Sequence[Explanation],
     also: Callable[[Explanation], float] = lambda e: 0.0,
-) -> dict[frozenset[str], float]:  # fmt: skip
+) -> dict[frozenset[str], float]:
     """Units that everything fitted lies behind ``best``, what it must earn in them; the empty set is no effect.
 
     Args:

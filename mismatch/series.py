@@ -77,8 +77,9 @@ def delay_steps(time_s: Array, values: Array, delay_s: float) -> Array:
     gaps_s = _gaps(time_s)
     before = time_s[0] - delay_s - 1.0
     edges = np.concatenate(([before], time_s, [time_s[-1] + gaps_s[-1]]))
-    area = np.concatenate(([0.0, values[0] * (time_s[0] - before)], values[0] * (time_s[0] - before)
-                           + np.cumsum(values * gaps_s)))  # fmt: skip
+    area = np.concatenate(
+        ([0.0, values[0] * (time_s[0] - before)], values[0] * (time_s[0] - before) + np.cumsum(values * gaps_s))
+    )
     passed = np.interp(edges[1:] - delay_s, edges, area)
     return np.diff(passed) / gaps_s
 

@@ -56,8 +56,11 @@ def find_stuck(tracks: Sequence[Track], residuals: Sequence[Array], floor: Array
             i, j = _stillest(y, simulated)
             inside = np.zeros(len(y), dtype=bool)
             inside[i:j] = True
-            others = [(t.means[:, c], t.means[:, c] - r[:, c]) for t, r in zip(tracks, residuals, strict=True)
-                      if t is not track]  # fmt: skip
+            others = [
+                (t.means[:, c], t.means[:, c] - r[:, c])
+                for t, r in zip(tracks, residuals, strict=True)
+                if t is not track
+            ]
             elsewhere = [(y[~inside], simulated[~inside]), *others]
             moved = _variance(simulated[inside])
             if _saturated(y[inside], simulated[inside], top, PLAIN * floor[c]):

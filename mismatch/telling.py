@@ -19,7 +19,7 @@ AGREES = "the simulator agrees with the recordings"
 
 def headline(
     d: Diagnosis, verdict: str, findings: Sequence[Finding], errors: Sequence[OutputError], incomplete: bool
-) -> str:  # fmt: skip
+) -> str:
     """The verdict in one sentence, with the error on what was held out and the sensor's noise."""
     if verdict == "consistent":
         lead = AGREES
@@ -50,9 +50,12 @@ def furthest(d: Diagnosis, errors: Sequence[OutputError]) -> OutputError:
 
 
 def points(
-    d: Diagnosis, findings: Sequence[Finding], changed: Sequence[Value], errors: Sequence[OutputError],
+    d: Diagnosis,
+    findings: Sequence[Finding],
+    changed: Sequence[Value],
+    errors: Sequence[OutputError],
     left: Sequence[str],
-) -> Iterator[str]:  # fmt: skip
+) -> Iterator[str]:
     """What else is to be said, one thing a point.
 
     Args:
@@ -94,8 +97,9 @@ def more_data(d: Diagnosis, findings: Sequence[Finding]) -> str:
         first, second = sets[0].candidates[:2]
         how = (
             "wider and faster changes of the inputs than in these recordings, and both directions of motion or flow"
-            if d.simulator.inputs else "from other starts than these recordings', and for longer"
-        )  # fmt: skip
+            if d.simulator.inputs
+            else "from other starts than these recordings', and for longer"
+        )
         return f"To tell {first} from {second}, record where their effects differ: {how}."
     if not findings:
         hidden = [name for name, size in smallest_seen(d) if size > 1.0]

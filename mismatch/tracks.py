@@ -171,19 +171,24 @@ class Track:
         at, alone = starts[begun], single[begun, None]
         seconds = plain.seconds[begun] * np.where(single[begun], np.where(place > 0, 1.0 / lines, 0.0), 1.0)
         return Grid(
-            plain.time_s[begun] + share * plain.seconds[begun], seconds,
+            plain.time_s[begun] + share * plain.seconds[begun],
+            seconds,
             np.where(alone, u[at] + share[:, None] * (ahead[at] - u[at]), plain.u[begun]),
-            np.where(place > 0, 0, plain.samples[begun]), begun,
-        )  # fmt: skip
+            np.where(place > 0, 0, plain.samples[begun]),
+            begun,
+        )
 
     def _stretches(self, u: Array, starts: np.ndarray) -> Grid:
         counts = np.diff(np.append(starts, len(self.time_s)))
         last = self.time_s[-1:] + np.diff(self.time_s)[-1:]
         edges = np.concatenate((self.time_s[starts], last))
         return Grid(
-            np.add.reduceat(self.time_s, starts) / counts, np.diff(edges),
-            np.add.reduceat(u, starts) / counts[:, None], counts, np.arange(len(starts)),
-        )  # fmt: skip
+            np.add.reduceat(self.time_s, starts) / counts,
+            np.diff(edges),
+            np.add.reduceat(u, starts) / counts[:, None],
+            counts,
+            np.arange(len(starts)),
+        )
 
     @property
     def block_time_s(self) -> Array:
@@ -208,8 +213,9 @@ def prepare(
         y = np.stack([recording.values[:, place[n]] if n in place else missing for n in outputs], axis=-1)
         spikes = tuple(
             Spike(recording.name, channel, float(recording.time_s[k]), float(y[k, c]), int(k), c)
-            for c, channel in enumerate(outputs) for k in find_spikes(y[:, c])
-        )  # fmt: skip
+            for c, channel in enumerate(outputs)
+            for k in find_spikes(y[:, c])
+        )
         for spike in spikes:
             y[spike.sample, spike.column] = np.nan
         starts = np.arange(0, len(y), samples_per_block(y, blocks))

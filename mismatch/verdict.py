@@ -92,9 +92,18 @@ def conclude(d: Diagnosis) -> Verdict:
     more = telling.more_data(d, found)
     points = (*telling.points(d, found, changed, errors, why), *([more] if more else []))
     return Verdict(
-        verdict, telling.headline(d, verdict, found, errors, bool(why)), points, found, parameters, errors, more,
-        mechanisms, _values(held), located, d,
-    )  # fmt: skip
+        verdict,
+        telling.headline(d, verdict, found, errors, bool(why)),
+        points,
+        found,
+        parameters,
+        errors,
+        more,
+        mechanisms,
+        _values(held),
+        located,
+        d,
+    )
 
 
 def _verdict(d: Diagnosis, found: tuple[Finding, ...], left: list[str], changed: bool) -> str:

@@ -56,9 +56,11 @@ def _resized(candidate: Candidate, seen: Mechanism) -> Candidate:
     parameters = (size, *seen.parameters[1:])
     null = np.array([candidate.null[0], *(v.nominal for v in parameters[1:])])
     return replace(
-        candidate, mechanism=replace(candidate.mechanism, parameters=parameters), null=null,
+        candidate,
+        mechanism=replace(candidate.mechanism, parameters=parameters),
+        null=null,
         typical=np.array([v.nominal for v in parameters]),
-    )  # fmt: skip
+    )
 
 
 def _moved(problem: Problem, z: Array) -> Simulator:

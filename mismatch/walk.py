@@ -146,9 +146,11 @@ def examine(
             )
     progress("audit", 0.3)
     try:
-        joined = how_joined(machine, tracks, lambda share: progress("audit", 0.3 + 0.6 * share)) if (
-            inputs == AUTO
-        ) else Joined(inputs, "user")  # fmt: skip
+        joined = (
+            how_joined(machine, tracks, lambda share: progress("audit", 0.3 + 0.6 * share))
+            if inputs == AUTO
+            else Joined(inputs, "user")
+        )
         if joined.inputs == LINEAR:
             tracks, held = ([dataclasses.replace(t, linear=True) for t in some] for some in (tracks, held))
         floor = block_noise(tracks, simulator)
@@ -242,10 +244,35 @@ def examine(
     followed_by = told_followed(seen, residuals, simulator.outputs, held_now is not None)
     progress("prove", 1.0)
     return Diagnosis(
-        simulator, machine, tracks, held, remarks, floor, before, shown, tests, tried, chosen, best, others,
-        threshold, held_before, held_after, share, there, transferred, refused, worse, stuck,
-        tuple(s for t in (*tracks, *held) for s in t.spikes), joined, fitted, behind, compared, followed_by,
-    )  # fmt: skip
+        simulator,
+        machine,
+        tracks,
+        held,
+        remarks,
+        floor,
+        before,
+        shown,
+        tests,
+        tried,
+        chosen,
+        best,
+        others,
+        threshold,
+        held_before,
+        held_after,
+        share,
+        there,
+        transferred,
+        refused,
+        worse,
+        stuck,
+        tuple(s for t in (*tracks, *held) for s in t.spikes),
+        joined,
+        fitted,
+        behind,
+        compared,
+        followed_by,
+    )
 
 
 def _forward(progress: Progress) -> Progress:
@@ -262,9 +289,7 @@ def _forward(progress: Progress) -> Progress:
 
 def _with_followed_spikes(problem: Problem, z: Array) -> list[Track]:
     """The recordings with those spikes put back that the calibrated simulator follows."""
-    return [
-        t.followed(problem.readings(r, z)) if t.spikes else t for r, t in enumerate(problem.tracks)
-    ]  # fmt: skip
+    return [t.followed(problem.readings(r, z)) if t.spikes else t for r, t in enumerate(problem.tracks)]
 
 
 def _split(
@@ -302,9 +327,14 @@ def null_threshold(shown: Picture, guards: Guards = Guards(), seed: int = 0) -> 
 
 
 def _search(
-    problem: Problem, z: Array, cost: float, choices: Sequence[Variant], floor: Array,
-    progress: Progress, guards: Guards,
-) -> tuple[Explanation, Explanation | None, list[Explanation], list[Explanation], Picture, float]:  # fmt: skip
+    problem: Problem,
+    z: Array,
+    cost: float,
+    choices: Sequence[Variant],
+    floor: Array,
+    progress: Progress,
+    guards: Guards,
+) -> tuple[Explanation, Explanation | None, list[Explanation], list[Explanation], Picture, float]:
     """Picture, fit what looks best, picture again from there, until nothing changes; then judge with true noise.
 
     Returns:
@@ -378,21 +408,34 @@ def _unchanged(shown: Picture, best: Explanation, guards: Guards) -> bool:
 
 
 def _pictured(
-    problem: Problem, at: Explanation, choices: Sequence[Variant], progress: Progress, turn: int,
+    problem: Problem,
+    at: Explanation,
+    choices: Sequence[Variant],
+    progress: Progress,
+    turn: int,
     guards: Guards,
-) -> Picture:  # fmt: skip
+) -> Picture:
     steps = len(choices) * len(problem.tracks)
     count = iter(range(steps))
     return picture(
-        problem, at.z[: len(problem.unknowns)], choices, present(at),
-        lambda: progress("screen", (turn + next(count, steps) / steps) / (TURNS + 1)), guards.projection,
-    )  # fmt: skip
+        problem,
+        at.z[: len(problem.unknowns)],
+        choices,
+        present(at),
+        lambda: progress("screen", (turn + next(count, steps) / steps) / (TURNS + 1)),
+        guards.projection,
+    )
 
 
 def _refitted(
-    problem: Problem, at: Explanation, shown: Picture, penalty: float, progress: Progress,
-    turn: int, guards: Guards,
-) -> list[Explanation]:  # fmt: skip
+    problem: Problem,
+    at: Explanation,
+    shown: Picture,
+    penalty: float,
+    progress: Progress,
+    turn: int,
+    guards: Guards,
+) -> list[Explanation]:
     """The promising sets fitted, the best of them with its shape parameters free; best first."""
     z = at.z[: len(problem.unknowns)]
     sets = best_sets(shown, LARGEST, penalty, guards.pairs, range(len(at.chosen)))

@@ -54,9 +54,14 @@ class HeldBack:
 
 
 def contended(
-    before: Explanation, best: Explanation, fitted: Sequence[Explanation], finalists: Sequence[Explanation],
-    held_best: Held, back: HeldBack, advance: Callable[[float], None] = lambda share: None,
-) -> Explanation:  # fmt: skip
+    before: Explanation,
+    best: Explanation,
+    fitted: Sequence[Explanation],
+    finalists: Sequence[Explanation],
+    held_best: Held,
+    back: HeldBack,
+    advance: Callable[[float], None] = lambda share: None,
+) -> Explanation:
     """Of explanations that the fitted recordings do not tell apart for sure, the one that predicts best.
 
     What was fitted and what was held out count alike: a name that is a little better on the one and far off on the
@@ -90,9 +95,14 @@ def contended(
 
 
 def plainest_that_predicts(
-    before: Explanation, best: Explanation, fitted: Sequence[Explanation], shown: Picture, held_before: Held,
-    held_best: Held, back: HeldBack,
-) -> Explanation:  # fmt: skip
+    before: Explanation,
+    best: Explanation,
+    fitted: Sequence[Explanation],
+    shown: Picture,
+    held_before: Held,
+    held_best: Held,
+    back: HeldBack,
+) -> Explanation:
     """The plainest explanation that predicts the held-out recordings no worse than the best.
 
     Effects that do little for held-out recordings go, and several that a plainer explanation, which fits nearly as

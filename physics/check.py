@@ -53,9 +53,11 @@ def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
     who = f"mechanism {mechanism.name!r}"
     kind, _, target = mechanism.port.partition(":")
     ports = {
-        "balance": simulator.states, "flux": simulator.fluxes,
-        "output": simulator.outputs, "input": simulator.inputs,
-    }  # fmt: skip
+        "balance": simulator.states,
+        "flux": simulator.fluxes,
+        "output": simulator.outputs,
+        "input": simulator.inputs,
+    }
     if kind not in ports or not target:
         raise ValueError(f"{who}: port {mechanism.port!r} must read {', '.join(f'{k}:NAME' for k in ports)}")
     index_of(ports[kind], target, f"{who}: simulator {simulator.name!r} has no {kind}")
@@ -88,9 +90,10 @@ def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
     else:
         for variable in mechanism.parameters:
             index_of(
-                simulator.parameters, variable.name,
+                simulator.parameters,
+                variable.name,
                 f"{who}: has no term and no series, so its parameters are the simulator's; there is no",
-            )  # fmt: skip
+            )
         if len(mechanism.absent) != len(mechanism.parameters):
             raise ValueError(
                 f"{who}: absent has {len(mechanism.absent)} values for {len(mechanism.parameters)} "

@@ -104,7 +104,7 @@ AMPLITUDES = (
     Variable("pulsation", "1", 0.0, 0.1, 0.0, 0.012, "square-root error of the flow meter"),
     Variable("humidity", "1", 0.0, 0.1, 0.0, 0.012, "relative rise of the gas constant by moisture"),
     Variable("slip", "1", 0.0, 0.2, 0.0, 0.02, "motor slip at reference flow"),
-)  # fmt: skip
+)
 PARAMETERS = HEALTH + CONSTANTS + AMPLITUDES
 
 

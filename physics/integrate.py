@@ -112,9 +112,18 @@ def simulate(
     y = np.empty((batch, samples, len(simulator.outputs)))
     for b in range(batch):
         run(
-            equations.rhs, equations.output, u[b], start[b].copy(), thetas[b].copy(),
-            indices, values[b], dt_s, substeps, x[b], y[b],
-        )  # fmt: skip
+            equations.rhs,
+            equations.output,
+            u[b],
+            start[b].copy(),
+            thetas[b].copy(),
+            indices,
+            values[b],
+            dt_s,
+            substeps,
+            x[b],
+            y[b],
+        )
     return x, y
 
 

@@ -82,9 +82,14 @@ def errors(case: Case, verdict: Verdict) -> Iterator[dict[str, Any]]:
             after = _rms((replay.before if replay.after is None else replay.after)[rows])
             for i, v in enumerate(outputs):
                 yield {
-                    "case": case.name, "part": "held out" if replay.held_out else "learnt", "from_s": from_s,
-                    "channel": v.name, "unit": v.unit, "rmse_before": before[i], "rmse_after": after[i],
-                }  # fmt: skip
+                    "case": case.name,
+                    "part": "held out" if replay.held_out else "learnt",
+                    "from_s": from_s,
+                    "channel": v.name,
+                    "unit": v.unit,
+                    "rmse_before": before[i],
+                    "rmse_after": after[i],
+                }
 
 
 def _rms(residuals: np.ndarray) -> np.ndarray:
@@ -99,10 +104,14 @@ def run(folder: Path, out: Path, command: str) -> None:
     for case in CASES:
         began = time.perf_counter()
         verdict = examine(case, folder)
-        cases.append({
-            "case": case.name, "verdict": verdict.verdict, "named": "+".join(m.name for m in verdict.mechanisms),
-            "seconds": round(time.perf_counter() - began, 1),
-        })  # fmt: skip
+        cases.append(
+            {
+                "case": case.name,
+                "verdict": verdict.verdict,
+                "named": "+".join(m.name for m in verdict.mechanisms),
+                "seconds": round(time.perf_counter() - began, 1),
+            }
+        )
         rows += errors(case, verdict)
         digests |= {p: hashlib.sha256((folder / p).read_bytes()).hexdigest() for p in (case.learnt, case.held_out) if p}
         write_text(out / case.name / "verdict.json", to_json(verdict) + "\n")

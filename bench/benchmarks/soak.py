@@ -129,10 +129,15 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
                 break
     settled = resident[len(resident) // 10 :]
     return {
-        "updates": done, "seed": seed, "unsound_updates": unsound, "least_eigenvalue_of_correlation": least,
-        "resident_MB_after_a_tenth": settled[0], "resident_MB_at_the_end": settled[-1],
-        "drift_MB": round(settled[-1] - settled[0], 2), "seconds": round(took, 1),
-    }  # fmt: skip
+        "updates": done,
+        "seed": seed,
+        "unsound_updates": unsound,
+        "least_eigenvalue_of_correlation": least,
+        "resident_MB_after_a_tenth": settled[0],
+        "resident_MB_at_the_end": settled[-1],
+        "drift_MB": round(settled[-1] - settled[0], 2),
+        "seconds": round(took, 1),
+    }
 
 
 def _least_eigenvalue(P: Array) -> float:

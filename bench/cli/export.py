@@ -17,9 +17,11 @@ EXAMPLE = (
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument(
-        "--estimator", default="deeponet_kalman", metavar="NAME",
+        "--estimator",
+        default="deeponet_kalman",
+        metavar="NAME",
         help="deeponet_kalman (default) or one of its ablations",
-    )  # fmt: skip
+    )
     parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
     parser.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
 

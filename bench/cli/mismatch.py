@@ -21,17 +21,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument(
-        "--hold-out", nargs="+", default=(), type=Path, metavar="RECORDING",
+        "--hold-out",
+        nargs="+",
+        default=(),
+        type=Path,
+        metavar="RECORDING",
         help="recordings for the proof, best of another regime: no parameter is learnt from them",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--catalogue", default="", metavar="FILE",
+        "--catalogue",
+        default="",
+        metavar="FILE",
         help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--inputs", choices=("auto", "held", "linear"), default="auto",
+        "--inputs",
+        choices=("auto", "held", "linear"),
+        default="auto",
         help="between samples: each value holds until the next, or lines join them; auto (default) tries both",
-    )  # fmt: skip
+    )
     parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
     parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
 

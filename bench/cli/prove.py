@@ -19,13 +19,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
     parser.add_argument("--out", type=Path, default=Path("results/prove"), metavar="DIR")
     parser.add_argument(
-        "--engines", default="twinbench", metavar="NAME,...",
+        "--engines",
+        default="twinbench",
+        metavar="NAME,...",
         help="whom to ask: twinbench (default), oracle, opponents, ablations, or all; an unknown name lists them",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--opponent-cases", type=int, metavar="N",
+        "--opponent-cases",
+        type=int,
+        metavar="N",
         help="so many cases, spread over all, for all but twinbench and oracle (default: all)",
-    )  # fmt: skip
+    )
 
 
 def run(a: argparse.Namespace) -> int:

@@ -14,22 +14,29 @@ EXAMPLE = "twinbench run --only oracle gru_kf"
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
     parser.add_argument(
-        "--only", nargs="+", default=(), metavar="NAME",
+        "--only",
+        nargs="+",
+        default=(),
+        metavar="NAME",
         help="estimators by name or by path/to/file.py; those that are in --out already keep their rows beside them",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--ablations", action="store_true",
+        "--ablations",
+        action="store_true",
         help="besides, each of the estimators without each of its parts (twinbench list ablations)",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--robustness", action="store_true",
+        "--robustness",
+        action="store_true",
         help="besides, under more noise and dropout, faster wear, loads beyond the envelope and sensor faults",
-    )  # fmt: skip
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
     parser.add_argument(
-        "--resume", action=argparse.BooleanOptionalAction, default=True,
+        "--resume",
+        action=argparse.BooleanOptionalAction,
+        default=True,
         help="keep what an earlier run finished (default); --no-resume does over what it runs",
-    )  # fmt: skip
+    )
     parser.add_argument("--backend", choices=("local", "dask"), default="local", help="where the cells run")
     parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="the Dask scheduler, tcp://host:port")
 

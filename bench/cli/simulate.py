@@ -19,9 +19,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
     parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
     parser.add_argument(
-        "--inputs", nargs="+", default=(), type=Path, metavar="RECORDING",
+        "--inputs",
+        nargs="+",
+        default=(),
+        type=Path,
+        metavar="RECORDING",
         help="recordings whose inputs drive --simulator; it starts from their first readings",
-    )  # fmt: skip
+    )
     parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
     parser.add_argument("--profile", default="quick", help="whose data (default: quick)")
     parser.add_argument("--part", choices=("train", "validation", "test"), default="test")

@@ -52,7 +52,9 @@ def _forecast_is_causal(s: Subject) -> str:
     other = inputs.copy()
     other[:, 80:] = 1.1 * inputs[::-1, 80:]
     long = s.fitted.forecast(state, inputs)
-    gaps = [np.abs(said[:, :80] - long[:, :80]).max() for said in
-            (s.fitted.forecast(state, inputs[:, :80]), s.fitted.forecast(state, other))]  # fmt: skip
+    gaps = [
+        np.abs(said[:, :80] - long[:, :80]).max()
+        for said in (s.fitted.forecast(state, inputs[:, :80]), s.fitted.forecast(state, other))
+    ]
     at_most(float(gaps[1]), EXACT * np.abs(long).max(), "other inputs from tick 80 on change earlier ticks by")
     return at_most(float(gaps[0]), ROUND_OFF, "the first 80 of 200 ticks differ from 80 alone by")

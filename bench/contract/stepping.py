@@ -114,8 +114,12 @@ def _causal(s: Subject) -> str:
     a, b = (run(s.fitted, b, evaluation, SEED) for b in (batch, replace(batch, measured=other)))
     past = a.forecast_time_s + ahead_s < cut * SAMPLE_PERIOD_S
     for name in ("mean", "low", "high", "nis", "nis_dof", "flags"):
-        changed = [not same(x, y) for x, y in zip(getattr(a, name)[:, :cut].swapaxes(0, 1),
-                                                    getattr(b, name)[:, :cut].swapaxes(0, 1), strict=True)]  # fmt: skip
+        changed = [
+            not same(x, y)
+            for x, y in zip(
+                getattr(a, name)[:, :cut].swapaxes(0, 1), getattr(b, name)[:, :cut].swapaxes(0, 1), strict=True
+            )
+        ]
         need(not any(changed), f"{name} changed at tick {np.argmax(changed)}, the readings only from tick {cut} on")
     need(same(a.forecast[:, past], b.forecast[:, past]), "a forecast changed before the readings did")
     return f"{cut} ticks and {past.sum()} forecasts equal bit for bit under another future"

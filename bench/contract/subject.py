@@ -91,8 +91,13 @@ def recordings() -> dict[str, Array]:
     for tick in range(40, SHORT - 100, 20):  # a second each: gates let through what lasts
         absurd[:, tick : tick + 20] = rng.choice([-1.0, 0.0, 1e-3, 10.0, 1e3, 1e6], (2, 1, len(CHANNELS))) * spread
     return {
-        "undisturbed": clean, "missing": missing, "late": late, "spiked": spiked, "stuck": stuck, "absurd": absurd,
-    }  # fmt: skip
+        "undisturbed": clean,
+        "missing": missing,
+        "late": late,
+        "spiked": spiked,
+        "stuck": stuck,
+        "absurd": absurd,
+    }
 
 
 def spikes() -> list[tuple[int, int]]:

@@ -140,9 +140,13 @@ def _strip(axes: Axes, readings: Readings) -> None:
     """Each channel over time: used, rejected, outside training or missing, whichever most of a bin's readings are."""
     edges, kinds = readings.binned()
     axes.pcolormesh(
-        edges / 60.0, np.arange(len(CHANNELS) + 1), kinds.T, cmap=ListedColormap(list(KINDS.values())),
-        vmin=-0.5, vmax=len(KINDS) - 0.5,
-    )  # fmt: skip
+        edges / 60.0,
+        np.arange(len(CHANNELS) + 1),
+        kinds.T,
+        cmap=ListedColormap(list(KINDS.values())),
+        vmin=-0.5,
+        vmax=len(KINDS) - 0.5,
+    )
     axes.set_yticks(np.arange(len(CHANNELS)) + 0.5, [SENSORS[c] for c in CHANNELS])
     axes.invert_yaxis()
     axes.grid(visible=False)
@@ -151,8 +155,12 @@ def _strip(axes: Axes, readings: Readings) -> None:
     axes.set_title("what became of the readings", loc="left")
     axes.legend(
         handles=[Patch(color=colour, linewidth=0, label=kind) for kind, colour in KINDS.items()],
-        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(KINDS), borderpad=0.0, handlelength=1.4,
-    )  # fmt: skip
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        ncols=len(KINDS),
+        borderpad=0.0,
+        handlelength=1.4,
+    )
 
 
 def _legend(axes: Axes) -> None:

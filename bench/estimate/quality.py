@@ -18,16 +18,22 @@ from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_MISSING, F
 from twinbench.methods.observe import observe
 
 FLAGS = {
-    "spike": FLAG_SPIKE, "missing": FLAG_MISSING, "gated": FLAG_GATED, "frozen": FLAG_FROZEN,
+    "spike": FLAG_SPIKE,
+    "missing": FLAG_MISSING,
+    "gated": FLAG_GATED,
+    "frozen": FLAG_FROZEN,
     "uninformed": FLAG_UNINFORMED,
-}  # fmt: skip
+}
 MOST = 0.5
 """Most of a channel's readings: a channel of which more lie outside training, or are rejected, is not one to go by."""
 
 USABLE, UNLIKE, PRIOR, SELDOM, LACKS = (
-    "usable", "these recordings do not look like this machine", "nothing was learnt", "read too seldom",
+    "usable",
+    "these recordings do not look like this machine",
+    "nothing was learnt",
+    "read too seldom",
     "channels are missing",
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)

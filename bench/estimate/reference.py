@@ -131,9 +131,11 @@ class References:
         """Measured now, or as the store keeps it."""
         cell = self.cell
         key = key_of(
-            fit=cell.fit, online=cells.online(cell), manner=manner,
+            fit=cell.fit,
+            online=cells.online(cell),
+            manner=manner,
             code=[code_version("twinbench.bench.estimate.reference"), code_version("twinbench.bench.evaluate")],
-        )  # fmt: skip
+        )
         path = self.store.path(KIND, key)
         if self.store.has(KIND, key):
             return Reference.load(path)

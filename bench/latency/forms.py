@@ -83,10 +83,13 @@ def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
     session = onnxruntime.InferenceSession(operator_graph(twin), options)
     single, window = np.float32, twin.config["window"]
     feed = {
-        "mask": np.ones(len(CHANNELS), single), "x": single(twin.model.state_mean), "zeta": np.zeros(5, single),
-        "window": np.tile(single(twin.front_end.mean), (window, 1)), "masks": np.ones((window, 7), single),
+        "mask": np.ones(len(CHANNELS), single),
+        "x": single(twin.model.state_mean),
+        "zeta": np.zeros(5, single),
+        "window": np.tile(single(twin.front_end.mean), (window, 1)),
+        "masks": np.ones((window, 7), single),
         "slow": np.zeros(2, single),
-    }  # fmt: skip
+    }
 
     def update(readings: Array) -> None:
         feed["values"] = readings.astype(single)

@@ -74,9 +74,18 @@ def _filter_and_sensitivity(weights, twin, memory, said, t, readings, lag):  # t
         for c in range(room.measured.size):
             room.measured[c], room.lag[c] = readings[k, 4 + c], 0.0
         tick(
-            weights[0], own.filter, m, room.query, room.measured, room.lag, room.white, room.coloured,
-            INNOVATION_CLIP_SD, out, room.filter,
-        )  # fmt: skip
+            weights[0],
+            own.filter,
+            m,
+            room.query,
+            room.measured,
+            room.lag,
+            room.white,
+            room.coloured,
+            INNOVATION_CLIP_SD,
+            out,
+            room.filter,
+        )
         report_one(m.z, m.P, KEEP, out.mean, out.cov, out.low, out.high)
 
 

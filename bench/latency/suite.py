@@ -45,9 +45,15 @@ from twinbench.methods.frontend import FrontEnd
 
 
 def run(
-    profile: str, results: Path | None, only: list[str], updates: int, ticks: int, out: Path, command: str,
+    profile: str,
+    results: Path | None,
+    only: list[str],
+    updates: int,
+    ticks: int,
+    out: Path,
+    command: str,
     console: Console,
-) -> tuple[Table, list[Outcome]]:  # fmt: skip
+) -> tuple[Table, list[Outcome]]:
     """Time the trained estimators and their peers, and write ``out``.
 
     Writes ``latency.csv``, ``stages.csv``, ``memory.csv``, tables and figures of them, ``samples.npz`` and
@@ -94,9 +100,14 @@ def run(
         write_text(out / f"{name}.md", FORMATS["md"](written))
     write_figures(out / "figures", _drawings(table, parts))
     manifest = {
-        "command": command, "updates": updates, "ticks": ticks, "seed": todo[0].seed,
-        "fits": {c.estimator: c.fit for c in todo}, "measured": about, **provenance(),
-    }  # fmt: skip
+        "command": command,
+        "updates": updates,
+        "ticks": ticks,
+        "seed": todo[0].seed,
+        "fits": {c.estimator: c.fit for c in todo},
+        "measured": about,
+        **provenance(),
+    }
     write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return shown, failed
 
@@ -113,8 +124,9 @@ def _proposed(store: Store, todo: list[Cell]) -> DeepONetKalman | None:
 def _peers(filled: Array) -> Iterator[Timed]:
     rows, first = list(filled), filled[0]
     models: dict[str, tuple[Move, Observe]] = {
-        "NumPy model": (numpy_move, numpy_observe), "numba model": (numba_move, numba_observe),
-    }  # fmt: skip
+        "NumPy model": (numpy_move, numpy_observe),
+        "numba model": (numba_move, numba_observe),
+    }
     for model, functions in models.items():
         yield Timed(Name("filterpy_ekf", model, 1), FilterpyEKF(first, *functions).update, rows)
         yield Timed(Name("filterpy_ukf", model, 1), FilterpyUKF(first, *functions).update, rows)

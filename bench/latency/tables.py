@@ -72,15 +72,18 @@ def memory_table(held: pd.DataFrame) -> Table:
     """Weights, buffers and peaks."""
     kB = ("weights_kB", "buffers_kB", "besides_kB")
     columns = (
-        Column("twin"), *(Column(c.removesuffix("_kB"), "kB") for c in kB), Column("process", "MB"),
-    )  # fmt: skip
+        Column("twin"),
+        *(Column(c.removesuffix("_kB"), "kB") for c in kB),
+        Column("process", "MB"),
+    )
     rows = tuple(
         (
             Cell(f"{label(row['estimator'])}, {row['implementation']}"),
-            *(Cell(number(np.float64(row[c]))) for c in kB), Cell(number(row["process_MB"])),
+            *(Cell(number(np.float64(row[c]))) for c in kB),
+            Cell(number(row["process_MB"])),
         )
         for row in held.to_dict("records")
-    )  # fmt: skip
+    )
     notes = (
         "Buffers: what is carried or written into from update to update. Besides: the most that one update asks for "
         "and gives back, of Python and NumPy; torch's own is not seen. Process: the most that a process of its own "

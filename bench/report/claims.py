@@ -69,8 +69,9 @@ def claims_table(found: list[Claim]) -> Table:
         "none, or --ablations or --robustness were left out).",
     )
     columns = (Column("claim"), Column("paper"), Column("ours"), Column(label(REFERENCE)))
-    return Table("claims", "The paper's numbers and ours", pd.DataFrame(found, columns=Claim._fields), columns, rows,
-                 notes)  # fmt: skip
+    return Table(
+        "claims", "The paper's numbers and ours", pd.DataFrame(found, columns=Claim._fields), columns, rows, notes
+    )
 
 
 def _compared(summary: Summary) -> Iterator[Claim]:
@@ -103,10 +104,20 @@ def _ramps(evidence: Evidence) -> Iterator[Claim]:
                 found.append(np.abs(error[since, column]).max())
         return float(max(found, default=np.nan))
 
-    yield Claim("Fig. 3a, largest pressure error after a load ramp", "bar", RAMP_ERRORS[0],
-                worst(PROPOSED, 0, True), worst(REFERENCE, 0, True))  # fmt: skip
-    yield Claim("Fig. 3b, largest temperature error in and after a load ramp", "K", RAMP_ERRORS[1],
-                worst(PROPOSED, 1, False), worst(REFERENCE, 1, False))  # fmt: skip
+    yield Claim(
+        "Fig. 3a, largest pressure error after a load ramp",
+        "bar",
+        RAMP_ERRORS[0],
+        worst(PROPOSED, 0, True),
+        worst(REFERENCE, 0, True),
+    )
+    yield Claim(
+        "Fig. 3b, largest temperature error in and after a load ramp",
+        "K",
+        RAMP_ERRORS[1],
+        worst(PROPOSED, 1, False),
+        worst(REFERENCE, 1, False),
+    )
 
 
 def _wear(evidence: Evidence) -> Iterator[Claim]:
@@ -166,13 +177,18 @@ def _ablated(scores: pd.DataFrame, robustness: pd.DataFrame) -> Iterator[Claim]:
 
 def _robust(robustness: pd.DataFrame, evidence: Evidence) -> Iterator[Claim]:
     mild = {
-        c.name for c in CONDITIONS
+        c.name
+        for c in CONDITIONS
         if c.group == "noise and dropout" and c.corruption.noise <= 1.5 and c.corruption.dropout <= 0.10
-    }  # fmt: skip
+    }
     chosen = robustness[(robustness["estimator"] == PROPOSED) & (robustness["metric"] == "p_nrmse_pct")]
     worst = chosen[chosen["condition"].isin(mild)].groupby("condition")["value"].mean()
-    yield Claim("Fig. 6a, pressure error up to 1.5 times the noise and 10 % dropout, at most", "%", 1.2,
-                float(worst.max()) if len(worst) else np.nan)  # fmt: skip
+    yield Claim(
+        "Fig. 6a, pressure error up to 1.5 times the noise and 10 % dropout, at most",
+        "%",
+        1.2,
+        float(worst.max()) if len(worst) else np.nan,
+    )
     after = evidence.nis.get("fouling")
     ratio = np.nan if after is None else nis_median_ratio(after, CHANNELS_READ)
     yield Claim("Fig. 6c, median innovation after abrupt fouling, of what is expected", "1", 1.06, ratio)

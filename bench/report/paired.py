@@ -39,8 +39,15 @@ def rivals_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
     """
     names = [n for n in ordered(scores["estimator"].unique()) if not is_ablation(n) and n != PROPOSED]
     note = f"Paired difference to {label(PROPOSED)}, " + INTERVAL.format(says=f"{label(PROPOSED)} is the better")
-    return _table("paired", f"Against {label(PROPOSED)}", "estimator", {n: (label(n), PROPOSED) for n in names}, scores,
-                  failures, note)  # fmt: skip
+    return _table(
+        "paired",
+        f"Against {label(PROPOSED)}",
+        "estimator",
+        {n: (label(n), PROPOSED) for n in names},
+        scores,
+        failures,
+        note,
+    )
 
 
 def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
@@ -52,9 +59,14 @@ def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
 
 
 def _table(
-    name: str, title: str, head: str, pairs: Mapping[str, tuple[str, str]], scores: pd.DataFrame,
-    failures: Mapping[str, str], note: str,
-) -> Table:  # fmt: skip
+    name: str,
+    title: str,
+    head: str,
+    pairs: Mapping[str, tuple[str, str]],
+    scores: pd.DataFrame,
+    failures: Mapping[str, str],
+    note: str,
+) -> Table:
     """Rows: estimators, by name with how they are printed and whom they are set against."""
     against: dict[tuple[str, str, str], tuple[float, ...]] = {}
     for metric in METRICS:

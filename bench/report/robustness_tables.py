@@ -27,16 +27,28 @@ def robustness_tables(scores: pd.DataFrame) -> list[Table]:
         "them on. × is the multiple of the error of that time without any fault.",
     )
     return [
-        _table("harder", "Under faster wear and loads beyond the envelope", harder, names, scores,
-               "parameter_error_pct", (NOTE,)),
+        _table(
+            "harder",
+            "Under faster wear and loads beyond the envelope",
+            harder,
+            names,
+            scores,
+            "parameter_error_pct",
+            (NOTE,),
+        ),
         _table("faults", "After sensor faults", faults, names, scores, "parameter_after_pct", (NOTE, *after)),
-    ]  # fmt: skip
+    ]
 
 
 def _table(
-    name: str, title: str, conditions: list[str], names: list[str], scores: pd.DataFrame, metric: str,
+    name: str,
+    title: str,
+    conditions: list[str],
+    names: list[str],
+    scores: pd.DataFrame,
+    metric: str,
     notes: tuple[str, ...],
-) -> Table:  # fmt: skip
+) -> Table:
     chosen = scores[scores["metric"] == metric]
     means = chosen.groupby(["condition", "estimator"])["value"].mean()
     rows, lines = [], []

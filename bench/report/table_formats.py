@@ -99,11 +99,19 @@ def to_tex(table: Table) -> str:
     for row in table.rows:
         escaped = [Cell(_tex(c.text), _tex(c.interval), _tex(c.times), c.best) for c in row]
         body.append(" & ".join(cell.line(best=r"\textbf{{{}}}") for cell in escaped) + r" \\")
-    return "\n".join([
-        f"% {table.title}",
-        rf"\begin{{tabular}}{{l{'r' * (len(table.columns) - 1)}}}", r"\toprule", *body, r"\bottomrule",
-        r"\end{tabular}", "", *(rf"\par\footnotesize {_tex(note)}" for note in (*table.notes, *table.definitions)), "",
-    ])  # fmt: skip
+    return "\n".join(
+        [
+            f"% {table.title}",
+            rf"\begin{{tabular}}{{l{'r' * (len(table.columns) - 1)}}}",
+            r"\toprule",
+            *body,
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+            *(rf"\par\footnotesize {_tex(note)}" for note in (*table.notes, *table.definitions)),
+            "",
+        ]
+    )
 
 
 def to_text(table: Table, width: int = 80) -> str:

@@ -185,17 +185,19 @@ def latency_table(latency: pd.DataFrame) -> Table:
     times = [c for c in frame.columns if c.endswith("_us")]
     about = [c for c in ("mode", "implementation", "window") if c in frame.columns]
     columns = (
-        Column("estimator"), *(Column(c) for c in about),
+        Column("estimator"),
+        *(Column(c) for c in about),
         *(Column(c.removesuffix("_us"), "µs") for c in times),
-    )  # fmt: skip
+    )
     rows = tuple(
         (Cell(label(row["estimator"])), *(Cell(str(row[c])) for c in about), *(Cell(number(row[c])) for c in times))
         for row in frame.to_dict("records")
     )
     notes = (
         "One update of one machine, measured alone on the machine; budget at 20 Hz: 50,000 µs."
-        if len(rows) else "No latency was measured in this run.",
-    )  # fmt: skip
+        if len(rows)
+        else "No latency was measured in this run.",
+    )
     return Table("latency", "Time of one update", frame.reset_index(drop=True), columns, rows, notes)
 
 
@@ -210,8 +212,10 @@ def cost_table(cost: pd.DataFrame) -> Table:
             times = {"once": by[stage].mean(), "in_all": by[stage].sum(min_count=1)}
             for key, seconds in times.items():
                 frame[f"{column}_{key}_s"] = [seconds.get(name, np.nan) for name in names]
-    heads = [Column(key.split("_", 1)[1].removesuffix("_s").replace("_", " "), f"{key.split('_')[0]}, s")
-             for key in frame.columns[1:]]  # fmt: skip
+    heads = [
+        Column(key.split("_", 1)[1].removesuffix("_s").replace("_", " "), f"{key.split('_')[0]}, s")
+        for key in frame.columns[1:]
+    ]
     rows = tuple(
         (Cell(label(row["estimator"])), *(Cell(number(row[key])) for key in frame.columns[1:]))
         for row in frame.to_dict("records")

@@ -33,10 +33,11 @@ def headline(summary: Summary) -> str:
             f"{_count(len(alike[then]))} {WHERE[then]}"
         )
     said = [
-        f"{label(leader[q])} cannot be told apart from {_count(len(alike[q]))} {WHERE[q]}" if alike[q]
+        f"{label(leader[q])} cannot be told apart from {_count(len(alike[q]))} {WHERE[q]}"
+        if alike[q]
         else f"{label(leader[q])} {BEST[q]}"
         for q in BEST
-    ]  # fmt: skip
+    ]
     return "; ".join(said)
 
 
@@ -134,8 +135,10 @@ def _proposed(summary: Summary) -> list[str]:
     for question, ranking in summary.rankings.items():
         order = _by_mean(summary, question)
         if PROPOSED not in order:
-            said.append(f"The proposed method, {label(PROPOSED)}, has no complete {ERROR[question]}: "
-                        f"{ranking.dropped.get(PROPOSED, 'it failed')}.")  # fmt: skip
+            said.append(
+                f"The proposed method, {label(PROPOSED)}, has no complete {ERROR[question]}: "
+                f"{ranking.dropped.get(PROPOSED, 'it failed')}."
+            )
         elif order[0] != PROPOSED:
             alike = " It cannot be told apart from the first." if PROPOSED in _alike(summary, question) else ""
             said.append(

@@ -114,12 +114,14 @@ def _makers(manifest: dict[str, Any]) -> list[tuple[str, str]]:
     if len(made) < 2:
         return []
     return [
-        (f"rows of {_joined(map(label, whole))}{f' and {parts} ablations' if parts else ''}",
-         f"{command}; commit {commit}; on {processor}")
+        (
+            f"rows of {_joined(map(label, whole))}{f' and {parts} ablations' if parts else ''}",
+            f"{command}; commit {commit}; on {processor}",
+        )
         for (command, commit, processor), names in made.items()
         for whole in [[name for name in ordered(names) if not is_ablation(name)]]
         for parts in [len(names) - len(whole)]
-    ]  # fmt: skip
+    ]
 
 
 def _joined(values: Any) -> str:

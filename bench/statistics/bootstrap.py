@@ -120,9 +120,11 @@ def differences(table: SequenceScores, reference: str) -> pd.DataFrame:
         Columns ``estimator, difference, low, high, n_sequences, reason``, without the reference.
     """
     frame = _over_sequences(
-        table, "difference", table.row(reference),
+        table,
+        "difference",
+        table.row(reference),
         lambda weights, values, others: weights @ (values - others),
-    )  # fmt: skip
+    )
     return _without(frame, reference, table)
 
 

@@ -129,17 +129,39 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
             lost = group.index.get_level_values("sequence")[np.isnan(shares)]
             reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
             low, high = interval(weights @ shares, n)
-            table.append((
-                estimator, regime, quantity, float(shares @ ticks / ticks.sum()), low, high, n,
-                100 * LEVEL, *expected_band(n), "; ".join(filter(None, [failed.get(estimator), reason])),
-            ))  # fmt: skip
+            table.append(
+                (
+                    estimator,
+                    regime,
+                    quantity,
+                    float(shares @ ticks / ticks.sum()),
+                    low,
+                    high,
+                    n,
+                    100 * LEVEL,
+                    *expected_band(n),
+                    "; ".join(filter(None, [failed.get(estimator), reason])),
+                )
+            )
     missing = [name for name in failed if name not in set(rows["estimator"])]
     nothing = (np.nan, np.nan, np.nan, 0, 100 * LEVEL, np.nan, np.nan)
     table += [(name, "all", "mean", *nothing, failed[name]) for name in ordered(missing)]
-    return pd.DataFrame(table, columns=[
-        "estimator", "regime", "quantity", "coverage_pct", "low", "high", "n_sequences",
-        "expected_pct", "expected_low", "expected_high", "reason",
-    ])  # fmt: skip
+    return pd.DataFrame(
+        table,
+        columns=[
+            "estimator",
+            "regime",
+            "quantity",
+            "coverage_pct",
+            "low",
+            "high",
+            "n_sequences",
+            "expected_pct",
+            "expected_low",
+            "expected_high",
+            "reason",
+        ],
+    )
 
 
 def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:
@@ -150,15 +172,6 @@ def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:
     """
     low, high = binom.ppf([0.025, 0.975], n, level) / n
     return 100.0 * float(low), 100.0 * float(high)
-
-
-def chi2_band(dof: int, n: int, level: float = LEVEL) -> tuple[float, float]:
-    """Bounds of the mean over n independent values of chi-square(dof) / dof, for NIS and NEES.
-
-    Bar-Shalom, Li and Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, 5.4.
-    """
-    low, high = chi2.ppf([0.5 - level / 2, 0.5 + level / 2], dof * n) / (dof * n)
-    return float(low), float(high)
 
 
 def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:

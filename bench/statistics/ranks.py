@@ -106,9 +106,20 @@ def rank(table: SequenceScores, alpha: float = 0.05) -> Ranking:
     )
     notes = [*_say(resolution, alpha), *(f"{name} is not ranked: {why}." for name, why in dropped.items())]
     return Ranking(
-        table.metric, names, table.sequences, ranks, mean_ranks, statistic, p, gap, bars, pairs, dropped,
-        resolution, tuple(notes),
-    )  # fmt: skip
+        table.metric,
+        names,
+        table.sequences,
+        ranks,
+        mean_ranks,
+        statistic,
+        p,
+        gap,
+        bars,
+        pairs,
+        dropped,
+        resolution,
+        tuple(notes),
+    )
 
 
 def friedman(ranks: Array) -> tuple[float, float]:
@@ -167,10 +178,18 @@ def compare_pairs(names: tuple[str, ...], scores: Array, mean_ranks: Array, alph
         rank_gap = float(mean_ranks[j] - mean_ranks[i])
         nemenyi = float(stats.studentized_range.sf(rank_gap / _rank_sd(k, n), k, np.inf))
         level = alpha / (k * (k - 1) / 2)
-        rows.append((
-            names[i], names[j], rank_gap, nemenyi, float(np.median(difference)), wilcoxon_p(difference),
-            rank_biserial(difference), smallest_gap(float(np.std(difference, ddof=1)), n, level),
-        ))  # fmt: skip
+        rows.append(
+            (
+                names[i],
+                names[j],
+                rank_gap,
+                nemenyi,
+                float(np.median(difference)),
+                wilcoxon_p(difference),
+                rank_biserial(difference),
+                smallest_gap(float(np.std(difference, ddof=1)), n, level),
+            )
+        )
     columns = ["first", "second", "rank_gap", "nemenyi_p", "median_difference", "wilcoxon_p", "effect_size"]
     pairs = pd.DataFrame(rows, columns=[*columns, "smallest_gap"])
     pairs.insert(6, "holm_p", holm(pairs["wilcoxon_p"].to_numpy()))

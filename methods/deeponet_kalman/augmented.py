@@ -121,16 +121,27 @@ def room_type(weights: np.ndarray) -> np.dtype[np.void]:
         weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
     """
     square, wide, narrow = (SIZE, SIZE), (N_OUTPUTS, SIZE), (N_OUTPUTS, N_OUTPUTS)
-    return record({
-        "operator": (scratch_type(weights), ()),
-        "F": ("f8", square), "M": ("f8", square),
-        "H": ("f8", wide), "HP": ("f8", wide), "X": ("f8", wide), "K": ("f8", (SIZE, N_OUTPUTS)),
-        "R": ("f8", narrow), "S": ("f8", narrow), "L": ("f8", narrow),
-        **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
-        "column": ("f8", (SIZE,)),
-        "rows": ("f8", (N_HEALTH, N_OUTPUTS)), "push": ("f8", (N_HEALTH,)), "variance": ("f8", (N_HEALTH,)),
-        "after": ("f8", (N_MOVED, N_HEALTH)), "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
-    })  # fmt: skip
+    return record(
+        {
+            "operator": (scratch_type(weights), ()),
+            "F": ("f8", square),
+            "M": ("f8", square),
+            "H": ("f8", wide),
+            "HP": ("f8", wide),
+            "X": ("f8", wide),
+            "K": ("f8", (SIZE, N_OUTPUTS)),
+            "R": ("f8", narrow),
+            "S": ("f8", narrow),
+            "L": ("f8", narrow),
+            **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+            "column": ("f8", (SIZE,)),
+            "rows": ("f8", (N_HEALTH, N_OUTPUTS)),
+            "push": ("f8", (N_HEALTH,)),
+            "variance": ("f8", (N_HEALTH,)),
+            "after": ("f8", (N_MOVED, N_HEALTH)),
+            "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
+        }
+    )
 
 
 @njit(cache=True, error_model="numpy")

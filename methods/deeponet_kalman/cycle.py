@@ -54,12 +54,14 @@ class Scaling(NamedTuple):
     scale: Array
 
 
-TWIN = record({
-    "filter": (MODEL, ()),
-    "front": (record({**dict.fromkeys(Fitted._fields[:4], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
-    "query": (record(dict.fromkeys(Scaling._fields, ("f8", (N_QUERY,)))), ()),
-    "update_every": ("i8", ()),
-})  # fmt: skip
+TWIN = record(
+    {
+        "filter": (MODEL, ()),
+        "front": (record({**dict.fromkeys(Fitted._fields[:4], ("f8", (N_CHANNELS,))), "threshold": ("f8", ())}), ()),
+        "query": (record(dict.fromkeys(Scaling._fields, ("f8", (N_QUERY,)))), ()),
+        "update_every": ("i8", ()),
+    }
+)
 """What a twin is, beside the operator's weights."""
 
 SAID = record({
@@ -82,15 +84,18 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     Args:
         weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
     """
-    return record({
-        "recent": ("f8", (WINDOW, N_CHANNELS)),
-        **dict.fromkeys(("filled", "age_s", "outlier", "last", "still"), ("f8", (N_CHANNELS,))),
-        "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
-        "ticks": ("i8", ()),  # updates so far
-        "stream": (stream_type(weights), ()),
-        "safety": (SAFETY, ()),
-        "z": ("f8", (SIZE,)), "P": ("f8", (SIZE, SIZE)),
-    })  # fmt: skip
+    return record(
+        {
+            "recent": ("f8", (WINDOW, N_CHANNELS)),
+            **dict.fromkeys(("filled", "age_s", "outlier", "last", "still"), ("f8", (N_CHANNELS,))),
+            "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
+            "ticks": ("i8", ()),  # updates so far
+            "stream": (stream_type(weights), ()),
+            "safety": (SAFETY, ()),
+            "z": ("f8", (SIZE,)),
+            "P": ("f8", (SIZE, SIZE)),
+        }
+    )
 
 
 def scratch(weights: np.ndarray) -> np.ndarray:
@@ -99,14 +104,24 @@ def scratch(weights: np.ndarray) -> np.ndarray:
     Args:
         weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
     """
-    return np.zeros(1, record({
-        "filter": (room_type(weights), ()),
-        **dict.fromkeys(("accepted", "spike", "confirmed"), ("u1", (N_CHANNELS,))),
-        "before": ("f8", (N_CHANNELS,)), "kept": ("f8", (WINDOW,)),
-        "white": ("f8", (N_OUTPUTS,)), "coloured": ("f8", (N_OUTPUTS,)),
-        "measured": ("f8", (N_OUTPUTS,)), "lag": ("f8", (N_OUTPUTS,)),
-        "sample": ("f4", (N_CHANNELS,)), "mask": ("f4", (N_CHANNELS,)), "query": ("f4", (N_QUERY,)),
-    }))  # fmt: skip
+    return np.zeros(
+        1,
+        record(
+            {
+                "filter": (room_type(weights), ()),
+                **dict.fromkeys(("accepted", "spike", "confirmed"), ("u1", (N_CHANNELS,))),
+                "before": ("f8", (N_CHANNELS,)),
+                "kept": ("f8", (WINDOW,)),
+                "white": ("f8", (N_OUTPUTS,)),
+                "coloured": ("f8", (N_OUTPUTS,)),
+                "measured": ("f8", (N_OUTPUTS,)),
+                "lag": ("f8", (N_OUTPUTS,)),
+                "sample": ("f4", (N_CHANNELS,)),
+                "mask": ("f4", (N_CHANNELS,)),
+                "query": ("f4", (N_QUERY,)),
+            }
+        ),
+    )
 
 
 @njit(cache=True, error_model="numpy")

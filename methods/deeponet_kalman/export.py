@@ -183,9 +183,11 @@ def _heads(g: _Graph, estimator: DeepONetKalman, base: str) -> None:
     model, width = estimator.model, g.weights["net.heads.hidden_weight"].shape[-1]
     entry = g.weights["net.heads.from_condition.weight"].T
     condition = g(
-        "Concat", g.standardised("x", model.state_mean, model.state_scale),
-        g("Div", g.rows("zeta", 0, N_ZETA), np.array([ZETA_SCALE])), axis=0,
-    )  # fmt: skip
+        "Concat",
+        g.standardised("x", model.state_mean, model.state_scale),
+        g("Div", g.rows("zeta", 0, N_ZETA), np.array([ZETA_SCALE])),
+        axis=0,
+    )
     first, slope = _silu_and_slope(g, g("Add", base, g("MatMul", g("Reshape", condition, [1, N_CONDITION]), entry)))
     rows = g("Concat", g("Mul", slope, entry), first, axis=0)
     per_head = g("Transpose", g("Reshape", rows, [N_CONDITION + 1, N_HEADS, width]), perm=[1, 0, 2])
@@ -237,12 +239,24 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
         low[j], span[j] = 0.0, HEALTHY[j] * EXPONENTIAL
     share, (at_0, at_1) = (HEALTHY - low) / span, speed_factor(np.array([0.0, 1.0]))
     return {
-        "z0": fresh["z"], "P0": fresh["P"], "F": F, "Q": model.Q, "H": H, "z_low": z_low, "z_high": z_high,
-        "probe_tau_s": np.array(TAU_PROBE_S), "probe_tau_x": np.array(TAU_PROBE_X),
-        "mean": estimator.front_end.mean, "window": np.array(estimator.config["window"]),
-        **{name: np.array([getattr(s, name) for s in OUTPUT_NOISE])
-           for name in ("white", "coloured", "relative", "with_speed")},
+        "z0": fresh["z"],
+        "P0": fresh["P"],
+        "F": F,
+        "Q": model.Q,
+        "H": H,
+        "z_low": z_low,
+        "z_high": z_high,
+        "probe_tau_s": np.array(TAU_PROBE_S),
+        "probe_tau_x": np.array(TAU_PROBE_X),
+        "mean": estimator.front_end.mean,
+        "window": np.array(estimator.config["window"]),
+        **{
+            name: np.array([getattr(s, name) for s in OUTPUT_NOISE])
+            for name in ("white", "coloured", "relative", "with_speed")
+        },
         "speed": np.array([at_0, at_1 - at_0]),
-        "low": low, "span": span,
-        "slope": slope / (span * share * (1.0 - share)), "offset": np.log(share / (1.0 - share)),
-    }  # fmt: skip
+        "low": low,
+        "span": span,
+        "slope": slope / (span * share * (1.0 - share)),
+        "offset": np.log(share / (1.0 - share)),
+    }

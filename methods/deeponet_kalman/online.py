@@ -25,8 +25,14 @@ class Online:
         said = np.zeros(1, SAID)
         self._measured, self._lag_s = np.empty((1, len(CHANNELS))), np.zeros((1, len(CHANNELS)))
         self._arguments = (
-            twin.weights, twin.twin, memory, self._measured, self._lag_s, said, scratch(twin.weights),
-        )  # fmt: skip
+            twin.weights,
+            twin.twin,
+            memory,
+            self._measured,
+            self._lag_s,
+            said,
+            scratch(twin.weights),
+        )
         self.state = State(said["mean"], said["cov"], said["low"], said["high"], (memory,))
         accepted = said["accepted"].view(np.bool_)
         self.info = Info(said["innovation"], said["S"], said["nis"], accepted, said["flags"], said["age_s"])

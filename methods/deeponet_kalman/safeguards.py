@@ -85,17 +85,19 @@ class Envelope(NamedTuple):
     high: Array
 
 
-SAFETY = record({
-    "sensitivity": ("f8", (N_MOVED, N_HEALTH)),  # of states and probe to health held constant
-    "information": ("f8", (N_HEALTH, N_HEALTH)),  # of the last minute about health
-    "observable": ("f8", (N_HEALTH, N_HEALTH)),  # projector onto what that informs about
-    "mismatch": ("f8", (N_OUTPUTS, N_OUTPUTS)),  # C of Eq. (13)
-    "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
-    "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
-    "steps": (STEPS, ()),
-    "unknown": ("i8", ()),  # updates for which the operator's query, or what its window holds of it, is not known
-    "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
-})  # fmt: skip
+SAFETY = record(
+    {
+        "sensitivity": ("f8", (N_MOVED, N_HEALTH)),  # of states and probe to health held constant
+        "information": ("f8", (N_HEALTH, N_HEALTH)),  # of the last minute about health
+        "observable": ("f8", (N_HEALTH, N_HEALTH)),  # projector onto what that informs about
+        "mismatch": ("f8", (N_OUTPUTS, N_OUTPUTS)),  # C of Eq. (13)
+        "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
+        "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
+        "steps": (STEPS, ()),
+        "unknown": ("i8", ()),  # updates for which the operator's query, or what its window holds of it, is not known
+        "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
+    }
+)
 """What the safeguards carry from update to update of one machine."""
 UPDATES, OUTSIDE, FROZEN, INFLATING, CHANNEL = 0, 1, 2, 3, 4
 """Columns of counts: updates so far, consecutive ones outside the gate, frozen ones, inflations left, per channel

@@ -30,12 +30,14 @@ KEPT, KEEP_UPDATES = 8, 300
 MOVED_SD = 2.0
 """By which health has moved unusually far on that way."""
 
-STEPS = record({
-    "sums": ("f8", (2, N_OUTPUTS)),  # cumulative sums, upwards and downwards
-    "out": ("i8", (N_OUTPUTS,)),  # updates for which a channel is still left out
-    "fits": ("i8", (N_OUTPUTS,)),  # consecutive ones of them in which it fitted
-    "way": ("f8", (KEPT, N_HEALTH)),  # health in the last two minutes, a ring
-})  # fmt: skip
+STEPS = record(
+    {
+        "sums": ("f8", (2, N_OUTPUTS)),  # cumulative sums, upwards and downwards
+        "out": ("i8", (N_OUTPUTS,)),  # updates for which a channel is still left out
+        "fits": ("i8", (N_OUTPUTS,)),  # consecutive ones of them in which it fitted
+        "way": ("f8", (KEPT, N_HEALTH)),  # health in the last two minutes, a ring
+    }
+)
 """What is carried from update to update."""
 
 

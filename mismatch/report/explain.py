@@ -18,9 +18,15 @@ if TYPE_CHECKING:
 
 
 def explain(
-    spec: str, paths: Sequence[Path], hold_out: Sequence[Path], out: Path, catalogue: str, mapping: Sequence[str],
-    trust: bool = False, inputs: str = "auto",
-) -> Verdict:  # fmt: skip
+    spec: str,
+    paths: Sequence[Path],
+    hold_out: Sequence[Path],
+    out: Path,
+    catalogue: str,
+    mapping: Sequence[str],
+    trust: bool = False,
+    inputs: str = "auto",
+) -> Verdict:
     """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Args:
@@ -48,9 +54,14 @@ def explain(
     check_writable(out)
     with Progress() as progress:
         verdict = diagnose(
-            simulator, fitted, hold_out=held_out, catalogue=whole, progress=progress.report, faults=given.faults,
+            simulator,
+            fitted,
+            hold_out=held_out,
+            catalogue=whole,
+            progress=progress.report,
+            faults=given.faults,
             inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
-        )  # fmt: skip
+        )
         joined = verdict.diagnosis.joined.inputs
         said = joined if given.inputs or joined == "linear" else ""
         model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)

@@ -23,8 +23,12 @@ CLOSE = 16
 """The window shows one in so many of the blocks, but not fewer than ``LEAST``."""
 LEAST = 40
 MEASURED: dict[str, Any] = {
-    "color": "#aab4bd", "linewidth": 3.2, "marker": "o", "markersize": 3.2, "markeredgewidth": 0,
-}  # fmt: skip
+    "color": "#aab4bd",
+    "linewidth": 3.2,
+    "marker": "o",
+    "markersize": 3.2,
+    "markeredgewidth": 0,
+}
 """A broad road below the simulated lines; the markers show readings that stand alone between gaps."""
 BEFORE: dict[str, Any] = {"color": "#D55E00", "linestyle": (0, (3.5, 1.2)), "linewidth": 1.1}
 AFTER: dict[str, Any] = {"color": "#0072B2", "linestyle": "-", "linewidth": 1.1}
@@ -48,9 +52,12 @@ def fit_over_time(
     """
     figure = canvas(PAGE_MM, 12.0 + 62.0 * len(channels))
     grid = figure.subplots(
-        2 * len(channels), 2, sharex="col", squeeze=False,
+        2 * len(channels),
+        2,
+        sharex="col",
+        squeeze=False,
         gridspec_kw={"width_ratios": (1.7, 1.0), "height_ratios": (1.25, 1.0) * len(channels)},
-    )  # fmt: skip
+    )
     scale, unit = time_unit(float(replay.track.time_s[-1] - replay.track.time_s[0]))
     time = replay.track.block_time_s / scale
     close = window(replay, channels[0], max(LEAST, len(time) // CLOSE))

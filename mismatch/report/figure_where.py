@@ -80,8 +80,11 @@ def _pieces(axes: Axes, replay: Replay, scale: float, sd: Array) -> None:
 def _force_unit(simulator: Simulator, port: str) -> str:
     kind, _, name = port.partition(":")
     groups = {
-        "balance": simulator.states, "flux": simulator.fluxes, "input": simulator.inputs, "output": simulator.outputs,
-    }  # fmt: skip
+        "balance": simulator.states,
+        "flux": simulator.fluxes,
+        "input": simulator.inputs,
+        "output": simulator.outputs,
+    }
     unit = next(v.unit for v in groups[kind] if v.name == name)
     return spoken(f"{bracketed(unit)}/s" if kind == "balance" else unit)
 

@@ -41,11 +41,14 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
         "When",
         (
             f"Top: the free force at {located.ports[0][0]} that would explain the recordings best, per recording that "
-            "was learnt from. Bottom: e" if located else "E"
-        ) + "rror of all outputs in units of the noise; at the thin line nothing but noise is left."
+            "was learnt from. Bottom: e"
+            if located
+            else "E"
+        )
+        + "rror of all outputs in units of the noise; at the thin line nothing but noise is left."
         + (" Dotted: when it began." if any(f.since_s is not None for f in verdict.findings) else ""),
         partial(over_time, [r for r in shown if not r.held_out], verdict, sd),
-    )  # fmt: skip
+    )
     yield _drawn(
         "where_in_regime",
         "In which regime",
@@ -61,12 +64,14 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
         (
             "Weight of the explanations that have an effect there, among all that were fitted. Each of several effects "
             "has a port, so the bars may sum to more than 100 %."
-            if d.chosen is not None else
-            "Probability that the difference enters there, from how much a free force at each port alone would explain."
-        ) + " Below 1 %: not shown.",
+            if d.chosen is not None
+            else "Probability that the difference enters there, from how much a free force at each port alone would "
+            "explain."
+        )
+        + " Below 1 %: not shown.",
         partial(ports, located.ports) if located else None,
         NOTHING_TO_LOCATE,
-    )  # fmt: skip
+    )
     yield _drawn(
         "explanations",
         "Explanations fitted in full",

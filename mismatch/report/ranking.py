@@ -32,10 +32,15 @@ def ranking(d: Diagnosis) -> list[Ranked]:
         names, gain = frozenset(e.names), d.before.cost - e.cost
         if names not in gains or gain > gains[names][0]:
             gains[names] = gain, e.names
-    rivals = [
-        (set(best.names) - {name}) | {other}
-        for name, others in zip(best.names, d.rivals, strict=True) for other in others.names
-    ] if best and d.chosen else []  # fmt: skip
+    rivals = (
+        [
+            (set(best.names) - {name}) | {other}
+            for name, others in zip(best.names, d.rivals, strict=True)
+            for other in others.names
+        ]
+        if best and d.chosen
+        else []
+    )
 
     def standing(names: Sequence[str]) -> str:
         if best is not None and set(names) == set(best.names):

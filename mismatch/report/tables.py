@@ -60,37 +60,54 @@ def _texts(v: Value) -> tuple[str, str]:
 def _errors(errors: Sequence[OutputError]) -> Listing:
     rows = tuple(
         (
-            e.channel, "held out" if e.held_out else "learnt from", number(e.rmse_before), number(e.rmse_after),
-            "–" if e.rmse_after == e.rmse_before else interval(e.change_low, e.change_high), number(e.noise_sd),
+            e.channel,
+            "held out" if e.held_out else "learnt from",
+            number(e.rmse_before),
+            number(e.rmse_after),
+            "–" if e.rmse_after == e.rmse_before else interval(e.change_low, e.change_high),
+            number(e.noise_sd),
             spoken(e.unit),
         )
         for e in sorted(errors, key=lambda e: not e.held_out)
-    )  # fmt: skip
+    )
     return Listing(
-        "errors", "Error of each output",
+        "errors",
+        "Error of each output",
         ("output", "recordings", "before", "after", "change, 90 % interval", "sensor's scatter", "unit"),
-        ("recordings", "unit"), rows,
-        ("Error: root mean square of measured minus simulated, open loop, reading by reading.",
-         "Before: the simulator with its own parameters fitted. After: with what was found added. So the change is "
-         "what was found, not what was merely set wrong.",
-         "Sensor's scatter: its noise from reading to reading. Slow noise does not show in that, so all its noise is "
-         "this or more."),
+        ("recordings", "unit"),
+        rows,
+        (
+            "Error: root mean square of measured minus simulated, open loop, reading by reading.",
+            "Before: the simulator with its own parameters fitted. After: with what was found added. So the change is "
+            "what was found, not what was merely set wrong.",
+            "Sensor's scatter: its noise from reading to reading. Slow noise does not show in that, so all its noise "
+            "is this or more.",
+        ),
         "No output was measured.",
-    )  # fmt: skip
+    )
 
 
 def _parameters(verdict: Verdict) -> Listing:
     known = {v.name: v.says for v in verdict.diagnosis.simulator.parameters}
     rows = tuple(
-        (v.name, known.get(v.name, ""), number(v.before if v.before is not None else float("nan")), *_texts(v),
-         spoken(v.unit))
+        (
+            v.name,
+            known.get(v.name, ""),
+            number(v.before if v.before is not None else float("nan")),
+            *_texts(v),
+            spoken(v.unit),
+        )
         for v in verdict.parameters
-    )  # fmt: skip
+    )
     return Listing(
-        "parameters", "Parameters of the simulator",
-        ("parameter", "what it is", "as it came", "now", "90 % interval", "unit"), ("what it is", "unit"), rows,
-        (), "The simulator has no parameters to calibrate.",
-    )  # fmt: skip
+        "parameters",
+        "Parameters of the simulator",
+        ("parameter", "what it is", "as it came", "now", "90 % interval", "unit"),
+        ("what it is", "unit"),
+        rows,
+        (),
+        "The simulator has no parameters to calibrate.",
+    )
 
 
 def _rivals(d: Diagnosis) -> Listing:
@@ -104,27 +121,37 @@ def _rivals(d: Diagnosis) -> Listing:
                 instead = ranked.get(frozenset(best.names) - {name} | {other})
                 rows.append((name, other, number(own - instead.gain) if instead else "–", number(own)))
     return Listing(
-        "rivals", "What these recordings cannot tell apart",
-        ("found", "could as well be", "which gains less by", "out of"), ("could as well be",), tuple(rows), (),
+        "rivals",
+        "What these recordings cannot tell apart",
+        ("found", "could as well be", "which gains less by", "out of"),
+        ("could as well be",),
+        tuple(rows),
+        (),
         "Nothing: no other candidate explains the recordings nearly as well." if best else "Nothing was named.",
-    )  # fmt: skip
+    )
 
 
 def _tests(d: Diagnosis) -> Listing:
     failed = sorted((t for t in d.tests if t.p < SIGNIFICANT), key=lambda t: t.p)
     rows = tuple(
         (
-            t.recording, t.channel, typeset(t.says), number(t.statistic),
+            t.recording,
+            t.channel,
+            typeset(t.says),
+            number(t.statistic),
             number(t.p, 1) if t.p >= LEAST_P else f"below {number(LEAST_P, 1)}",
         )
         for t in failed
-    )  # fmt: skip
+    )
     return Listing(
-        "tests", "Residual tests of the calibrated simulator that failed",
-        ("recording", "channel", "what is wrong", "statistic", "p"), ("channel", "what is wrong"), rows,
+        "tests",
+        "Residual tests of the calibrated simulator that failed",
+        ("recording", "channel", "what is wrong", "statistic", "p"),
+        ("channel", "what is wrong"),
+        rows,
         (f"p after Holm's correction over all {len(d.tests)} tests; shown below {SIGNIFICANT}.",),
         f"None of {len(d.tests)}: what calibration leaves is noise to these tests.",
-    )  # fmt: skip
+    )
 
 
 def _explanations(d: Diagnosis) -> Listing:
@@ -132,12 +159,17 @@ def _explanations(d: Diagnosis) -> Listing:
         (" + ".join(e.names), str(len(e.names)), number(e.gain, 4), number(e.needed), e.standing) for e in ranking(d)
     )
     return Listing(
-        "explanations-fitted", "Explanations fitted in full",
-        ("explanation", "effects", "gain", "had to gain", "standing"), ("standing",), rows,
-        ("Gain: over the calibrated simulator, twice the log-likelihood. Had to gain: what noise alone could with as "
-         "many effects.",),
+        "explanations-fitted",
+        "Explanations fitted in full",
+        ("explanation", "effects", "gain", "had to gain", "standing"),
+        ("standing",),
+        rows,
+        (
+            "Gain: over the calibrated simulator, twice the log-likelihood. Had to gain: what noise alone could with "
+            "as many effects.",
+        ),
         "None: no candidate promised enough.",
-    )  # fmt: skip
+    )
 
 
 def _looked_for(d: Diagnosis) -> Listing:
@@ -148,14 +180,24 @@ def _looked_for(d: Diagnosis) -> Listing:
         v = c.mechanism.parameters[0]
         seen = size * abs(typical(c))
         beyond = seen > max(abs(v.low - c.null[0]), abs(v.high - c.null[0]))
-        rows.append((
-            name, c.mechanism.says, c.mechanism.port, with_unit(seen, v.unit) if not beyond else "hidden",
-            number(size) if not beyond else "–",
-        ))  # fmt: skip
+        rows.append(
+            (
+                name,
+                c.mechanism.says,
+                c.mechanism.port,
+                with_unit(seen, v.unit) if not beyond else "hidden",
+                number(size) if not beyond else "–",
+            )
+        )
     return Listing(
-        "looked-for", "All that was looked for, and the least of it that would have been seen",
-        ("mechanism", "what it is", "port", "least size seen", "in typical sizes"), ("what it is", "port"), tuple(rows),
-        ("Least size: what would have passed the threshold in these recordings, alone. Above 1 an effect of typical "
-         "size stays hidden in them; hidden: so does the largest that is possible.",),
+        "looked-for",
+        "All that was looked for, and the least of it that would have been seen",
+        ("mechanism", "what it is", "port", "least size seen", "in typical sizes"),
+        ("what it is", "port"),
+        tuple(rows),
+        (
+            "Least size: what would have passed the threshold in these recordings, alone. Above 1 an effect of typical "
+            "size stays hidden in them; hidden: so does the largest that is possible.",
+        ),
         "The catalogue was empty.",
-    )  # fmt: skip
+    )

@@ -144,8 +144,18 @@ def start(u: Array, p: Array) -> Array:
     return np.array([0.98e5 * u[0], 3.0e5, 430.0, 355.0, 1.0, 430.0, u[3], 370.0, 0.0, 3.0e5, 1.0])
 
 
-def _effect(name: str, slot: str, typical: float, most: float, port: str, size: str = "", absent: float = 0.0,
-            scale: float = 1.0, also: tuple[str, ...] = (), ports: tuple[str, ...] = ()) -> Effect:  # fmt: skip
+def _effect(
+    name: str,
+    slot: str,
+    typical: float,
+    most: float,
+    port: str,
+    size: str = "",
+    absent: float = 0.0,
+    scale: float = 1.0,
+    also: tuple[str, ...] = (),
+    ports: tuple[str, ...] = (),
+) -> Effect:
     return Effect(name, slot, typical, most, (name, *also), (port, *ports), size, absent, scale)
 
 

@@ -55,7 +55,12 @@ class Engine:
             with open(self.log, "a") as log:
                 blind = [sys.executable, "-P", "-m", "twinbench.proof.blind", str(self.keep_out)]
                 self._process = subprocess.Popen(
-                    blind, cwd=ROOT, env=environment,
-                    stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=log, text=True,
-                )  # fmt: skip
+                    blind,
+                    cwd=ROOT,
+                    env=environment,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=log,
+                    text=True,
+                )
         return self._process

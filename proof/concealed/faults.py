@@ -17,10 +17,12 @@ from twinbench.proof.concealed.machine import Effect, Machine
 KINDS = ("bias", "gain", "lag", "delay", "drift", "saturation", "quantisation", "stuck")
 _COMPARABLE = {"bias": "bias", "gain": "gain", "lag": "lag_s", "delay": "delay_s", "quantisation": "quantisation"}
 _ALSO = {
-    "sensor_gain@m_flow_kg_s": ("flow_meter_gain",), "sensor_lag@T_dis_K": ("probe_lag",),
-    "input_bias@load_Nm": ("offset@omega_rad_s",), "input_bias@pump_V": ("offset@h1_cm",),
+    "sensor_gain@m_flow_kg_s": ("flow_meter_gain",),
+    "sensor_lag@T_dis_K": ("probe_lag",),
+    "input_bias@load_Nm": ("offset@omega_rad_s",),
+    "input_bias@pump_V": ("offset@h1_cm",),
     "input_bias@voltage_V": ("offset@current_A",),
-}  # fmt: skip
+}
 _ABSORBED = {
     "sensor_bias@T_dis_K", "sensor_drift@T_dis_K", "sensor_gain@T_probe_K", "sensor_bias@T_probe_K",
     "input_gain@valve", "input_bias@valve", "input_gain@pump_V", "input_lag@T_suc_K", "input_delay@T_suc_K",
@@ -89,10 +91,15 @@ def first_size(kind: str, sigma: float, span: tuple[float, float]) -> tuple[floa
     width = span[1] - span[0]
     sigma = sigma if sigma > 0.0 else 0.01 * width
     start, most = {
-        "bias": (sigma, 0.5 * width), "gain": (0.02, 0.4), "lag": (0.5, 20.0), "delay": (0.3, 10.0),
-        "drift": (10.0 * sigma, 10.0 * width), "saturation": (0.15, 0.6), "quantisation": (sigma, 0.3 * width),
+        "bias": (sigma, 0.5 * width),
+        "gain": (0.02, 0.4),
+        "lag": (0.5, 20.0),
+        "delay": (0.3, 10.0),
+        "drift": (10.0 * sigma, 10.0 * width),
+        "saturation": (0.15, 0.6),
+        "quantisation": (sigma, 0.3 * width),
         "stuck": (0.2, 0.4),
-    }[kind]  # fmt: skip
+    }[kind]
     return min(start, most), most
 
 

@@ -31,8 +31,12 @@ TEXTS = ("truth", "verdict", "named", "set", "port_truth", "ports_named", "alike
 
 def read_cases(path: Path) -> pd.DataFrame:
     """``cases.csv``, empty texts as such."""
-    return pd.read_csv(path, dtype=dict.fromkeys(("case", *TEXTS), str), keep_default_na=False, na_values={
-        c: [""] for c in COLUMNS if c not in ("case", *TEXTS)})  # fmt: skip
+    return pd.read_csv(
+        path,
+        dtype=dict.fromkeys(("case", *TEXTS), str),
+        keep_default_na=False,
+        na_values={c: [""] for c in COLUMNS if c not in ("case", *TEXTS)},
+    )
 
 
 def wilson(hits: int, cases: int, level: float = 0.95) -> tuple[float, float]:
@@ -128,14 +132,15 @@ def quantile(gate: str, sense: str, required: float, values: pd.Series, share: f
 
 def gate_line(
     gate: str, sense: str, required: Any, measured: float, low: float, high: float, cases: int
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """One gate: what is required of it, what was measured with its 95 % interval, and is it met? None without cases."""
     met: bool | None = None
     if cases and sense:
         met = {
-            ">=": lambda: measured >= required, "<=": lambda: measured <= required,
+            ">=": lambda: measured >= required,
+            "<=": lambda: measured <= required,
             "in": lambda: required[0] <= measured <= required[1],
-        }[sense]()  # fmt: skip
+        }[sense]()
     said = f"{required[0]:g} to {required[1]:g}" if sense == "in" else f"{sense} {required:g}" if sense else ""
     return {"gate": gate, "required": said, "measured": measured, "low": low, "high": high, "cases": cases, "met": met}
 
@@ -167,10 +172,11 @@ def as_markdown(gates: pd.DataFrame) -> str:
 def engines_as_markdown(table: pd.DataFrame) -> str:
     """``engine_table`` to read: each engine's values with their 95 % intervals."""
     lines = [
-        f"The {table['cases'].iloc[0]} cases that every engine answered; 95 % intervals in brackets.", "",
+        f"The {table['cases'].iloc[0]} cases that every engine answered; 95 % intervals in brackets.",
+        "",
         "| engine | " + " | ".join(column.replace("_", " ") for column in COMPARED) + " | s |",
         "|---" * (len(COMPARED) + 2) + "|",
-    ]  # fmt: skip
+    ]
     for _, row in table.iterrows():
         cells = [
             f"{row[c]:.2f} ({row[f'{c}_low']:.2f} to {row[f'{c}_high']:.2f})" if row[f"{c}_cases"] else "-"

@@ -84,16 +84,26 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> C
     severity = item.severity if min(reached, default=1.0) >= MEANS_IT * item.severity else min(reached)
     without = sorted({n for e in effects for n in e.right}) if item.cell == "left_out" else []
     public = {
-        "machine": machine.name, "simulator": machine.simulator, "values": dict(machine.values),
-        "calibrate": list(machine.calibrate), "without": without,
-        "train": [t.name for t in takes if not t.held_out], "held_out": [t.name for t in takes if t.held_out],
-    }  # fmt: skip
+        "machine": machine.name,
+        "simulator": machine.simulator,
+        "values": dict(machine.values),
+        "calibrate": list(machine.calibrate),
+        "without": without,
+        "train": [t.name for t in takes if not t.held_out],
+        "held_out": [t.name for t in takes if t.held_out],
+    }
     truth = {
-        "case": item.case, "machine": machine.name, "cell": item.cell, "severity": round(float(severity), 4),
-        "background_pct": background, "effects": found, "onset_s": onset_s if np.isfinite(onset_s) else None,
+        "case": item.case,
+        "machine": machine.name,
+        "cell": item.cell,
+        "severity": round(float(severity), 4),
+        "background_pct": background,
+        "effects": found,
+        "onset_s": onset_s if np.isfinite(onset_s) else None,
         "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.before, strict=True)},
-        "outputs": list(machine.outputs), "held_out_floor": floor,
-    }  # fmt: skip
+        "outputs": list(machine.outputs),
+        "held_out_floor": floor,
+    }
     return Case(item, public, tables, truth)
 
 
@@ -115,9 +125,13 @@ def _parameters(machine: Machine, cell: str, background: float, rng: np.random.G
     for name, width in machine.offsets.items():
         values[name] = machine.parameters[name] + off * width * rng.uniform(-1.0, 1.0)
     return machine.p(
-        **values, ripple=background / 100.0, ripple_phase=rng.uniform(0, 2 * np.pi),
-        ambient=machine.ambient, ambient_phase=rng.uniform(0, 2 * np.pi), exponent=rng.uniform(*machine.exponent),
-    )  # fmt: skip
+        **values,
+        ripple=background / 100.0,
+        ripple_phase=rng.uniform(0, 2 * np.pi),
+        ambient=machine.ambient,
+        ambient_phase=rng.uniform(0, 2 * np.pi),
+        exponent=rng.uniform(*machine.exponent),
+    )
 
 
 def _takes(machine: Machine, regime: str, rng: np.random.Generator) -> tuple[Take, ...]:
@@ -162,12 +176,19 @@ def _scaled(
         else:
             wrong.append((effect.ports[0], kind, amplitude))
         sizes = {effect.size: [effect.absent + effect.scale * amplitude, effect.absent]} if effect.size else {}
-        found.append({
-            "name": effect.name, "right": list(effect.right), "alike": _alike(machine, effect),
-            "ports": list(effect.ports), "amplitude": amplitude, "sizes": sizes,
-            "held_out": held_out, "in_training": in_training,
-            "severity": in_training if kind == "stuck" else min(held_out, in_training),
-        })  # fmt: skip
+        found.append(
+            {
+                "name": effect.name,
+                "right": list(effect.right),
+                "alike": _alike(machine, effect),
+                "ports": list(effect.ports),
+                "amplitude": amplitude,
+                "sizes": sizes,
+                "held_out": held_out,
+                "in_training": in_training,
+                "severity": in_training if kind == "stuck" else min(held_out, in_training),
+            }
+        )
     return _Plan(takes, p, after, onset_s, tuple(wrong)), found
 
 

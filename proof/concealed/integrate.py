@@ -43,9 +43,18 @@ def _run(law, reading, start_s, period_s, substeps, u, x0, before, after, onset_
 
 
 def run(
-    law: object, reading: object, channels: int, start_s: float, period_s: float, substeps: int, u: Array, x0: Array,
-    before: Array, after: Array, onset_s: float,
-) -> tuple[Array, Array]:  # fmt: skip
+    law: object,
+    reading: object,
+    channels: int,
+    start_s: float,
+    period_s: float,
+    substeps: int,
+    u: Array,
+    x0: Array,
+    before: Array,
+    after: Array,
+    onset_s: float,
+) -> tuple[Array, Array]:
     """Run one recording of N samples; inputs u (N, nu) are held between samples.
 
     Args:

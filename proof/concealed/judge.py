@@ -59,18 +59,26 @@ def score(
     matched = [(e, c) for e in effects for c in same if c.names[0] in e["right"]]
     error, covered = size_error(*matched[0]) if len(effects) == 1 and matched else (np.nan, np.nan)
     return {
-        "case": truth["case"], "machine": truth["machine"], "cell": truth["cell"], "severity": truth["severity"],
+        "case": truth["case"],
+        "machine": truth["machine"],
+        "cell": truth["cell"],
+        "severity": truth["severity"],
         "background_pct": truth["background_pct"],
         "truth": "+".join("|".join(e["right"]) or e["name"] for e in effects),
-        "verdict": verdict.get("verdict", ""), "named": "+".join(named), "set": "+".join("|".join(s) for s in sets),
+        "verdict": verdict.get("verdict", ""),
+        "named": "+".join(named),
+        "set": "+".join("|".join(s) for s in sets),
         "port_truth": "+".join("|".join(e["ports"]) for e in effects),
         "ports_named": "+".join("|".join(c.ports) for c in found),
         "onset_error_s": onset_error(truth["onset_s"], found, effects),
-        "size_error_pct": error, "size_covered": covered,
-        "gain": gain(verdict, truth["held_out_floor"]) if found else np.nan, "oracle_gain": oracle_gain,
-        "engine": engine, "seconds": float(verdict.get("seconds", np.nan)),
+        "size_error_pct": error,
+        "size_covered": covered,
+        "gain": gain(verdict, truth["held_out_floor"]) if found else np.nan,
+        "oracle_gain": oracle_gain,
+        "engine": engine,
+        "seconds": float(verdict.get("seconds", np.nan)),
         "alike": "+".join("|".join(e["alike"]) for e in effects),
-    }  # fmt: skip
+    }
 
 
 def claims(verdict: Mapping[str, Any]) -> list[Claim]:

@@ -126,9 +126,18 @@ class Machine:
         held = np.tile(u[0], (round(self.settle_s / self.period_s), 1))
         began = start_s - self.settle_s
         return run(
-            self.law, self.reading, len(self.outputs), began, self.period_s, self.coarse, held, self.start(u[0], p),
-            p, p, onset_s,
-        )[1]  # fmt: skip
+            self.law,
+            self.reading,
+            len(self.outputs),
+            began,
+            self.period_s,
+            self.coarse,
+            held,
+            self.start(u[0], p),
+            p,
+            p,
+            onset_s,
+        )[1]
 
 
 def clock(seconds: float, period_s: float) -> Array:
@@ -137,9 +146,12 @@ def clock(seconds: float, period_s: float) -> Array:
 
 
 def levels(
-    rng: np.random.Generator, t: Array, limits: tuple[float, float], hold_s: tuple[float, float],
+    rng: np.random.Generator,
+    t: Array,
+    limits: tuple[float, float],
+    hold_s: tuple[float, float],
     ramp_s: tuple[float, float],
-) -> Array:  # fmt: skip
+) -> Array:
     """Held levels joined by ramps, at times t (N,); hold times are drawn evenly in their logarithm.
 
     Args:

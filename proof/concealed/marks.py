@@ -68,12 +68,16 @@ def miss(row: pd.Series) -> str:
     if row["verdict"] == "failed":
         return "engine failed"
     for wrong, says in (
-        (m.false_name, "false name"), (m.physics_for_sensor, "sensor called physics"),
-        (m.confidently_wrong, "wrong name"), (m.abstained_right is False, "wrong set"),
-        (m.pair_right is False, "not both of two"), (m.fault_right is False, "sensor fault not named"),
-        (m.set_right is False, "not named"), (m.named_right is False, "set only"),
+        (m.false_name, "false name"),
+        (m.physics_for_sensor, "sensor called physics"),
+        (m.confidently_wrong, "wrong name"),
+        (m.abstained_right is False, "wrong set"),
+        (m.pair_right is False, "not both of two"),
+        (m.fault_right is False, "sensor fault not named"),
+        (m.set_right is False, "not named"),
+        (m.named_right is False, "set only"),
         (m.located is False, "located elsewhere"),
-    ):  # fmt: skip
+    ):
         if wrong:
             return says
     return ""

@@ -73,8 +73,9 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
         "poor": ((150.0, 150.2), (20.0, 20.1)),
     }[regime]
     t = clock(seconds, 0.05)
-    return np.stack([levels(rng, t, voltage, (1.5, 25.0), (0.8, 5.0)), levels(rng, t, load, (3.0, 40.0), (0.8, 5.0))],
-                    axis=-1)  # fmt: skip
+    return np.stack(
+        [levels(rng, t, voltage, (1.5, 25.0), (0.8, 5.0)), levels(rng, t, load, (3.0, 40.0), (0.8, 5.0))], axis=-1
+    )
 
 
 def start(u: Array, p: Array) -> Array:
@@ -89,11 +90,24 @@ def start(u: Array, p: Array) -> Array:
 
 
 def _on(
-    state: str, effect: str, slot: str, typical: float, most: float, port: str = "balance",
-    also: tuple[str, ...] = (), ports: tuple[str, ...] = (),
-) -> Effect:  # fmt: skip
-    return Effect(f"{effect}@{state}", slot, typical, most, (f"{effect}@{state}", *also), (f"{port}:{state}", *ports),
-                  size=f"{effect}_{state}")  # fmt: skip
+    state: str,
+    effect: str,
+    slot: str,
+    typical: float,
+    most: float,
+    port: str = "balance",
+    also: tuple[str, ...] = (),
+    ports: tuple[str, ...] = (),
+) -> Effect:
+    return Effect(
+        f"{effect}@{state}",
+        slot,
+        typical,
+        most,
+        (f"{effect}@{state}", *also),
+        (f"{port}:{state}", *ports),
+        size=f"{effect}_{state}",
+    )
 
 
 _W, _I, _T, _V = "omega_rad_s", "current_A", "T_winding_K", "voltage_V"

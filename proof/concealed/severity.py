@@ -47,8 +47,9 @@ class Take:
         return self.name.startswith("held")
 
 
-def readings(machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float,
-             substeps: int) -> Array:  # fmt: skip
+def readings(
+    machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float, substeps: int
+) -> Array:
     """Clean readings (N, ny) of one take under inputs u.
 
     Args:
@@ -57,8 +58,19 @@ def readings(machine: Machine, take: Take, u: Array, x0: Array, before: Array, a
         before: (n_parameters,) the parameters until ``onset_s``, each in its unit.
         after: (n_parameters,) those from then on, likewise.
     """
-    return run(machine.law, machine.reading, len(machine.outputs), take.start_s, machine.period_s, substeps, u, x0,
-               before, after, onset_s)[0]  # fmt: skip
+    return run(
+        machine.law,
+        machine.reading,
+        len(machine.outputs),
+        take.start_s,
+        machine.period_s,
+        substeps,
+        u,
+        x0,
+        before,
+        after,
+        onset_s,
+    )[0]
 
 
 class Yardstick:

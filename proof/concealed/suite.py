@@ -40,9 +40,15 @@ _Plan = Sequence[tuple[Item, Mapping[str, str]]]
 
 
 def run(
-    n: int, seed: int, out: Path, console: Console, engines: Mapping[str, str] = OURS, jobs: int = 0,
-    opponent_cases: int | None = None, command: str = "",
-) -> pd.DataFrame:  # fmt: skip
+    n: int,
+    seed: int,
+    out: Path,
+    console: Console,
+    engines: Mapping[str, str] = OURS,
+    jobs: int = 0,
+    opponent_cases: int | None = None,
+    command: str = "",
+) -> pd.DataFrame:
     """Run n cases on every engine; write ``cases.csv``, ``gates.csv``, ``misses.csv``, ``manifest.json`` into ``out``.
 
     ``engines.csv`` and ``engines.md`` hold the engines side by side. What an earlier run finished with the same
@@ -92,9 +98,7 @@ def planned(n: int, seed: int, engines: Mapping[str, str], opponent_cases: int |
     return [(item, asked) for item, asked in plan if asked]
 
 
-def report(
-    out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts: Mapping[str, Any]
-) -> pd.DataFrame:  # fmt: skip
+def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts: Mapping[str, Any]) -> pd.DataFrame:
     """Write the tables of finished cases; the first engine's gates, the oracle's aside."""
     rows = [row(item, out, name) for item, asked in plan for name in asked]
     seals = {item.case: digest(out, item) for item, _ in plan}
@@ -112,7 +116,12 @@ def report(
     write_text(out / "engines.csv", compared.to_csv(index=False))
     write_text(out / "engines.md", engines_as_markdown(compared))
     manifest = {
-        "cases": len(plan), "seed": seed, "engines": dict(engines), "seal": key_of(**seals), **facts, **provenance(),
-    }  # fmt: skip
+        "cases": len(plan),
+        "seed": seed,
+        "engines": dict(engines),
+        "seal": key_of(**seals),
+        **facts,
+        **provenance(),
+    }
     write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return gates[first]

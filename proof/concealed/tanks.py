@@ -109,7 +109,9 @@ MACHINE = Machine(
     coarse=6,
     seconds={"train": (1200.0, 1200.0, 1200.0), "held": (1200.0, 1200.0)},
     noise={
-        "pump_V": Noise(0.002, 0.0, 1.0), "level1_cm": Noise(0.12, 0.08, 4.0), "level2_cm": Noise(0.12, 0.08, 4.0),
+        "pump_V": Noise(0.002, 0.0, 1.0),
+        "level1_cm": Noise(0.12, 0.08, 4.0),
+        "level2_cm": Noise(0.12, 0.08, 4.0),
     },
     lsb={"pump_V": 0.001, "level1_cm": 0.03, "level2_cm": 0.03},
     effects=(
@@ -132,7 +134,9 @@ MACHINE = Machine(
         Effect("outlet_clogs_with_use", "clogging", 0.02, 0.4, (), _IN2),
     ),
     confusable=(
-        ("leak@h1_cm", "linear_leak@h1_cm"), ("linear_leak@h1_cm", "quadratic_leak@h1_cm"),
-        ("overflow@h1_cm", "quadratic_leak@h1_cm"), ("offset@h2_cm", "linear_leak@h2_cm"),
+        ("leak@h1_cm", "linear_leak@h1_cm"),
+        ("linear_leak@h1_cm", "quadratic_leak@h1_cm"),
+        ("overflow@h1_cm", "quadratic_leak@h1_cm"),
+        ("offset@h2_cm", "linear_leak@h2_cm"),
     ),
-)  # fmt: skip
+)

@@ -32,8 +32,9 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
     whole, loose = rows[rows["cell"].isin(["plain", "enriched"])], rows[rows["cell"] == "loose"]
     table, also = [], []
     for says, column, mean, worst in (
-        ("parameter error", "parameter_share", 0.80, 0.65), ("60 s open loop", "open60_share", 0.90, 0.80),
-    ):  # fmt: skip
+        ("parameter error", "parameter_share", 0.80, 0.65),
+        ("60 s open loop", "open60_share", 0.90, 0.80),
+    ):
         capped = _capped(whole[column])
         table += [_mean(f"gap closed, {says}, mean", mean, capped), _worst(f"gap closed, {says}, worst", worst, capped)]
         also.append(_mean(f"loose constants: gap closed, {says}, mean", np.nan, _capped(loose[column])))
@@ -45,25 +46,39 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
         pd.Series(_several(whole[c]), dtype=object).astype(float) for c in ("amplitude_error_pct", "amplitude_covered")
     )
     said = left_out["verdict"].isin(ABSTAINS)
-    return pd.DataFrame([
-        *table,
-        rate("wrong single names, of all", "<=", 0.05, _hits(len(wrong), len(right) + len(wrong))),
-        rate("effects named alone or in a set of at most three", ">=", 0.90,
-             _hits(len(effects) - len(missed), len(effects))),
-        rate("effects named alone", "", np.nan, _hits(len(right), len(effects))),
-        rate("nominal model's own recordings: single names", "<=", 0.0, nominal["named_wrong"] != ""),
-        rate("nominal model's own recordings: sets", "", np.nan, nominal["sets"] != ""),
-        rate("effects taken out of the catalogue: says incomplete", ">=", 0.80, said),
-        rate("nothing taken out: says incomplete", "", np.nan, whole["verdict"].isin(ABSTAINS)),
-        rate("effects taken out, complete it says: a wrong single name", "", np.nan,
-             left_out.loc[~said, "named_wrong"] != ""),
-        quantile("error of the amplitude of single names, median, %", "", np.nan, sizes),
-        rate("90 % interval covers the amplitude", "", np.nan, covered > 0.5),
-        *also,
-        rate("loose constants: wrong single names, of all", "", np.nan,
-             _hits(len(loosely_wrong), len(loosely_right) + len(loosely_wrong))),
-        quantile("seconds that the engine takes, median", "<=", 300.0, rows["seconds"]),
-    ])  # fmt: skip
+    return pd.DataFrame(
+        [
+            *table,
+            rate("wrong single names, of all", "<=", 0.05, _hits(len(wrong), len(right) + len(wrong))),
+            rate(
+                "effects named alone or in a set of at most three",
+                ">=",
+                0.90,
+                _hits(len(effects) - len(missed), len(effects)),
+            ),
+            rate("effects named alone", "", np.nan, _hits(len(right), len(effects))),
+            rate("nominal model's own recordings: single names", "<=", 0.0, nominal["named_wrong"] != ""),
+            rate("nominal model's own recordings: sets", "", np.nan, nominal["sets"] != ""),
+            rate("effects taken out of the catalogue: says incomplete", ">=", 0.80, said),
+            rate("nothing taken out: says incomplete", "", np.nan, whole["verdict"].isin(ABSTAINS)),
+            rate(
+                "effects taken out, complete it says: a wrong single name",
+                "",
+                np.nan,
+                left_out.loc[~said, "named_wrong"] != "",
+            ),
+            quantile("error of the amplitude of single names, median, %", "", np.nan, sizes),
+            rate("90 % interval covers the amplitude", "", np.nan, covered > 0.5),
+            *also,
+            rate(
+                "loose constants: wrong single names, of all",
+                "",
+                np.nan,
+                _hits(len(loosely_wrong), len(loosely_right) + len(loosely_wrong)),
+            ),
+            quantile("seconds that the engine takes, median", "<=", 300.0, rows["seconds"]),
+        ]
+    )
 
 
 def _several(texts: pd.Series) -> list[str]:
@@ -96,8 +111,10 @@ def draws_table(rows: pd.DataFrame) -> str:
     lines = [f"| {' | '.join(heads)} |", "|" + "---|" * len(heads)]
     for _, row in rows.iterrows():
         cells = [row["case"], row["engine"], row["verdict"]]
-        cells += [row[c].replace("+", ", ").replace("|", " or ") or "-" for c in (
-            "named_right", "named_wrong", "sets", "missed")]  # fmt: skip
+        cells += [
+            row[c].replace("+", ", ").replace("|", " or ") or "-"
+            for c in ("named_right", "named_wrong", "sets", "missed")
+        ]
         cells += [" / ".join(_short(row[f"{model}_{metric}"]) for model in MODELS) for metric in METRICS]
         cells += [f"{_short(row['parameter_share'])}, {_short(row['open60_share'])}", f"{row['seconds']:.0f}"]
         lines.append(f"| {' | '.join(cells)} |")

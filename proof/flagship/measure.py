@@ -20,8 +20,11 @@ from twinbench.physics.steady import DESIGN_POINT, steady_state, valve_for
 
 EVALUATION = Evaluation(stride=20, origin_every_s=30.0, leads_s=(60.0,))
 METRICS = {
-    "parameter": "parameter_error_pct", "p": "p_open60_pct", "T": "T_open60_pct", "m": "m_open60_pct",
-}  # fmt: skip
+    "parameter": "parameter_error_pct",
+    "p": "p_open60_pct",
+    "T": "T_open60_pct",
+    "m": "m_open60_pct",
+}
 """Columns of the results and the benchmark's metrics that they are; ``open60`` is the sum of the last three."""
 CALIBRATION_MIN = 15.0
 
@@ -48,11 +51,6 @@ class Errors:
     p: float
     T: float
     m: float
-
-    @property
-    def open60(self) -> float:
-        """The forecast's errors of p, T and m together."""
-        return self.p + self.T + self.m
 
 
 def errors(simulator: Simulator, train: Batch, held_out: Batch) -> Errors:

@@ -37,9 +37,7 @@ TRAINING = Part(
     "train", 15.0, (900.0, 1500.0), (2.25, 4.0), (0.86, 1.08), (286.0, 300.0),
     ((), (), ("leakage", "capacity"), ("efficiency",), ("heat_transfer",), HEALTH), 0.5,
 )  # fmt: skip
-HELD_OUT = Part(
-    "held", 25.0, (1200.0, 1800.0), (2.9, 4.85), (0.82, 1.0), (299.0, 310.0), (HEALTH, HEALTH, HEALTH), 1.0
-)  # fmt: skip
+HELD_OUT = Part("held", 25.0, (1200.0, 1800.0), (2.9, 4.85), (0.82, 1.0), (299.0, 310.0), (HEALTH, HEALTH, HEALTH), 1.0)
 SWING_K = 3.0
 """Swing of the suction temperature that ``Scenario`` adds."""
 HOLD_S = (15.0, 240.0)
@@ -71,8 +69,9 @@ def _scenario(part: Part, i: int, seed: int, number: int) -> Scenario:
     idle = draw(f"{number}-{name}", "none", seed, minutes, WARMUP_MIN, False, rng.random(10))
     slowed = tuple(
         replace(c, end=float(s.start[HEALTH.index(c.parameter)] * (1.0 - part.pace) + c.end * part.pace))
-        for s in worn for c in s.changes
-    )  # fmt: skip
+        for s in worn
+        for c in s.changes
+    )
     mean = rng.uniform(part.T_suc_K[0] + SWING_K, part.T_suc_K[1] - SWING_K)
     return replace(
         idle,
@@ -86,9 +85,12 @@ def _scenario(part: Part, i: int, seed: int, number: int) -> Scenario:
 
 
 def _held(
-    rng: np.random.Generator, scenario: Scenario, limits: tuple[float, float], hold_s: tuple[float, float],
+    rng: np.random.Generator,
+    scenario: Scenario,
+    limits: tuple[float, float],
+    hold_s: tuple[float, float],
     ramp_s: tuple[float, float],
-) -> Array:  # fmt: skip
+) -> Array:
     """Knots (N, 2) of held levels joined by ramps."""
     t = scenario.time_s()
     return np.stack([t, levels(rng, t, limits, hold_s, ramp_s)], axis=-1)

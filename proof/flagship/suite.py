@@ -51,9 +51,14 @@ def plan(draws: int) -> list[Item]:
 
 
 def run(
-    draws: int, seed: int, out: Path, console: Console, engines: Sequence[str] = ENGINES[:1], jobs: int = 0,
+    draws: int,
+    seed: int,
+    out: Path,
+    console: Console,
+    engines: Sequence[str] = ENGINES[:1],
+    jobs: int = 0,
     command: str = "",
-) -> pd.DataFrame:  # fmt: skip
+) -> pd.DataFrame:
     """Write ``draws.csv``, ``draws.md``, ``gates.csv``, ``gates.md`` and ``manifest.json`` into ``out``.
 
     A case that an earlier run finished with the same code is kept.
@@ -106,10 +111,16 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
     write_text(folder / "verdict.json", json.dumps(verdict, indent=1))
     write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
     row = {
-        "case": item.name, "cell": item.cell, "number": item.number, "engine": engine,
-        "truth": "+".join(e.name for e in plant.effects), "without": "+".join(plant.without),
-        "verdict": verdict["verdict"], "seconds": verdict["seconds"], **_judged(sealed, folder, verdict),
-    }  # fmt: skip
+        "case": item.name,
+        "cell": item.cell,
+        "number": item.number,
+        "engine": engine,
+        "truth": "+".join(e.name for e in plant.effects),
+        "without": "+".join(plant.without),
+        "verdict": verdict["verdict"],
+        "seconds": verdict["seconds"],
+        **_judged(sealed, folder, verdict),
+    }
     if item.cell in ("plain", "enriched", "loose") and len(models) == 2:
         nominal = (models[CALIBRATED], at_design_point(plant.simulator), at_known_health(train))
         measured: list[Errors] = [errors(m, train, held_out) for m in (plant.simulator, *nominal, models[MODEL])]
@@ -125,16 +136,24 @@ def ask(
         for i, name in enumerate(batch.names):
             truth_table(batch.without_truth(), i).to_csv(folder / f"{name}.csv", index=False, float_format="%.8g")
     case = {
-        "train": train.names, "held_out": held_out.names, "without": plant.without, "only": only,
-        "constants": plant.constants, "tolerance": UNKNOWN_SHARE / np.sqrt(3.0),
-    }  # fmt: skip
+        "train": train.names,
+        "held_out": held_out.names,
+        "without": plant.without,
+        "only": only,
+        "constants": plant.constants,
+        "tolerance": UNKNOWN_SHARE / np.sqrt(3.0),
+    }
     (folder / "case.json").write_text(json.dumps(case))
     began = time.perf_counter()
     try:
         subprocess.run(
             [sys.executable, "-P", "-m", "twinbench.proof.flagship.ask", str(folder), str(keep_out)],
-            cwd=_ROOT, check=True, timeout=TIMEOUT_S, capture_output=True, text=True,
-        )  # fmt: skip
+            cwd=_ROOT,
+            check=True,
+            timeout=TIMEOUT_S,
+            capture_output=True,
+            text=True,
+        )
         return dict(json.loads((folder / "verdict.json").read_text()))
     except (subprocess.TimeoutExpired, subprocess.CalledProcessError) as error:
         said = (error.stderr or str(error)).strip().splitlines()[-1]
@@ -154,9 +173,14 @@ def report(out: Path, listed: Sequence[tuple[Item, str]], seed: int, facts: Mapp
     write_text(out / "draws.md", draws_table(table))
     seals = {f.parent.name: json.loads(f.with_name("seal.json").read_text())["sha256"] for f in files}
     manifest = {
-        "cases": len(listed), "seed": seed, "engines": engines, "seals": seals, "seal": key_of(**seals), **facts,
+        "cases": len(listed),
+        "seed": seed,
+        "engines": engines,
+        "seals": seals,
+        "seal": key_of(**seals),
+        **facts,
         **provenance(),
-    }  # fmt: skip
+    }
     write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
     return gates[engines[0]]
 

@@ -84,9 +84,12 @@ def calibrate(
 
 
 def calibrated(
-    simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording],
-    catalogue: Sequence[Mechanism] | None, progress: Progress,
-) -> Calibrated:  # fmt: skip
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording],
+    catalogue: Sequence[Mechanism] | None,
+    progress: Progress,
+) -> Calibrated:
     """As ``calibrate``, with everything that might be missing at hand."""
     found = calibrate(simulator, recordings, hold_out, progress)
     listed = whole_catalogue(simulator) if catalogue is None else tuple(catalogue)

@@ -27,9 +27,12 @@ Z90 = 1.645
 
 
 def diagnose(
-    simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (),
-    catalogue: Sequence[Mechanism] | None = None, progress: Progress = quiet,
-) -> dict[str, Any]:  # fmt: skip
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
     """Arguments as for ``mismatch.diagnose``; names one to ``MOST`` mechanisms."""
     c = calibrated(simulator, recordings, hold_out, catalogue, progress)
     listed = variants(c.candidates)

@@ -27,9 +27,12 @@ PENALTIES = np.logspace(0.0, 8.0, 17)
 
 
 def diagnose(
-    simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (),
-    catalogue: Sequence[Mechanism] | None = None, progress: Progress = quiet,
-) -> dict[str, Any]:  # fmt: skip
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
     """Calibrate, then learn the residual; arguments as for ``mismatch.diagnose``.
 
     The penalty is found by leaving out one recording at a time. An output that is then predicted no better than by

@@ -11,8 +11,11 @@ from twinbench.proof.opponents.base import Progress, calibrate, quiet, told
 
 
 def diagnose(
-    simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording] = (),
-    catalogue: Sequence[Mechanism] | None = None, progress: Progress = quiet,
-) -> dict[str, Any]:  # fmt: skip
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
     """Calibrate and name nothing; arguments as for ``mismatch.diagnose``."""
     return told(calibrate(simulator, recordings, hold_out, progress), "The simulator was calibrated.")

@@ -58,10 +58,14 @@ class System(NamedTuple):
 
 
 def _diagnose(
-    form: Callable[[Path], tuple[_Operator, _Operator]], projected: bool, simulator: Simulator,
-    recordings: Sequence[Recording], hold_out: Sequence[Recording] = (),
-    catalogue: Sequence[Mechanism] | None = None, progress: Progress = quiet,
-) -> dict[str, Any]:  # fmt: skip
+    form: Callable[[Path], tuple[_Operator, _Operator]],
+    projected: bool,
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
     """Arguments as for ``mismatch.diagnose``, after the first two.
 
     Raises:

@@ -70,17 +70,33 @@ def make_estimates(truth: Batch, estimator: str, seed: int, level: float, too_su
     off = rng.standard_normal(clean.shape) * level * np.array([0.02, 1.0, 0.0008])
     cov = np.broadcast_to(np.diag((level * SCALE / too_sure) ** 2), (B, len(origins), n, n)).copy()
     return Estimates(
-        estimator, seed, truth.names, truth.time_s,
-        mean.astype(np.float32), (mean - half).astype(np.float32), (mean + half).astype(np.float32),
-        (rng.chisquare(3, (B, N)) * too_sure).astype(np.float32), np.full((B, N), 3, np.int8),
-        np.zeros((B, N), np.int16), truth.time_s[origins], leads, clean + off, mean[:, origins], cov,
-    )  # fmt: skip
+        estimator,
+        seed,
+        truth.names,
+        truth.time_s,
+        mean.astype(np.float32),
+        (mean - half).astype(np.float32),
+        (mean + half).astype(np.float32),
+        (rng.chisquare(3, (B, N)) * too_sure).astype(np.float32),
+        np.full((B, N), 3, np.int8),
+        np.zeros((B, N), np.int16),
+        truth.time_s[origins],
+        leads,
+        clean + off,
+        mean[:, origins],
+        cov,
+    )
 
 
 def write_run(
-    out: Path, levels: dict[str, float] | None = None, sequences: int = 10, seeds: tuple[int, ...] = (0,),
-    failed: tuple[tuple[str, int, str, str], ...] = (), latency: bool = True, seconds: int = 600,
-) -> Path:  # fmt: skip
+    out: Path,
+    levels: dict[str, float] | None = None,
+    sequences: int = 10,
+    seeds: tuple[int, ...] = (0,),
+    failed: tuple[tuple[str, int, str, str], ...] = (),
+    latency: bool = True,
+    seconds: int = 600,
+) -> Path:
     """Everything that a run leaves for the report, in ``out``; ``failed`` holds estimator, seed, stage, reason."""
     levels = LEVELS if levels is None else levels
     truth = make_truth(sequences, seconds)
@@ -107,13 +123,26 @@ def write_run(
     cost = [f"{e},{s},{stage},{v}\n" for e, v in levels.items() for s in seeds for stage in ("fit", "estimate")]
     (out / "cost.csv").write_text("".join(["estimator,seed,stage,cpu_s\n", *cost]))
     manifest = {
-        "command": "twinbench run --profile quick", "profile": {"name": "quick"}, "seeds": list(seeds),
-        "data_key": "d0", "estimates_keys": keys, "commit": "0123abc", "uncommitted_changes": False,
-        "python": "3.11.7", "versions": {"numpy": "2.4.6"}, "machine": {"processor": "some <processor>", "cores": 2},
+        "command": "twinbench run --profile quick",
+        "profile": {"name": "quick"},
+        "seeds": list(seeds),
+        "data_key": "d0",
+        "estimates_keys": keys,
+        "commit": "0123abc",
+        "uncommitted_changes": False,
+        "python": "3.11.7",
+        "versions": {"numpy": "2.4.6"},
+        "machine": {"processor": "some <processor>", "cores": 2},
         "wall_s": {"data": 12.0, "fit": 150.4},
-        "made": {e: {"command": f"twinbench run --only {'added' if e == 'oracle' else 'whole'}", "commit": "0123abc",
-                     "processor": "some"} for e in [*levels, *(f"deeponet_kalman:part_{i}" for i in range(22))]},
-    }  # fmt: skip
+        "made": {
+            e: {
+                "command": f"twinbench run --only {'added' if e == 'oracle' else 'whole'}",
+                "commit": "0123abc",
+                "processor": "some",
+            }
+            for e in [*levels, *(f"deeponet_kalman:part_{i}" for i in range(22))]
+        },
+    }
     (out / "manifest.json").write_text(json.dumps(manifest))
     return out
 

@@ -50,8 +50,10 @@ def test_what_fit_does_not_read_is_not_trained_anew(tmp_path):
 def scores(**values: list[float]) -> pd.DataFrame:
     rows = [
         (name, 0, f"s{i}", metric, value)
-        for name, of_sequences in values.items() for metric in DEFINITIONS for i, value in enumerate(of_sequences)
-    ]  # fmt: skip
+        for name, of_sequences in values.items()
+        for metric in DEFINITIONS
+        for i, value in enumerate(of_sequences)
+    ]
     return pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])
 
 

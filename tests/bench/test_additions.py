@@ -103,11 +103,14 @@ def test_it_adds_to_a_folder_that_holds_the_tables_alone(two: SimpleNamespace, r
     assert manifest["made"]["third"]["commit"] == manifest["commit"]
 
 
-@pytest.mark.parametrize(("more", "key", "says"), [
-    ("", "minutes = 3.0", "there data.minutes is 2.5, here it is 3.0"),
-    ("", "origin_every_s = 30.0", "there evaluation.origin_every_s is 20.0, here it is 30.0"),
-    ("seeds = [4]\n", "", "there seeds is [0], here it is [4]"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "key", "says"),
+    [
+        ("", "minutes = 3.0", "there data.minutes is 2.5, here it is 3.0"),
+        ("", "origin_every_s = 30.0", "there evaluation.origin_every_s is 20.0, here it is 30.0"),
+        ("seeds = [4]\n", "", "there seeds is [0], here it is [4]"),
+    ],
+)
 def test_rows_that_cannot_be_compared_are_refused(
     two: SimpleNamespace, run: Path, capsys: pytest.CaptureFixture[str], more: str, key: str, says: str
 ) -> None:
@@ -163,8 +166,11 @@ def test_rows_under_harder_conditions_stay_until_their_estimator_changes(
         columns=["estimator", "seed", "group", "condition", "sequence", "metric", "value"],
     )
     tried.to_csv(run / "robustness.csv", index=False)
-    for spec, left in ((two.third, ["steady", "wrong"]), (two.wrong, ["steady", "wrong"]),
-                       (write_estimator(tmp_path, "wrong", scale=1.3), ["steady"])):  # fmt: skip
+    for spec, left in (
+        (two.third, ["steady", "wrong"]),
+        (two.wrong, ["steady", "wrong"]),
+        (write_estimator(tmp_path, "wrong", scale=1.3), ["steady"]),
+    ):
         assert twinbench(*run_arguments(two.profile, run, [spec])) == 0
         assert pd.read_csv(run / "robustness.csv")["estimator"].tolist() == left
         assert json.loads((run / "manifest.json").read_text())["robustness"] is True

@@ -65,11 +65,13 @@ def test_a_run_that_ended_first_counts_as_longer():
 
 def test_two_long_recordings_do_not_speak_for_all():
     """Most runs ended at 100 s without it; the two that were watched longer saw it at 500 s."""
-    times_s = pd.DataFrame({
-        "sequence": [f"s{i}" for i in range(12)],
-        "time_s": [100.0] * 10 + [500.0, 510.0],
-        "seen": [False] * 10 + [True] * 2,
-    })  # fmt: skip
+    times_s = pd.DataFrame(
+        {
+            "sequence": [f"s{i}" for i in range(12)],
+            "time_s": [100.0] * 10 + [500.0, 510.0],
+            "seen": [False] * 10 + [True] * 2,
+        }
+    )
     assert SurvfuncRight(times_s["time_s"], times_s["seen"].astype(int)).quantile(0.5) == 510.0
     assert waiting(times_s).median_s == np.inf
 
@@ -101,8 +103,9 @@ def test_the_table_says_of_how_many_and_marks_nobody_for_one_success():
     nothing = pd.DataFrame(columns=["estimator", "mode", "implementation", "window", "p50_us", "memory_kB"])
     cost = pd.DataFrame([("lucky", 0, "fit", 1.0)], columns=["estimator", "seed", "stage", "cpu_s"])
     tables = {t.name: t for t in build_tables(summarise(scores, {}), pd.DataFrame(), nothing, cost, "quick")}
-    lucky, steady = ({c.head: row[i] for i, c in enumerate(tables["following"].columns)}
-                     for row in tables["following"].rows)  # fmt: skip
+    lucky, steady = (
+        {c.head: row[i] for i, c in enumerate(tables["following"].columns)} for row in tables["following"].rows
+    )
     assert (lucky["recovery"].text, lucky["recovery"].times) == ("not reached", "1 of 10")
     assert not lucky["recovery"].best
     assert (steady["recovery"].text, steady["recovery"].times) == ("44.0", "10 of 10")

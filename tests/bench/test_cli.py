@@ -60,10 +60,15 @@ def test_help_names_every_command_and_the_exit_status(capsys: pytest.CaptureFixt
         assert word in said
 
 
-@pytest.mark.parametrize(("what", "key", "some"), [
-    ("estimators", "name", "oracle"), ("ablations", "estimator", None),
-    ("mechanisms", "name", None), ("simulators", "name", None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("what", "key", "some"),
+    [
+        ("estimators", "name", "oracle"),
+        ("ablations", "estimator", None),
+        ("mechanisms", "name", None),
+        ("simulators", "name", None),
+    ],
+)
 def test_lists_are_json_alone_on_stdout(
     capsys: pytest.CaptureFixture[str], what: str, key: str, some: str | None
 ) -> None:
@@ -206,7 +211,7 @@ BAD_USE = [
     (("export",), "the following arguments are required: --out"),
     (("estimate", "oracle", "good.csv"), "the following arguments are required: --out"),
     (("fly",), "invalid choice: 'fly'"),
-]  # fmt: skip
+]
 
 
 @pytest.fixture
@@ -219,9 +224,11 @@ def workplace(tiny: SimpleNamespace, tmp_path: Path, monkeypatch: pytest.MonkeyP
         (tmp_path / name).mkdir()
         write_estimator(tmp_path / name, "mine")
     for name, text in {
-        "range": "[data]\nn_test = 0", "type": "seeds = 'a'", "setting": "[settings.oracle]\ncolour = 1",
+        "range": "[data]\nn_test = 0",
+        "type": "seeds = 'a'",
+        "setting": "[settings.oracle]\ncolour = 1",
         "nobody": "[settings.nobody]\ncolour = 1",
-    }.items():  # fmt: skip
+    }.items():
         (tmp_path / f"{name}.toml").write_text(text)
     table = pd.read_csv(tiny.recording)
     table.to_csv(tmp_path / "good.csv", index=False)
@@ -249,22 +256,25 @@ def test_without_onnx_export_says_what_to_install(
     assert "pip install 'twinbench[export]'" in refused(workplace, capsys, "export", "--out", "out")
 
 
-@pytest.mark.parametrize(("recordings", "says"), [
-    (["nowhere.csv"], "nowhere.csv: no such file"),
-    (["one"], "one: is a folder"),
-    (["file"], "file: unknown kind of file"),
-    (["empty.csv"], "empty.csv: is empty"),
-    (["cut.parquet"], "cut.parquet: cannot be read, it may be cut short"),
-    (["words.csv"], "column valve: 'open' is no number"),
-    (["lacks.csv"], "no column 'N_rpm' for channel N_rpm"),
-    (["celsius.csv"], "is it degC or degF?"),
-    (["good.csv", "--map", "p_dis_bar[furlong]=p_dis_bar"], "unit 'furlong' cannot be turned into 'bar'"),
-    (["good.csv", "--map", "PT1=nothing"], "unknown channel 'nothing'"),
-    (["short.csv"], "lasts 2.0 s; at least 10 s are needed"),
-    (["good.csv", "good.csv"], "two recordings are named good"),
-    (["good.csv", "lacks.csv"], "no column 'N_rpm'"),
-    (["good.csv", "--force", "--out", "file/out"], "cannot write file/out/good.estimates.csv: Not a directory"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("recordings", "says"),
+    [
+        (["nowhere.csv"], "nowhere.csv: no such file"),
+        (["one"], "one: is a folder"),
+        (["file"], "file: unknown kind of file"),
+        (["empty.csv"], "empty.csv: is empty"),
+        (["cut.parquet"], "cut.parquet: cannot be read, it may be cut short"),
+        (["words.csv"], "column valve: 'open' is no number"),
+        (["lacks.csv"], "no column 'N_rpm' for channel N_rpm"),
+        (["celsius.csv"], "is it degC or degF?"),
+        (["good.csv", "--map", "p_dis_bar[furlong]=p_dis_bar"], "unit 'furlong' cannot be turned into 'bar'"),
+        (["good.csv", "--map", "PT1=nothing"], "unknown channel 'nothing'"),
+        (["short.csv"], "lasts 2.0 s; at least 10 s are needed"),
+        (["good.csv", "good.csv"], "two recordings are named good"),
+        (["good.csv", "lacks.csv"], "no column 'N_rpm'"),
+        (["good.csv", "--force", "--out", "file/out"], "cannot write file/out/good.estimates.csv: Not a directory"),
+    ],
+)
 def test_a_bad_recording_is_one_line(
     tiny: SimpleNamespace, workplace: Path, capsys: pytest.CaptureFixture[str], recordings: list[str], says: str
 ) -> None:
@@ -274,9 +284,12 @@ def test_a_bad_recording_is_one_line(
 
 @pytest.mark.parametrize("command", ["run", "simulate", "estimate"])
 def test_a_full_disk_is_one_line(
-    tiny: SimpleNamespace, workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch,
+    tiny: SimpleNamespace,
+    workplace: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
     command: str,
-) -> None:  # fmt: skip
+) -> None:
     def full(handle: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -312,9 +325,11 @@ def test_a_method_that_breaks_on_a_recording_exits_with_1(
 ) -> None:
     """Trained and tested without fault, it fails where a channel is missing all the time."""
     spec = write_estimator(
-        tmp_path, "brittle", step="if np.isnan(sample.measured).mean() > 0.14 and len(state.mean) == 1 "
+        tmp_path,
+        "brittle",
+        step="if np.isnan(sample.measured).mean() > 0.14 and len(state.mean) == 1 "
         "and sample.time_s > 100.0: state = state._replace(mean=state.mean * np.nan)",
-    )  # fmt: skip
+    )
     out = tmp_path / "out"
     assert twinbench(*run_arguments(tiny.profile, out, [spec])) == 0
     table = pd.read_csv(tiny.recording).assign(valve=np.nan)

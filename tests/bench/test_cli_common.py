@@ -127,8 +127,9 @@ def test_every_command_takes_json_and_verbose_and_shows_an_example() -> None:
         assert f"twinbench {name} " in said.partition("example:")[2], name
         for action in parser._actions:
             assert action.help or action.choices or not action.option_strings or action.metavar in ("DIR", "N"), (
-                name, action.option_strings,
-            )  # fmt: skip
+                name,
+                action.option_strings,
+            )
 
 
 @pytest.mark.parametrize("command", ["run", "mismatch", "prove", "flagship", "tune", "check"])
@@ -168,8 +169,11 @@ def test_verbose_names_stages_cells_and_files(
 ) -> None:
     assert twinbench(*run_arguments(tiny.profile, tmp_path / "out", [tiny.spec]), "-v") == 0
     err = capsys.readouterr().err
-    for line in ("twinbench.common.progress: train: done in", "twinbench.bench.runner: train: steady, seed 0: done",
-                 f"twinbench.common.store: wrote {tmp_path / 'out' / 'scores.csv'}"):  # fmt: skip
+    for line in (
+        "twinbench.common.progress: train: done in",
+        "twinbench.bench.runner: train: steady, seed 0: done",
+        f"twinbench.common.store: wrote {tmp_path / 'out' / 'scores.csv'}",
+    ):
         assert line in err
 
 
@@ -196,16 +200,19 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-@pytest.mark.parametrize(("words", "offers", "not_offered"), [
-    (["mis"], {"mismatch"}, {"run"}),
-    (["run", "--pro"], {"--profile"}, {"--out"}),
-    (["run", "--profile", "p"], {"paper"}, {"quick"}),
-    (["run", "--only", "deep"], {"deeponet", "deeponet_kalman"}, {"oracle"}),
-    (["-v", "list", "sim"], {"simulators"}, {"estimators"}),
-    (["estimate", "ora"], {"oracle"}, set()),
-    (["mismatch", "here."], {"here.csv"}, set()),
-    (["simulate", "--format", "p"], {"parquet"}, {"csv"}),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "offers", "not_offered"),
+    [
+        (["mis"], {"mismatch"}, {"run"}),
+        (["run", "--pro"], {"--profile"}, {"--out"}),
+        (["run", "--profile", "p"], {"paper"}, {"quick"}),
+        (["run", "--only", "deep"], {"deeponet", "deeponet_kalman"}, {"oracle"}),
+        (["-v", "list", "sim"], {"simulators"}, {"estimators"}),
+        (["estimate", "ora"], {"oracle"}, set()),
+        (["mismatch", "here."], {"here.csv"}, set()),
+        (["simulate", "--format", "p"], {"parquet"}, {"csv"}),
+    ],
+)
 def test_bash_completes(tmp_path: Path, words: list[str], offers: set[str], not_offered: set[str]) -> None:
     (tmp_path / "completion.bash").write_text(script(build_parser(), "bash"))
     (tmp_path / "here.csv").write_text("")

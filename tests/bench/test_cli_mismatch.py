@@ -92,10 +92,14 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         values = {"tau_s": 25.0, **{v.name: 0.2 for m in mechanisms for v in m.parameters}}
         found = called["verdict"]
         return SimpleNamespace(
-            verdict=found, says="Heat is lost.", points=("It is lost through the wall.", "And " + "so on " * 20),
-            mechanisms=mechanisms, values=values, to_dict=lambda: {"verdict": found},
+            verdict=found,
+            says="Heat is lost.",
+            points=("It is lost through the wall.", "And " + "so on " * 20),
+            mechanisms=mechanisms,
+            values=values,
+            to_dict=lambda: {"verdict": found},
             diagnosis=SimpleNamespace(joined=SimpleNamespace(inputs="held")),
-        )  # fmt: skip
+        )
 
     def write_page(verdict: Any, out: Path) -> None:
         called["there"] = sorted(p.name for p in out.iterdir())
@@ -226,7 +230,7 @@ BAD = [
     (("lag.py", "day.csv", "--catalogue", "loss_term.py"), "mechanism 'loss': term(x, u, theta) fails in line 5"),
     (("lag.py", "day.csv", "--out", "file/out"), "cannot write file/out/.writable"),
     (("lag.py",), "the following arguments are required: RECORDING"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("arguments", "says"), BAD, ids=[" ".join(a)[:50] for a, _ in BAD])
@@ -244,12 +248,15 @@ def test_input_that_the_engine_refuses_leaves_no_folder(
     assert "twinbench: simulator 'lag' diverges" in line
 
 
-@pytest.mark.parametrize(("arguments", "says"), [
-    (("--simulator", "lag.py"), "--simulator and --inputs go together"),
-    (("--inputs", "day.csv"), "--simulator and --inputs go together"),
-    (("--simulator", "blows_up.py", "--inputs", "day.csv"), "simulator 'lag' diverges on recording day at"),
-    (("--simulator", "lag.py", "--inputs", "day.csv", "lacks.csv"), "lacks.csv: no column 'T_in'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--simulator", "lag.py"), "--simulator and --inputs go together"),
+        (("--inputs", "day.csv"), "--simulator and --inputs go together"),
+        (("--simulator", "blows_up.py", "--inputs", "day.csv"), "simulator 'lag' diverges on recording day at"),
+        (("--simulator", "lag.py", "--inputs", "day.csv", "lacks.csv"), "lacks.csv: no column 'T_in'"),
+    ],
+)
 def test_simulate_refuses_in_one_line(
     workplace: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
 ) -> None:

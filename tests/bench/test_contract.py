@@ -420,6 +420,8 @@ def test_an_exception_fails_its_promise_and_the_rest_go_on():
 
     results = {r.name: r for r in run_battery(Explodes)}
     assert results["a forecast has its shape and is finite"] == (
-        "a forecast has its shape and is finite", "fail", "RuntimeError: no",
-    )  # fmt: skip
+        "a forecast has its shape and is finite",
+        "fail",
+        "RuntimeError: no",
+    )
     assert results["step is pure"].status == "pass"

@@ -114,9 +114,10 @@ HOSTILE = {
     "no valve": (lambda t: changed(t, valve=np.nan), "channels are missing", "valve"),
     "no outputs": (
         lambda t: changed(t, p_dis_bar=np.nan, T_dis_K=np.nan, m_flow_kg_s=np.nan),
-        "channels are missing", "its estimate was the prior",
+        "channels are missing",
+        "its estimate was the prior",
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", HOSTILE)
@@ -213,13 +214,26 @@ def estimators(tmp_path_factory):
     return SimpleNamespace(specs=specs, table=table, options=("--profile", profile, "--results", folder / "run"))
 
 
-@pytest.mark.parametrize(("name", "every", "status", "says"), [
-    ("prior", 1, 3, "nothing was learnt: the estimate is the prior: no health interval is narrower than at the start"),
-    ("learner", 1, 0, "usable"),
-    ("hasty", 1, 0, "usable"),
-    ("hasty", 40, 3, "read too seldom: it was read every 2 s, hasty is trained for every 0.05 s and goes down to every "
-     "0.1 s; on the validation recordings, read like that, hasty learnt nothing: its estimate was the prior"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "every", "status", "says"),
+    [
+        (
+            "prior",
+            1,
+            3,
+            "nothing was learnt: the estimate is the prior: no health interval is narrower than at the start",
+        ),
+        ("learner", 1, 0, "usable"),
+        ("hasty", 1, 0, "usable"),
+        (
+            "hasty",
+            40,
+            3,
+            "read too seldom: it was read every 2 s, hasty is trained for every 0.05 s and goes down to every "
+            "0.1 s; on the validation recordings, read like that, hasty learnt nothing: its estimate was the prior",
+        ),
+    ],
+)
 def test_who_learns_nothing_says_so_and_from_where_on(estimators, tmp_path, capsys, name, every, status, says):
     estimators.table[::every].to_csv(tmp_path / "mine.csv", index=False)
     mine = (estimators.specs[name], tmp_path / "mine.csv", *estimators.options, "--out", tmp_path / "out")
@@ -270,16 +284,22 @@ def test_help_and_pages_name_each_channel_its_unit_and_the_rate(capsys):
     assert "exit status: 0 usable" in said
 
 
-@pytest.mark.parametrize(("spoil", "says"), [
-    (lambda kept: kept.pop("narrowest"), "narrowest"),
-    (lambda kept: kept.update(accepted=np.ones(7)), "accepted has shape (7,), must have (2, 7)"),
-    (lambda kept: kept.update(covered=np.array(np.nan)), "no number"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda kept: kept.pop("narrowest"), "narrowest"),
+        (lambda kept: kept.update(accepted=np.ones(7)), "accepted has shape (7,), must have (2, 7)"),
+        (lambda kept: kept.update(covered=np.array(np.nan)), "no number"),
+    ],
+)
 def test_a_reference_that_is_not_what_was_kept_is_one_line(tmp_path, spoil, says):
     kept = {
-        "nis": np.ones((2, 9), np.float32), "off": np.ones((2, 9, 3), np.float16), "accepted": np.ones((2, 7)),
-        "covered": np.array(0.95), "narrowest": np.full(5, 0.5),
-    }  # fmt: skip
+        "nis": np.ones((2, 9), np.float32),
+        "off": np.ones((2, 9, 3), np.float16),
+        "accepted": np.ones((2, 7)),
+        "covered": np.array(0.95),
+        "narrowest": np.full(5, 0.5),
+    }
     np.savez(tmp_path / "part.npz", **kept)
     assert Reference.load(tmp_path / "part.npz").covered == 0.95
     spoil(kept)

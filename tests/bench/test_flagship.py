@@ -33,10 +33,15 @@ from twinbench.proof.flagship.record import HELD_OUT
 def said(*findings: tuple[str, tuple[str, ...], float, float, float]) -> dict[str, Any]:
     """A verdict: name, what it cannot be told from, value, low and high of its K."""
     listed = [
-        {"kind": "missing physics", "mechanism": name, "indistinguishable_from": list(others), "port": "flux:W_W",
-         "parameters": {"K": {"value": value, "low": low, "high": high}}}
+        {
+            "kind": "missing physics",
+            "mechanism": name,
+            "indistinguishable_from": list(others),
+            "port": "flux:W_W",
+            "parameters": {"K": {"value": value, "low": low, "high": high}},
+        }
         for name, others, value, low, high in findings
-    ]  # fmt: skip
+    ]
     return {"verdict": "missing physics", "seconds": 9.0, "findings": listed}
 
 
@@ -45,13 +50,21 @@ TRUTH = {"effects": [{"name": n, "sizes": {"K": [0.05, 0.01]}} for n in ("a", "b
 
 def test_names_are_right_alone_or_in_a_set_of_three_and_the_rest_is_missed() -> None:
     verdict = said(
-        ("a", (), 0.06, 0.04, 0.07), ("x", (), 1.0, 0.9, 1.1), ("y", ("b",), 1.0, 0.9, 1.1),
-        ("c", ("u", "v", "w"), 1.0, 0.9, 1.1), ("p", ("q",), 1.0, 0.9, 1.1),
-    )  # fmt: skip
+        ("a", (), 0.06, 0.04, 0.07),
+        ("x", (), 1.0, 0.9, 1.1),
+        ("y", ("b",), 1.0, 0.9, 1.1),
+        ("c", ("u", "v", "w"), 1.0, 0.9, 1.1),
+        ("p", ("q",), 1.0, 0.9, 1.1),
+    )
     assert names(TRUTH, verdict) == {
-        "named_right": "a", "named_wrong": "x", "sets": "y|b+c|u|v|w+p|q", "sets_right": "y|b", "missed": "c+d",
-        "amplitude_error_pct": "25.0", "amplitude_covered": "1",
-    }  # fmt: skip
+        "named_right": "a",
+        "named_wrong": "x",
+        "sets": "y|b+c|u|v|w+p|q",
+        "sets_right": "y|b",
+        "missed": "c+d",
+        "amplitude_error_pct": "25.0",
+        "amplitude_covered": "1",
+    }
 
 
 def test_a_verdict_without_findings_misses_everything() -> None:
@@ -72,14 +85,32 @@ def gates(*rows: dict[str, Any]) -> dict[str, tuple[float, int, Any]]:
 def test_gates_count_what_they_say() -> None:
     plain = {"cell": "plain", "truth": "a+b", "verdict": "missing physics"}
     found = gates(
-        plain | {"parameter_share": 1.3, "open60_share": 0.95, "named_right": "a", "sets": "b|x", "seconds": 10.0,
-                 "amplitude_error_pct": "4.0", "amplitude_covered": "1"},
-        plain | {"parameter_share": 0.7, "open60_share": 0.85, "named_right": "a+b", "named_wrong": "x",
-                 "amplitude_error_pct": "8.0+6.0", "amplitude_covered": "0+1", "seconds": 30.0},
-        {"cell": "nominal", "verdict": "consistent"}, {"cell": "nominal", "named_wrong": "x"},
-        {"cell": "left_out", "verdict": "incomplete"}, {"cell": "left_out", "verdict": "unexplained"},
+        plain
+        | {
+            "parameter_share": 1.3,
+            "open60_share": 0.95,
+            "named_right": "a",
+            "sets": "b|x",
+            "seconds": 10.0,
+            "amplitude_error_pct": "4.0",
+            "amplitude_covered": "1",
+        },
+        plain
+        | {
+            "parameter_share": 0.7,
+            "open60_share": 0.85,
+            "named_right": "a+b",
+            "named_wrong": "x",
+            "amplitude_error_pct": "8.0+6.0",
+            "amplitude_covered": "0+1",
+            "seconds": 30.0,
+        },
+        {"cell": "nominal", "verdict": "consistent"},
+        {"cell": "nominal", "named_wrong": "x"},
+        {"cell": "left_out", "verdict": "incomplete"},
+        {"cell": "left_out", "verdict": "unexplained"},
         {"cell": "left_out", "verdict": "missing physics", "named_wrong": "x"},
-    )  # fmt: skip
+    )
     assert found["gap closed, parameter error, mean"] == (pytest.approx(0.85), 2, True)
     assert found["gap closed, parameter error, worst"] == (0.7, 2, True)
     assert found["gap closed, 60 s open loop, worst"] == (0.85, 2, True)

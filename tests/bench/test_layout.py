@@ -72,8 +72,9 @@ def laid_out(pages: dict[str, Path], folder: Path) -> dict[str, dict[str, Any]]:
     """What the browser makes of each page at each width, by ``page-width``; all in one go."""
     frames = [
         f'<iframe name="{name}-{width}" src="{page.as_uri()}" style="width:{width}px; height:900px; border:0"></iframe>'
-        for name, page in pages.items() for width in WIDTHS_PX
-    ]  # fmt: skip
+        for name, page in pages.items()
+        for width in WIDTHS_PX
+    ]
     wrapper = folder / "wrapper.html"
     wrapper.write_text(f"<!doctype html><body>{''.join(frames)}<script>{MEASURE}</script></body>")
     said = browse(folder, "--window-size=1600,1000", "--dump-dom", wrapper.as_uri())

@@ -62,8 +62,11 @@ def test_a_mark_holds_for_all_pairs_together():
         pairs = [(x, y) for i, x in enumerate(names) for y in names[i + 1 :]]
         apart = multipletests([wilcoxon(errors[y] - errors[x]).pvalue for x, y in pairs], 0.05, "holm")[0]
         best = min(names, key=lambda n: errors[n].mean())
-        alike = {n for n in names if n == best or not dict(zip(map(frozenset, pairs), apart, strict=True))[
-            frozenset((best, n))]}  # fmt: skip
+        alike = {
+            n
+            for n in names
+            if n == best or not dict(zip(map(frozenset, pairs), apart, strict=True))[frozenset((best, n))]
+        }
         assert group(errors) == (alike if len(alike) < 4 else set())
 
 
@@ -74,13 +77,19 @@ def test_tied_differences_are_tested_as_scipy_tests_them():
         assert wilcoxon_p(difference) == pytest.approx(wilcoxon(difference).pvalue, abs=1e-12)
 
 
-@pytest.mark.parametrize(("errors", "forecasts", "says"), [
-    (CLEAR, CLEAR, "GRU + KF keeps the twin truest"),
-    (TIED, TIED, "GRU + KF cannot be told apart from one other in health, nor from one other in the forecast"),
-    (LEVEL, CLEAR, "cannot be told apart from two others in health; GRU + KF foretells the next minute best"),
-    (CLEAR, {**CLEAR, "deeponet": 0.5 + wobble(1)},
-     "GRU + KF knows the machine's health best; DeepONet foretells the next minute best"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("errors", "forecasts", "says"),
+    [
+        (CLEAR, CLEAR, "GRU + KF keeps the twin truest"),
+        (TIED, TIED, "GRU + KF cannot be told apart from one other in health, nor from one other in the forecast"),
+        (LEVEL, CLEAR, "cannot be told apart from two others in health; GRU + KF foretells the next minute best"),
+        (
+            CLEAR,
+            {**CLEAR, "deeponet": 0.5 + wobble(1)},
+            "GRU + KF knows the machine's health best; DeepONet foretells the next minute best",
+        ),
+    ],
+)
 def test_the_headline_says_no_more_than_the_tests(errors, forecasts, says):
     assert says in headline(summarise(scores(errors, forecasts), {}))
 

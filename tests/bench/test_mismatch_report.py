@@ -64,17 +64,24 @@ def loss(x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> float:
 
 
 OVEN = Simulator(
-    name="oven", says="an oven that follows its heater",
+    name="oven",
+    says="an oven that follows its heater",
     states=(Variable("T_C", "degC", 0.0, 400.0, 150.0, 20.0, "temperature"),),
     inputs=(Variable("heater_C", "degC", 0.0, 400.0, 150.0, 40.0, "temperature of the heater"),),
     outputs=(Variable("probe_C", "degC", 0.0, 400.0, 150.0, 20.0, "temperature by the probe"),),
     parameters=(Variable("tau_s", "s", 5.0, 100.0, 20.0, 2.0, "time constant"),),
-    rhs=rhs, output=output, initial=initial,
-)  # fmt: skip
+    rhs=rhs,
+    output=output,
+    initial=initial,
+)
 LOSS = Mechanism(
-    "wall_loss<1>", "heat goes through the wall & out", "balance:T_C",
-    (Variable("wall_1_s", "1/s", 0.0, 0.1, 0.01, 0.01, "loss"),), term=loss, formula="{wall_1_s} (20 degC - T_C)",
-)  # fmt: skip
+    "wall_loss<1>",
+    "heat goes through the wall & out",
+    "balance:T_C",
+    (Variable("wall_1_s", "1/s", 0.0, 0.1, 0.01, 0.01, "loss"),),
+    term=loss,
+    formula="{wall_1_s} (20 degC - T_C)",
+)
 CATALOGUE = (LOSS, *(m for m in faults(OVEN, 0.5) if m.name.startswith(("sensor_bias", "sensor_drift", "input_gain"))))
 
 

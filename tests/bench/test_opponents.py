@@ -245,11 +245,24 @@ def test_sindy_without_its_library_says_what_to_install(monkeypatch: pytest.Monk
 def rows(named: dict[str, list[str]]) -> pd.DataFrame:
     """Rows of engines that say one name per case; the truth is always a leak."""
     blank = dict.fromkeys(COLUMNS, np.nan) | {"verdict": "", "set": "", "ports_named": "", "machine": "two_tanks"}
-    return pd.DataFrame([
-        blank | {"case": f"{i:04d}", "cell": "mechanism", "severity": 1.0, "background_pct": 0.0, "truth": LEAK,
-                 "port_truth": "balance:h1_cm", "named": name, "engine": e, "gain": 0.9 if name else np.nan}
-        for e, names in named.items() for i, name in enumerate(names)
-    ])  # fmt: skip
+    return pd.DataFrame(
+        [
+            blank
+            | {
+                "case": f"{i:04d}",
+                "cell": "mechanism",
+                "severity": 1.0,
+                "background_pct": 0.0,
+                "truth": LEAK,
+                "port_truth": "balance:h1_cm",
+                "named": name,
+                "engine": e,
+                "gain": 0.9 if name else np.nan,
+            }
+            for e, names in named.items()
+            for i, name in enumerate(names)
+        ]
+    )
 
 
 def test_engines_are_compared_on_the_cases_that_all_answered() -> None:

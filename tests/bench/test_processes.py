@@ -36,14 +36,24 @@ class Run:
         sleeps = SLEEPS.format(self.marks, seconds)
         specs = [write_estimator(folder, name, fit=sleeps) for name in ("one", "two")]
         self.command = [
-            sys.executable, "-m", "twinbench", *run_arguments(write_profile(folder), self.out, specs), "--jobs", "2",
-        ]  # fmt: skip
+            sys.executable,
+            "-m",
+            "twinbench",
+            *run_arguments(write_profile(folder), self.out, specs),
+            "--jobs",
+            "2",
+        ]
         environment = {k: v for k, v in os.environ.items() if k != "LOKY_MAX_CPU_COUNT"}
         environment["LOKY_MAX_CPU_COUNT"] = "2"  # even where the tests have one core
         self.process = subprocess.Popen(
-            self.command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment,
-            start_new_session=True, preexec_fn=hears_ctrl_c,
-        )  # fmt: skip
+            self.command,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env=environment,
+            start_new_session=True,
+            preexec_fn=hears_ctrl_c,
+        )
 
     def workers(self) -> list[int]:
         """Process ids, once both are at work."""

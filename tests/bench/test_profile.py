@@ -34,31 +34,34 @@ def test_a_file_overrides_what_it_names_and_whole_numbers_become_floats(tmp_path
     assert profile.settings == {"gru_kf": {"iterations": 5}}
 
 
-@pytest.mark.parametrize(("text", "says"), [
-    ("sedes = [0]", "unknown key 'sedes'"),
-    ("[data]\nn_trian = 2", r"unknown key 'data.n_trian'; \[data\] may hold seed, n_train"),
-    ("seeds = 1", "seeds is 1, must be a list, each a whole number, at least one"),
-    ("seeds = []", "seeds is .*, must be a list, each a whole number"),
-    ("seeds = [0, 0.5]", "seeds is 0.5, must be a whole number"),
-    ("seeds = [true]", "seeds is True, must be a whole number"),
-    ("seeds = [-1]", "seeds is -1, must lie in"),
-    ("seeds = [1, 1]", "must not name the same one twice"),
-    ("name = 3", "name is 3, must be text"),
-    ('name = "../up"', "must be a word"),
-    ("data = 3", r"data must be a table, \[data\]"),
-    ("[data]\nn_test = 0", r"n_test is 0, must lie in \[1, 1000\]"),
-    ("[data]\nminutes = nan", "minutes is nan, must lie in"),
-    ('[data]\nminutes = "long"', "data.minutes is 'long', must be a number"),
-    ("[data]\nminutes = 4\nwarmup_minutes = 4", "warmup_minutes is 4.0, must be shorter"),
-    ("[corruption]\ndropout = 1.5", r"dropout is 1.5, must lie in \[0, 0.99\]"),
-    ("[evaluation]\nstride = 0", r"evaluation.stride is 0, must lie in \[1, 200\]"),
-    ("[evaluation]\nleads_s = [0.0]", "evaluation.leads_s is 0.0, must lie in"),
-    ("[evaluation]\nleads_s = [nan]", "evaluation.leads_s is nan, must lie in"),
-    ("[latency]\nupdates = -1", r"latency.updates is -1, must lie in \[0, 10,000,000\]"),
-    ("settings = 3", "settings must be tables"),
-    ("[settings]\ngru_kf = 3", r"settings must be tables, one for each estimator: \[settings.gru_kf\]"),
-    ("seeds = [", "not TOML"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("sedes = [0]", "unknown key 'sedes'"),
+        ("[data]\nn_trian = 2", r"unknown key 'data.n_trian'; \[data\] may hold seed, n_train"),
+        ("seeds = 1", "seeds is 1, must be a list, each a whole number, at least one"),
+        ("seeds = []", "seeds is .*, must be a list, each a whole number"),
+        ("seeds = [0, 0.5]", "seeds is 0.5, must be a whole number"),
+        ("seeds = [true]", "seeds is True, must be a whole number"),
+        ("seeds = [-1]", "seeds is -1, must lie in"),
+        ("seeds = [1, 1]", "must not name the same one twice"),
+        ("name = 3", "name is 3, must be text"),
+        ('name = "../up"', "must be a word"),
+        ("data = 3", r"data must be a table, \[data\]"),
+        ("[data]\nn_test = 0", r"n_test is 0, must lie in \[1, 1000\]"),
+        ("[data]\nminutes = nan", "minutes is nan, must lie in"),
+        ('[data]\nminutes = "long"', "data.minutes is 'long', must be a number"),
+        ("[data]\nminutes = 4\nwarmup_minutes = 4", "warmup_minutes is 4.0, must be shorter"),
+        ("[corruption]\ndropout = 1.5", r"dropout is 1.5, must lie in \[0, 0.99\]"),
+        ("[evaluation]\nstride = 0", r"evaluation.stride is 0, must lie in \[1, 200\]"),
+        ("[evaluation]\nleads_s = [0.0]", "evaluation.leads_s is 0.0, must lie in"),
+        ("[evaluation]\nleads_s = [nan]", "evaluation.leads_s is nan, must lie in"),
+        ("[latency]\nupdates = -1", r"latency.updates is -1, must lie in \[0, 10,000,000\]"),
+        ("settings = 3", "settings must be tables"),
+        ("[settings]\ngru_kf = 3", r"settings must be tables, one for each estimator: \[settings.gru_kf\]"),
+        ("seeds = [", "not TOML"),
+    ],
+)
 def test_a_bad_value_is_one_line_with_file_and_key(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "bad.toml"
     path.write_text(text)

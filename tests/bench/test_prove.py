@@ -51,9 +51,12 @@ def dry() -> Case:
 @pytest.mark.parametrize("cell", CELLS)
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(cell: str, tmp_path: Path) -> None:
     effects = {
-        "clean": (), "parameters": (), "sensor": ("sensor_gain@amps_A",), "foreign": ("saturating_iron",),
+        "clean": (),
+        "parameters": (),
+        "sensor": ("sensor_gain@amps_A",),
+        "foreign": ("saturating_iron",),
         "two_effects": (COULOMB, "periodic@omega_rad_s"),
-    }.get(cell, (COULOMB,))  # fmt: skip
+    }.get(cell, (COULOMB,))
     for folder, seed in (("a", 3), ("b", 3), ("c", 4)):
         write(quick(cell, *effects, seed=seed), tmp_path / folder)
     names = sorted(p.name for p in (tmp_path / "a").iterdir())
@@ -104,9 +107,16 @@ def test_what_counts_as_right_is_in_the_catalogue_and_its_ports_and_sizes_exist(
     spec = m.simulator if ".py" not in m.simulator else str(HERE.parents[2] / m.simulator)
     twin = load_simulator(spec)
     catalogue = {c.name: c for c in whole_catalogue(twin, (), m.period_s)}
-    ports = {f"{kind}:{v.name}" for kind, group in (
-        ("balance", twin.states), ("flux", twin.fluxes), ("output", twin.outputs), ("input", twin.inputs)
-    ) for v in group}  # fmt: skip
+    ports = {
+        f"{kind}:{v.name}"
+        for kind, group in (
+            ("balance", twin.states),
+            ("flux", twin.fluxes),
+            ("output", twin.outputs),
+            ("input", twin.inputs),
+        )
+        for v in group
+    }
     from twinbench.proof.concealed.faults import faults
 
     for effect in (*m.effects, *m.foreign, *faults(m)):
@@ -150,8 +160,11 @@ def test_what_parameters_absorb_does_not_count() -> None:
 
 
 def test_an_effect_out_of_reach_carries_the_severity_that_it_has() -> None:
-    weak = {"motor": replace(SHORT["motor"], effects=tuple(
-        replace(e, typical=1e-3, most=1e-3) for e in SHORT["motor"].effects))}  # fmt: skip
+    weak = {
+        "motor": replace(
+            SHORT["motor"], effects=tuple(replace(e, typical=1e-3, most=1e-3) for e in SHORT["motor"].effects)
+        )
+    }
     truth = draw(Item("1", "mechanism", "motor", (COULOMB,), 1.0), 3, weak).truth
     assert 0.0 < truth["severity"] < 0.1
     assert truth["severity"] == pytest.approx(truth["effects"][0]["severity"], abs=1e-3)
@@ -169,7 +182,8 @@ def test_an_onset_lies_inside_the_second_recording_and_changes_nothing_before() 
 def test_background_severity_and_parameters_are_as_asked() -> None:
     clean = quick("clean").truth
     assert {k: clean["parameters"][k] for k in MACHINES["motor"].calibrate} == {
-        k: MACHINES["motor"].parameters[k] for k in MACHINES["motor"].calibrate}  # fmt: skip
+        k: MACHINES["motor"].parameters[k] for k in MACHINES["motor"].calibrate
+    }
     drawn = [quick("parameters", seed=s, machine="two_tanks").truth for s in range(12)]
     assert {t["background_pct"] for t in drawn} == {0.0, 0.2, 1.0}
     off = np.array([t["parameters"]["hole1_cm2"] / 0.5 - 1.0 for t in drawn])
@@ -274,8 +288,14 @@ def test_the_engines_process_can_neither_import_nor_read(spy: Path, tmp_path: Pa
 
 
 def finding(name: str | None = COULOMB, *others: str, port: str = "balance:omega_rad_s", **more: object) -> dict:
-    return {"kind": "missing physics", "mechanism": name, "indistinguishable_from": list(others), "port": port,
-            "ports": [{"port": port, "probability": 0.9}], **more}  # fmt: skip
+    return {
+        "kind": "missing physics",
+        "mechanism": name,
+        "indistinguishable_from": list(others),
+        "port": port,
+        "ports": [{"port": port, "probability": 0.9}],
+        **more,
+    }
 
 
 def judged(case: Case, *findings: dict, **more: object) -> pd.Series:
@@ -287,8 +307,10 @@ def test_a_right_name_is_right(dry: Case) -> None:
     true = dry.truth["effects"][0]["amplitude"]
     fitted = {"coulomb_friction_omega_rad_s": {"value": 1.04 * true, "low": 0.9 * true, "high": 1.1 * true}}
     floor = dry.truth["held_out_floor"]
-    fit = [{"channel": c, "held_out": True, "rmse_before": 2.0 * s, "rmse_after": math.sqrt(1.3) * s}
-           for c, s in floor.items()]  # fmt: skip
+    fit = [
+        {"channel": c, "held_out": True, "rmse_before": 2.0 * s, "rmse_after": math.sqrt(1.3) * s}
+        for c, s in floor.items()
+    ]
     row = judged(dry, finding(parameters=fitted), fit=fit, seconds=4.0)
     assert tuple(row.index) == COLUMNS
     assert (row["named"], row["set"], row["truth"]) == (COULOMB, "", COULOMB)

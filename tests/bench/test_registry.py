@@ -50,17 +50,19 @@ def test_a_file_is_read_anew_each_time_and_stays_out_of_the_registry(tmp_path: P
     assert "mine" not in REGISTRY
 
 
-@pytest.mark.parametrize(("text", "says"), [
-    ("import no_such_package", "fails to import: ModuleNotFoundError: No module named 'no_such_package'"),
-    ("def f(:", "fails to import: SyntaxError"),
-    ("raise SystemExit(3)", "fails to import: SystemExit: 3"),
-    ("x = 1", r"has 0 Estimator classes (none); decorate one with @register"),
-    (THEIRS + "class A(Estimator):\n    name = 'a'\nclass B(A):\n    name = 'b'",
-     "has 2 Estimator classes (A, B)"),
-    (THEIRS + "class A(Estimator):\n    name = 'a'", "A has no fit, no init, no step"),
-    (ORACLE + "class A(Oracle):\n    name, settings = 'a', 3", "settings of A is no dict"),
-    (ORACLE + "class A(Oracle):\n    name, ablations = 'a', []", "ablations of A is"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("import no_such_package", "fails to import: ModuleNotFoundError: No module named 'no_such_package'"),
+        ("def f(:", "fails to import: SyntaxError"),
+        ("raise SystemExit(3)", "fails to import: SystemExit: 3"),
+        ("x = 1", r"has 0 Estimator classes (none); decorate one with @register"),
+        (THEIRS + "class A(Estimator):\n    name = 'a'\nclass B(A):\n    name = 'b'", "has 2 Estimator classes (A, B)"),
+        (THEIRS + "class A(Estimator):\n    name = 'a'", "A has no fit, no init, no step"),
+        (ORACLE + "class A(Oracle):\n    name, settings = 'a', 3", "settings of A is no dict"),
+        (ORACLE + "class A(Oracle):\n    name, ablations = 'a', []", "ablations of A is"),
+    ],
+)
 def test_a_broken_file_is_one_line(tmp_path: Path, text: str, says: str) -> None:
     path = tmp_path / "broken.py"
     path.write_text(text)
@@ -113,11 +115,17 @@ def fails() -> type[Estimator]:
     raise ImportError("numpy 1 wanted\nmore")
 
 
-@pytest.mark.parametrize(("load", "says"), [
-    (fails, "plug-in 'theirs' (their_package:Theirs) fails to load: ImportError: numpy 1 wanted; mend that package"),
-    (lambda: SimpleNamespace, "plug-in 'theirs' (their_package:Theirs) is no Estimator with a name"),
-    (lambda: Estimator, "plug-in 'theirs' (their_package:Theirs) is no Estimator with a name"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("load", "says"),
+    [
+        (
+            fails,
+            "plug-in 'theirs' (their_package:Theirs) fails to load: ImportError: numpy 1 wanted; mend that package",
+        ),
+        (lambda: SimpleNamespace, "plug-in 'theirs' (their_package:Theirs) is no Estimator with a name"),
+        (lambda: Estimator, "plug-in 'theirs' (their_package:Theirs) is no Estimator with a name"),
+    ],
+)
 def test_a_broken_plug_in_is_one_line(monkeypatch: pytest.MonkeyPatch, load, says: str) -> None:
     entry_point(monkeypatch, load)
     assert says in refused("oracle")

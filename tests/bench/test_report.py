@@ -63,8 +63,9 @@ def test_the_cost_table_adds_up_seeds_and_leaves_ablations_out() -> None:
     rows.append(("oracle", 0, "fit", np.nan))
     shown = cost_table(pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])).rows
     assert [[cell.text for cell in row] for row in shown] == [
-        ["Oracle (reference)", "–", "–"], ["GRU + KF", "11.0", "33.0"],
-    ]  # fmt: skip
+        ["Oracle (reference)", "–", "–"],
+        ["GRU + KF", "11.0", "33.0"],
+    ]
 
 
 def html(out: Path) -> str:
@@ -170,12 +171,15 @@ def test_the_terminal_table_fits_its_terminal(full: Path) -> None:
         assert any("DeepONet-Kalman" in line for line in lines)
 
 
-@pytest.mark.parametrize(("name", "content", "says"), [
-    ("manifest.json", "{", "not JSON"),
-    ("scores.csv", "", "not a table"),
-    ("scores.csv", "a,b\n1,2\n", "no column 'estimator'"),
-    ("failures.csv", None, "No such file or directory"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("manifest.json", "{", "not JSON"),
+        ("scores.csv", "", "not a table"),
+        ("scores.csv", "a,b\n1,2\n", "no column 'estimator'"),
+        ("failures.csv", None, "No such file or directory"),
+    ],
+)
 def test_a_damaged_run_is_one_line(failed: Path, tmp_path: Path, name: str, content: str | None, says: str) -> None:
     out = tmp_path / "out"
     shutil.copytree(failed, out)
@@ -195,10 +199,21 @@ def test_a_browser_shows_it(full: Path, tmp_path: Path) -> None:
         pytest.skip(f"no browser: none of {', '.join(names)}")
     shot = tmp_path / "shot.png"
     subprocess.run(
-        [browser, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--window-size=1200,2400",
-         f"--user-data-dir={tmp_path / 'profile'}", f"--screenshot={shot}", (full / "report.html").as_uri()],
-        check=True, capture_output=True, timeout=120,
-    )  # fmt: skip
+        [
+            browser,
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            "--window-size=1200,2400",
+            f"--user-data-dir={tmp_path / 'profile'}",
+            f"--screenshot={shot}",
+            (full / "report.html").as_uri(),
+        ],
+        check=True,
+        capture_output=True,
+        timeout=120,
+    )
     pixels = matplotlib.image.imread(shot)[..., :3]
     assert pixels.shape == (2400, 1200, 3)
     # Text and figures all the way down: ink in every band of 400 pixels, and more than one colour.

@@ -24,16 +24,18 @@ def scores() -> pd.DataFrame:
                 continue
             for metric in (*METRICS, "parameter_after_pct"):
                 hurt = 3.0 if condition == "stuck m_flow_kg_s" and metric == "parameter_after_pct" else 1.0
-                rows += [(name, 0, group, condition, f"s{i}", metric, noise * hurt * (1 + 0.01 * rng.random()))
-                         for i in range(3)]  # fmt: skip
+                rows += [
+                    (name, 0, group, condition, f"s{i}", metric, noise * hurt * (1 + 0.01 * rng.random()))
+                    for i in range(3)
+                ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def test_the_map_shows_every_level_of_noise_and_dropout(scores):
     axes = noise_and_dropout(scores).axes[0]
-    assert axes.images[0].get_array().shape == (len(NOISE_LEVELS), len(DROPOUT_LEVELS))
+    assert axes.collections[0].get_array().shape == (len(NOISE_LEVELS), len(DROPOUT_LEVELS))
     assert len(axes.texts) == len(NOISE_LEVELS) * len(DROPOUT_LEVELS)
-    assert (np.diff(np.asarray(axes.images[0].get_array()), axis=0) > 0).all()
+    assert (np.diff(np.asarray(axes.collections[0].get_array()), axis=0) > 0).all()
 
 
 def test_four_treatments_of_the_envelope_are_told_apart(scores):

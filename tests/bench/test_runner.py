@@ -104,9 +104,12 @@ def test_ten_kills_leave_the_tables_of_an_undisturbed_run(
     assert len(set(depths)) > 1, "the kills all fell into the same stage"
     # To the end with worker processes.
     finish = subprocess.run(
-        [sys.executable, "-m", "twinbench", *arguments], capture_output=True, text=True, timeout=200,
+        [sys.executable, "-m", "twinbench", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=200,
         env={**os.environ, "LOKY_MAX_CPU_COUNT": "2"},
-    )  # fmt: skip
+    )
     assert finish.returncode == 0, finish.stderr
     assert comparable(out) == comparable(undisturbed)
     assert set(parts(out)) == set(parts(undisturbed))
@@ -206,8 +209,9 @@ def test_latency_times_every_implementation_and_says_who_cannot(tmp_path: Path) 
     assert twinbench(*run_arguments(profile, tmp_path / "out", [good, crowd])) == 1
     latency = pd.read_csv(tmp_path / "out" / "latency.csv")
     assert latency[["estimator", "mode", "implementation", "window"]].to_numpy().tolist() == [
-        ["steady", "back_to_back", "quick", 7], ["steady", "back_to_back", "slow", 7],
-    ]  # fmt: skip
+        ["steady", "back_to_back", "quick", 7],
+        ["steady", "back_to_back", "slow", 7],
+    ]
     quick, slow = latency["p50_us"]
     assert slow > 2 * quick
     assert (latency[["p50_us", "p95_us", "p99_us", "max_us"]].diff(axis=1).iloc[:, 1:] >= 0).all(axis=None)

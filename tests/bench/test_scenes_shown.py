@@ -125,8 +125,11 @@ def test_claims_of_the_comparison_come_from_the_scores(recordings):
     ]
     scores = pd.concat(tables)
     whole = scores[~scores["estimator"].str.contains(":")]
-    rows = [("deeponet_kalman", 0, c.group, c.name, "s", m, 10.0 if c.corruption.noise > 1.5 else 1.0)
-            for c in CONDITIONS for m in METRICS]  # fmt: skip
+    rows = [
+        ("deeponet_kalman", 0, c.group, c.name, "s", m, 10.0 if c.corruption.noise > 1.5 else 1.0)
+        for c in CONDITIONS
+        for m in METRICS
+    ]
     harder = pd.DataFrame(rows, columns=list(HARDER))
     timed = {"estimator": "deeponet_kalman", "p50_us": 20.0, "p99_us": 50.0, "memory_kB": 900.0}
     latency = pd.DataFrame([timed])

@@ -52,11 +52,22 @@ def perfect(truth: Batch = TRUTH) -> Estimates:
     at = truth.truth.estimated[:, np.rint(origins / SAMPLE_PERIOD_S).astype(int)]
     shape = exact.shape[:2]
     return Estimates(
-        "perfect", 0, truth.names, truth.time_s[ticks], exact, exact - half, exact + half,
-        np.full(shape, 3.0), np.full(shape, 3, dtype=np.int8), np.zeros(shape, dtype=np.int16),
-        origins, leads, truth.truth.outputs[:, rows.clip(max=N - 1)], at,
+        "perfect",
+        0,
+        truth.names,
+        truth.time_s[ticks],
+        exact,
+        exact - half,
+        exact + half,
+        np.full(shape, 3.0),
+        np.full(shape, 3, dtype=np.int8),
+        np.zeros(shape, dtype=np.int16),
+        origins,
+        leads,
+        truth.truth.outputs[:, rows.clip(max=N - 1)],
+        at,
         np.broadcast_to(np.eye(10), (*at.shape, 10)).copy(),
-    )  # fmt: skip
+    )
 
 
 def scores(estimates: Estimates, truth: Batch = TRUTH) -> pd.DataFrame:
@@ -77,9 +88,16 @@ def test_every_metric_is_defined_and_the_binding_names_are_there():
     assert list(dict.fromkeys(frame["metric"])) == list(DEFINITIONS)
     assert len(frame) == 2 * len(DEFINITIONS)
     assert {
-        "p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct", "p_open60_pct", "T_open60_pct", "m_open60_pct",
-        "parameter_error_pct", "coverage95_pct", "nis_ratio",
-    } <= set(DEFINITIONS)  # fmt: skip
+        "p_nrmse_pct",
+        "T_nrmse_pct",
+        "m_nrmse_pct",
+        "p_open60_pct",
+        "T_open60_pct",
+        "m_open60_pct",
+        "parameter_error_pct",
+        "coverage95_pct",
+        "nis_ratio",
+    } <= set(DEFINITIONS)
     assert set(IDEAL) < set(DEFINITIONS)
     assert all(sentence.endswith(".") for sentence in DEFINITIONS.values())
 
@@ -333,10 +351,12 @@ def test_an_estimate_that_diverges_altogether_has_no_score_and_no_warning(bad):
 def test_sequences_are_matched_by_name_and_ticks_by_time():
     estimates = off_by("p_exh_bar", 0.03)
     turned = replace(
-        estimates, names=estimates.names[::-1], time_s=estimates.time_s[100:],
+        estimates,
+        names=estimates.names[::-1],
+        time_s=estimates.time_s[100:],
         **{k: getattr(estimates, k)[::-1, 100:] for k in ("mean", "low", "high", "nis", "nis_dof", "flags")},
         **{k: getattr(estimates, k)[::-1] for k in ("forecast", "mean_at_origin", "cov_at_origin")},
-    )  # fmt: skip
+    )
     table = scores(turned)
     p = TRUTH.truth.states[:, ::STRIDE, 1][:, 100:].mean(axis=1)
     assert table.loc["ramp", "p_nrmse_pct"] == pytest.approx(3 / p[0])

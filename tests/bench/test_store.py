@@ -33,13 +33,16 @@ def test_a_part_is_marked_done_with_its_sha256(tmp_path: Path) -> None:
     assert store.has("fit", "k")
 
 
-@pytest.mark.parametrize("damage", [
-    lambda part: part.write_text("hellp"),
-    lambda part: part.write_text("hell"),
-    lambda part: part.unlink(),
-    lambda part: (part.parent / ".done").unlink(),
-    lambda part: (part.parent / ".done").write_text(""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda part: part.write_text("hellp"),
+        lambda part: part.write_text("hell"),
+        lambda part: part.unlink(),
+        lambda part: (part.parent / ".done").unlink(),
+        lambda part: (part.parent / ".done").write_text(""),
+    ],
+)
 def test_a_damaged_part_counts_as_none_until_it_is_put_again(tmp_path: Path, damage) -> None:
     store = Store(tmp_path)
     damage(store.put("fit", "k", write_hello))

@@ -24,9 +24,13 @@ READERS = {
 }  # fmt: skip
 """Machado, Oliveira and Fernandes (2009), IEEE Transactions on Visualization and Computer Graphics 15(6), 1291-1298:
 severity 1, on linear RGB."""
-XYZ = np.array([
-    [0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041],
-])  # fmt: skip
+XYZ = np.array(
+    [
+        [0.4124564, 0.3575761, 0.1804375],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0193339, 0.1191920, 0.9503041],
+    ]
+)
 WHITE = np.array([0.95047, 1.0, 1.08883])
 LEAST_LAB = 15.0
 """Euclid's distance in CIELAB; 2.3 is just noticed side by side, and markers of 5 pt are not side by side."""
@@ -71,8 +75,10 @@ def test_every_estimators_line_has_its_marker():
     drawn = looks(list(LEVELS))
     for figure in (state_trajectories(evidence.trajectory), parameter_tracking(evidence.degradations)):
         seen = {
-            (line.get_color(), line.get_marker()) for axes in figure.axes for line in axes.lines
+            (line.get_color(), line.get_marker())
+            for axes in figure.axes
+            for line in axes.lines
             if line.get_color() in {look.colour for look in drawn.values()} and len(line.get_xdata()) > 2
-        }  # fmt: skip
+        }
         assert len(seen) >= len(LEVELS) - 1
         assert all(marker not in ("", "None", None) for _, marker in seen)

@@ -101,12 +101,15 @@ def test_the_settings_are_those_that_the_last_round_of_trials_chose(name):
     assert {setting: find(name).settings[setting] for setting in best} == best
 
 
-@pytest.mark.parametrize(("arguments", "says"), [
-    (("nominal_ekf_mended", "--trials", 0), "--trials is 0, must lie in [1, 10000]"),
-    (("nominal_ekf_mended", "--trials", 10**400), "--trials is 1000"),
-    (("untunable",), "untunable has no search space"),
-    (("nominal_ekf_mended", "nobody"), "no estimator 'nobody'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("nominal_ekf_mended", "--trials", 0), "--trials is 0, must lie in [1, 10000]"),
+        (("nominal_ekf_mended", "--trials", 10**400), "--trials is 1000"),
+        (("untunable",), "untunable has no search space"),
+        (("nominal_ekf_mended", "nobody"), "no estimator 'nobody'"),
+    ],
+)
 def test_what_cannot_be_tuned_is_said_in_one_line(tmp_path, capsys, arguments, says):
     name, *rest = arguments
     spec = write_estimator(tmp_path, "untunable") if name == "untunable" else name
@@ -115,17 +118,20 @@ def test_what_cannot_be_tuned_is_said_in_one_line(tmp_path, capsys, arguments, s
     assert not (tmp_path / "t").exists()
 
 
-@pytest.mark.parametrize(("space", "settings", "says"), [
-    ("(0, 1.7)", "", "the search space of scale is (0, 1.7), must be (low, high) with 0 < low < high"),
-    ("(1.7, float('inf'))", "", "the search space of scale is (1.7, inf), must be"),
-    ("'ab'", "", "the search space of scale is 'ab', must be"),
-    ("(0.1, 0.2)", "", "the search space of scale is 0.1 to 0.2, and the profile's 1.7 is outside"),
-    ("[1.0, 2.0]", "", "the search space of scale is [1.0, 2.0], and the profile's 1.7 is none of it"),
-    ("(0.6, 1.7)", "[settings.steady]\nscale = nan\n", "the profile's nan is outside"),
-    ("(0.6, 1.7)", "[settings.steady]\nscale = 'x'\n", "scale is 'x', must be a number"),
-    ("(0.6, 1.7)", "[settings.steady]\ncolour = 1\n", "colour"),
-    ("(0.6, 1.7)", "[settings.nobody]\nx = 1\n", "settings for 'nobody', which is no estimator"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("space", "settings", "says"),
+    [
+        ("(0, 1.7)", "", "the search space of scale is (0, 1.7), must be (low, high) with 0 < low < high"),
+        ("(1.7, float('inf'))", "", "the search space of scale is (1.7, inf), must be"),
+        ("'ab'", "", "the search space of scale is 'ab', must be"),
+        ("(0.1, 0.2)", "", "the search space of scale is 0.1 to 0.2, and the profile's 1.7 is outside"),
+        ("[1.0, 2.0]", "", "the search space of scale is [1.0, 2.0], and the profile's 1.7 is none of it"),
+        ("(0.6, 1.7)", "[settings.steady]\nscale = nan\n", "the profile's nan is outside"),
+        ("(0.6, 1.7)", "[settings.steady]\nscale = 'x'\n", "scale is 'x', must be a number"),
+        ("(0.6, 1.7)", "[settings.steady]\ncolour = 1\n", "colour"),
+        ("(0.6, 1.7)", "[settings.nobody]\nx = 1\n", "settings for 'nobody', which is no estimator"),
+    ],
+)
 def test_a_search_that_cannot_begin_is_said_in_one_line(tmp_path, capsys, space, settings, says):
     spec, profile = tunable(tmp_path, space), write_profile(tmp_path, more=settings)
     assert twinbench("tune", spec, "--profile", profile, "--out", tmp_path / "t", "--trials", 1) == 2

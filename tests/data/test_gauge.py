@@ -11,10 +11,20 @@ from twinbench.data.recording import read_recording
 from twinbench.data.units import ATMOSPHERE_BAR, convert, likely_units
 
 
-@pytest.mark.parametrize(("unit", "bars"), [
-    ("barg", 1.0), ("bar(g)", 1.0), ("bar g", 1.0), ("mbarg", 1e-3), ("kPag", 1e-2), ("kPa(g)", 1e-2), ("MPag", 10.0),
-    ("Pag", 1e-5), ("psig", 0.0689475729),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "bars"),
+    [
+        ("barg", 1.0),
+        ("bar(g)", 1.0),
+        ("bar g", 1.0),
+        ("mbarg", 1e-3),
+        ("kPag", 1e-2),
+        ("kPa(g)", 1e-2),
+        ("MPag", 10.0),
+        ("Pag", 1e-5),
+        ("psig", 0.0689475729),
+    ],
+)
 def test_gauge_adds_the_standard_atmosphere(unit, bars):
     given = np.array([-0.5, 0.0, 2.0])
     assert np.allclose(convert(given, unit, "bar", ""), ATMOSPHERE_BAR + bars * given, rtol=1e-9)
@@ -35,11 +45,19 @@ def test_a_gauge_is_no_temperature():
         convert(np.ones(2), "barg", "kelvin", "x.csv")
 
 
-@pytest.mark.parametrize(("median", "unit", "low", "high", "first"), [
-    (-0.06, "bar", 0.82, 1.08, "barg"), (95.0, "bar", 0.82, 1.08, "kPa"), (45.0, "bar", 1.9, 4.8, "psi"),
-    (175.0, "kelvin", 390.0, 505.0, "degC"), (25.0, "rpm", 900.0, 1800.0, "Hz"), (60.0, "dimensionless", 0.27, 0.91,
-    "percent"), (430.0, "kg/s", 0.05, 0.17, "kg/h"), (120.0, "kg/s", 0.05, 0.17, "g/s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("median", "unit", "low", "high", "first"),
+    [
+        (-0.06, "bar", 0.82, 1.08, "barg"),
+        (95.0, "bar", 0.82, 1.08, "kPa"),
+        (45.0, "bar", 1.9, 4.8, "psi"),
+        (175.0, "kelvin", 390.0, 505.0, "degC"),
+        (25.0, "rpm", 900.0, 1800.0, "Hz"),
+        (60.0, "dimensionless", 0.27, 0.91, "percent"),
+        (430.0, "kg/s", 0.05, 0.17, "kg/h"),
+        (120.0, "kg/s", 0.05, 0.17, "g/s"),
+    ],
+)
 def test_the_unit_that_is_asked_about_brings_the_median_inside(median, unit, low, high, first):
     asked = likely_units(median, unit, low, high)
     assert asked[0] == first

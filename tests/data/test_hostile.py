@@ -113,9 +113,14 @@ def test_blanks_around_names_are_left_out_and_told(tmp_path, caplog):
     assert "true_" not in refusal(blanks), "truth stays behind the door"
 
 
-@pytest.mark.parametrize(("coding", "says"), [
-    ("latin-1", "no UTF-8 text (byte 0xb0"), ("utf-16", "is UTF-16 text"), ("utf-16-le", "line 1: holds a NUL byte"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("coding", "says"),
+    [
+        ("latin-1", "no UTF-8 text (byte 0xb0"),
+        ("utf-16", "is UTF-16 text"),
+        ("utf-16-le", "line 1: holds a NUL byte"),
+    ],
+)
 def test_text_in_another_coding(tmp_path, coding, says):
     text = as_text(table().assign(**{"room °C": 20.0}))
     (tmp_path / "run.csv").write_bytes(text.encode(coding))
@@ -177,9 +182,14 @@ def test_lines_are_measured_across_blocks(tmp_path, monkeypatch):
         assert "run.csv, line 12: is longer" in refusal(tmp_path / "run.csv")
 
 
-@pytest.mark.parametrize(("name", "what"), [
-    ("run.zip", "zip or Excel"), ("run.parquet", "Parquet"), ("run.csv.gz", "gzip"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "what"),
+    [
+        ("run.zip", "zip or Excel"),
+        ("run.parquet", "Parquet"),
+        ("run.csv.gz", "gzip"),
+    ],
+)
 def test_a_csv_that_is_something_else(tmp_path, name, what):
     if name == "run.zip":
         with zipfile.ZipFile(tmp_path / name, "w") as archive:
@@ -234,11 +244,19 @@ def test_what_is_shown_is_short_and_obeys_nobody():
     assert as_map("-x", "bar", "p") == "--map='-x[bar]=p'"
 
 
-@pytest.mark.parametrize(("name", "says"), [
-    ("...csv", "no result can be named after this"), (".csv", "no result can be named"), (".x.csv", "no result"),
-    ("a\x1b[31m.csv", "no result"), ("a\nb.csv", "no result"), ("CON.csv", "Windows keeps CON for a device"),
-    ("nul.1.csv", "Windows keeps nul.1"), ("x" * 200 + ".csv", "longer than 150 bytes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("...csv", "no result can be named after this"),
+        (".csv", "no result can be named"),
+        (".x.csv", "no result"),
+        ("a\x1b[31m.csv", "no result"),
+        ("a\nb.csv", "no result"),
+        ("CON.csv", "Windows keeps CON for a device"),
+        ("nul.1.csv", "Windows keeps nul.1"),
+        ("x" * 200 + ".csv", "longer than 150 bytes"),
+    ],
+)
 def test_a_name_that_no_result_can_bear(tmp_path, name, says):
     path = tmp_path / name
     write(table(), tmp_path, name)
@@ -252,13 +270,18 @@ def test_names_that_only_look_odd_are_read(tmp_path):
         assert read_recording(write(table(), tmp_path, f"{name}.csv")).name == name
 
 
-@pytest.mark.parametrize(("content", "says"), [
-    ("x = " + "[" * 100_000, "nested too deep"), ("x = " + "9" * 10_000, "not TOML"), ("x = 1\0", "not TOML"),
-    ("#" + " " * MOST_BYTES, "bytes; it cannot be"),
-    ("[channels]\np_dis_bar = " + "1" + "0" * 400, "63 bits at most"),
-    ("[channels]\n" + "\n".join(f'a{k} = "x"' for k in range(1000)), "unknown channel 'a0'"),
-    ('[channels]\np_dis_bar = { column = "p_dis_bar", unit = "10**10**10" }', "unknown unit '10**10**10'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("x = " + "[" * 100_000, "nested too deep"),
+        ("x = " + "9" * 10_000, "not TOML"),
+        ("x = 1\0", "not TOML"),
+        ("#" + " " * MOST_BYTES, "bytes; it cannot be"),
+        ("[channels]\np_dis_bar = " + "1" + "0" * 400, "63 bits at most"),
+        ("[channels]\n" + "\n".join(f'a{k} = "x"' for k in range(1000)), "unknown channel 'a0'"),
+        ('[channels]\np_dis_bar = { column = "p_dis_bar", unit = "10**10**10" }', "unknown unit '10**10**10'"),
+    ],
+)
 def test_a_sidecar_that_means_harm(tmp_path, content, says):
     path = write(table(), tmp_path)
     (tmp_path / "run.toml").write_text(content)

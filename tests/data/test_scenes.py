@@ -32,9 +32,14 @@ def course(worn, scene: str, parameter: str) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("scene", "parameter", "first", "last"),
-    [("capacity", "capacity", 1.0, 0.88), ("leakage", "leakage", 0.015, 0.052), ("cooling", "heat_transfer", 1.0, 0.65),
-     ("fouling", "capacity", 1.0, 0.93), ("bias", "T_bias_K", 0.0, 5.0)],
-)  # fmt: skip
+    [
+        ("capacity", "capacity", 1.0, 0.88),
+        ("leakage", "leakage", 0.015, 0.052),
+        ("cooling", "heat_transfer", 1.0, 0.65),
+        ("fouling", "capacity", 1.0, 0.93),
+        ("bias", "T_bias_K", 0.0, 5.0),
+    ],
+)
 def test_wear_goes_from_where_to_where_the_paper_says(worn, scene, parameter, first, last):
     values = course(worn, scene, parameter)
     assert values[[0, -1]] == pytest.approx([first, last])

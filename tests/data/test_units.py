@@ -43,10 +43,19 @@ def test_any_text_is_converted_or_refused_at_once(text: str, wanted: str) -> Non
     assert time.perf_counter() - began < AT_MOST_S
 
 
-@pytest.mark.parametrize(("given", "wanted", "factor"), [
-    ("kg m-2 s-1", "kg/(m**2*s)", 1.0), ("m³/h", "m^3/s", 1 / 3600), ("m⁻²", "cm**-2", 1e-4), ("N·m", "N*m", 1.0),
-    ("W/(m2 K)", "W/m2/K", 1.0), (" k Pa ".replace(" P", "P"), "Pa", 1e3), ("m ** 2", "cm^2", 1e4), ("µm", "m", 1e-6),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "wanted", "factor"),
+    [
+        ("kg m-2 s-1", "kg/(m**2*s)", 1.0),
+        ("m³/h", "m^3/s", 1 / 3600),
+        ("m⁻²", "cm**-2", 1e-4),
+        ("N·m", "N*m", 1.0),
+        ("W/(m2 K)", "W/m2/K", 1.0),
+        (" k Pa ".replace(" P", "P"), "Pa", 1e3),
+        ("m ** 2", "cm^2", 1e4),
+        ("µm", "m", 1e-6),
+    ],
+)
 def test_powers_products_and_brackets_as_people_write_them(given: str, wanted: str, factor: float) -> None:
     assert convert(np.array([2.0]), given, wanted, "here") == pytest.approx([2.0 * factor], rel=1e-12)
 

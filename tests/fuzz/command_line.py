@@ -100,10 +100,13 @@ def write(out: Path, found: list[Outcome], seed: int, seconds: float) -> None:
     table.insert(2, "n", table[[*GOOD, *BAD]].sum(axis=1))
     commands = dict.fromkeys(o.case.command for o in found)
     about = {
-        "command": "python " + shlex.join(sys.argv), "seed": seed, "cases": len(found),
+        "command": "python " + shlex.join(sys.argv),
+        "seed": seed,
+        "cases": len(found),
         "totals": {kind: int(table[kind].sum()) for kind in (*GOOD, *BAD)},
         "slowest_s": {c: round(max(o.ended.seconds for o in found if o.case.command == c), 1) for c in commands},
-        "wall_s": round(seconds, 1), **provenance(),
-    }  # fmt: skip
+        "wall_s": round(seconds, 1),
+        **provenance(),
+    }
     write_atomically(out / "outcomes.csv", lambda path: table[COLUMNS].to_csv(path, index=False))
     write_text(out / "manifest.json", json.dumps(about, indent=2) + "\n")

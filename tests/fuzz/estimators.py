@@ -70,12 +70,22 @@ def cut_short(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def it_fails_to_import(text: str, rng: np.random.Generator) -> str:
     lines = (
-        "1 / 0", "raise SystemExit(0)", "import no_such_package", "raise KeyboardInterrupt",
-        "raise BaseException('x')", "def f(:",
-        "raise Exception('a\\nb')", "undefined", "raise Exception('[red]x[/]')", "raise Exception('x' * 100000)",
+        "1 / 0",
+        "raise SystemExit(0)",
+        "import no_such_package",
+        "raise KeyboardInterrupt",
+        "raise BaseException('x')",
+        "def f(:",
+        "raise Exception('a\\nb')",
+        "undefined",
+        "raise Exception('[red]x[/]')",
+        "raise Exception('x' * 100000)",
         "def f(): f()\nf()",
-        "raise GeneratorExit", "raise MemoryError", "\x00", "x = " + "(" * 300,
-    )  # fmt: skip
+        "raise GeneratorExit",
+        "raise MemoryError",
+        "\x00",
+        "x = " + "(" * 300,
+    )
     return text + pick(rng, lines) + "\n"
 
 
@@ -86,12 +96,19 @@ def the_import_never_returns(text: str, rng: np.random.Generator) -> str:
 
 @mutator(REFUSED)
 def no_estimator(text: str, rng: np.random.Generator) -> str:
-    return pick(rng, (
-        "", "x = 1\n", text.replace("(Estimator)", "").replace("@register\n", ""),
-        text.replace("def step", "def steps"),
-        text.replace("def fit", "def fitt"), text.replace('name, says = "mine", ', "says = "), text + "del Mine\n",
-        text + "class Other(Mine):\n    name = 'other'\n",
-    ))  # fmt: skip
+    return pick(
+        rng,
+        (
+            "",
+            "x = 1\n",
+            text.replace("(Estimator)", "").replace("@register\n", ""),
+            text.replace("def step", "def steps"),
+            text.replace("def fit", "def fitt"),
+            text.replace('name, says = "mine", ', "says = "),
+            text + "del Mine\n",
+            text + "class Other(Mine):\n    name = 'other'\n",
+        ),
+    )
 
 
 @mutator(REFUSED, check=TOLD)
@@ -180,10 +197,15 @@ def covariances_of_nonsense(text: str, rng: np.random.Generator) -> str:
 
 @mutator(ORDERLY)
 def it_changes_what_it_is_given(text: str, rng: np.random.Generator) -> str:
-    return pick(rng, (
-        start_of(METHODS[2], "state.mean[:] = 0.0", text), start_of(METHODS[2], "sample.measured[:] = 0.0", text),
-        start_of(METHODS[0], "train.measured[:] = 0.0", text), start_of(METHODS[2], "np.seterr(all='raise')", text),
-    ))  # fmt: skip
+    return pick(
+        rng,
+        (
+            start_of(METHODS[2], "state.mean[:] = 0.0", text),
+            start_of(METHODS[2], "sample.measured[:] = 0.0", text),
+            start_of(METHODS[0], "train.measured[:] = 0.0", text),
+            start_of(METHODS[2], "np.seterr(all='raise')", text),
+        ),
+    )
 
 
 @mutator(ORDERLY)

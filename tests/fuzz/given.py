@@ -40,9 +40,10 @@ COMPRESSOR = Machine(
     },
 )  # fmt: skip
 TANK = Machine(
-    ("pump_V",), ("h_m",),
+    ("pump_V",),
+    ("h_m",),
     {"pump_V": (("mV", 1000.0, 0.0),), "h_m": (("cm", 100.0, 0.0), ("mm", 1000.0, 0.0), ("ft", 3.2808399, 0.0))},
-)  # fmt: skip
+)
 
 
 @dataclass

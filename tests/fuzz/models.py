@@ -86,11 +86,29 @@ def nested_deep(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def a_base_that_is_none(text: str, rng: np.random.Generator) -> str:
     bases = (
-        "gone.py", "model.toml", "", "7", ".", "..", "/", "tank.py:NOTHING", "no.module:X", "os:system", "[red]",
-        "tank.py:", ":", "\\u0000",
-        "/dev/null", "/dev/zero.py", "day.csv", "tank.PY", "C:\\\\x\\\\tank.py", "https://example.org/tank.py",
-        "tank.py:rhs", "x" * 5000,
-    )  # fmt: skip
+        "gone.py",
+        "model.toml",
+        "",
+        "7",
+        ".",
+        "..",
+        "/",
+        "tank.py:NOTHING",
+        "no.module:X",
+        "os:system",
+        "[red]",
+        "tank.py:",
+        ":",
+        "\\u0000",
+        "/dev/null",
+        "/dev/zero.py",
+        "day.csv",
+        "tank.PY",
+        "C:\\\\x\\\\tank.py",
+        "https://example.org/tank.py",
+        "tank.py:rhs",
+        "x" * 5000,
+    )
     return text.replace('"tank.py"', f'"{pick(rng, bases)}"')
 
 

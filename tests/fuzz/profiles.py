@@ -107,21 +107,40 @@ def seeds_that_are_none(text: str, rng: np.random.Generator) -> str:
 
 @mutator(REFUSED)
 def an_unknown_key(text: str, rng: np.random.Generator) -> str:
-    return pick(rng, (
-        "colour = 1\n" + text, text + "colour = 1\n", text + "[more]\n", text.replace("n_train", "n_trains"),
-        text.replace("[data]", "[dato]"),
-        '"[red]" = 1\n' + text, '"$x$" = 1\n' + text, '"" = 1\n' + text, "data.x = 1\n" + text, text + "[[settings]]\n",
-    ))  # fmt: skip
+    return pick(
+        rng,
+        (
+            "colour = 1\n" + text,
+            text + "colour = 1\n",
+            text + "[more]\n",
+            text.replace("n_train", "n_trains"),
+            text.replace("[data]", "[dato]"),
+            '"[red]" = 1\n' + text,
+            '"$x$" = 1\n' + text,
+            '"" = 1\n' + text,
+            "data.x = 1\n" + text,
+            text + "[[settings]]\n",
+        ),
+    )
 
 
 @mutator(REFUSED)
 def settings_that_are_none(text: str, rng: np.random.Generator) -> str:
-    return text + pick(rng, (
-        "[settings]\nmine = 3\n", "[settings.gone]\nx = 1\n", "[settings.mine]\nscale = 'x'\n",
-        "[settings.mine]\nscale = true\n",
-        "[settings.mine]\ncolour = 1\n", "[settings.mine]\nscale = []\n", "[settings.mine]\nimplementation = 3\n",
-        "[settings.mine.scale]\nx = 1\n", "[settings]\n'[red]' = {}\n", "[settings.mine]\nscale = {}\n",
-    ))  # fmt: skip
+    return text + pick(
+        rng,
+        (
+            "[settings]\nmine = 3\n",
+            "[settings.gone]\nx = 1\n",
+            "[settings.mine]\nscale = 'x'\n",
+            "[settings.mine]\nscale = true\n",
+            "[settings.mine]\ncolour = 1\n",
+            "[settings.mine]\nscale = []\n",
+            "[settings.mine]\nimplementation = 3\n",
+            "[settings.mine.scale]\nx = 1\n",
+            "[settings]\n'[red]' = {}\n",
+            "[settings.mine]\nscale = {}\n",
+        ),
+    )
 
 
 @mutator(ORDERLY)
@@ -132,11 +151,19 @@ def settings_that_are_odd(text: str, rng: np.random.Generator) -> str:
 
 @mutator(REFUSED)
 def corruption_that_is_none(text: str, rng: np.random.Generator) -> str:
-    return text + pick(rng, (
-        "[corruption]\ndropout = 1.0\n", "[corruption]\ndropout = -0.1\n", "[corruption]\nnoise = nan\n",
-        "[corruption]\nspikes = 7\n",
-        "[corruption]\ndropout = inf\n", "[corruption]\nnoise = '1'\n", "[corruption]\nx = 1\n", "corruption = 3\n",
-    ))  # fmt: skip
+    return text + pick(
+        rng,
+        (
+            "[corruption]\ndropout = 1.0\n",
+            "[corruption]\ndropout = -0.1\n",
+            "[corruption]\nnoise = nan\n",
+            "[corruption]\nspikes = 7\n",
+            "[corruption]\ndropout = inf\n",
+            "[corruption]\nnoise = '1'\n",
+            "[corruption]\nx = 1\n",
+            "corruption = 3\n",
+        ),
+    )
 
 
 @mutator(ORDERLY)

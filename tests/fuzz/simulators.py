@@ -132,24 +132,43 @@ def no_python(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def it_fails_to_import(text: str, rng: np.random.Generator) -> str:
     lines = (
-        "1 / 0", "raise SystemExit(0)", "raise SystemExit('bye')", "import no_such_package", "raise KeyboardInterrupt",
-        "raise BaseException('x')", "raise Exception('a\\nb')", "raise Exception", "def f(): f()\nf()",
+        "1 / 0",
+        "raise SystemExit(0)",
+        "raise SystemExit('bye')",
+        "import no_such_package",
+        "raise KeyboardInterrupt",
+        "raise BaseException('x')",
+        "raise Exception('a\\nb')",
+        "raise Exception",
+        "def f(): f()\nf()",
         "import sys; sys.exit()",
-        "raise GeneratorExit", "assert False", "from twinbench.physics.simulator import Nothing", "raise MemoryError",
+        "raise GeneratorExit",
+        "assert False",
+        "from twinbench.physics.simulator import Nothing",
+        "raise MemoryError",
         "undefined",
-        "raise Exception('[red]x[/]')", "raise Exception('x' * 100000)",
+        "raise Exception('[red]x[/]')",
+        "raise Exception('x' * 100000)",
         "raise UnicodeDecodeError('utf-8', b'x', 0, 1, 'y')",
-    )  # fmt: skip
+    )
     return text + pick(rng, lines) + "\n"
 
 
 @mutator(REFUSED)
 def a_function_fails(text: str, rng: np.random.Generator) -> str:
     lines = (
-        "raise ValueError('[/x] no')", "1 / 0", "raise SystemExit(0)", "raise KeyboardInterrupt", "undefined()",
+        "raise ValueError('[/x] no')",
+        "1 / 0",
+        "raise SystemExit(0)",
+        "raise KeyboardInterrupt",
+        "undefined()",
         "theta[99]",
-        "raise Exception('a\\n' * 9)", "raise BaseException", "return f()", "assert False, {}", "raise RecursionError",
-    )  # fmt: skip
+        "raise Exception('a\\n' * 9)",
+        "raise BaseException",
+        "return f()",
+        "assert False, {}",
+        "raise RecursionError",
+    )
     return start_of(some(rng), pick(rng, lines), text)
 
 
@@ -174,11 +193,25 @@ def the_import_never_returns(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def another_shape(text: str, rng: np.random.Generator) -> str:
     values = (
-        "np.zeros(2)", "np.zeros(0)", "np.zeros((1, 1))", "1.0", "None", "'x'", "np.zeros(())", "[[1.0]]", "{}",
+        "np.zeros(2)",
+        "np.zeros(0)",
+        "np.zeros((1, 1))",
+        "1.0",
+        "None",
+        "'x'",
+        "np.zeros(())",
+        "[[1.0]]",
+        "{}",
         "np.array(['a'])",
-        "[None]", "(1.0, 2.0)", "np.ones((1, 2))", "object()", "np.array([1j])", "lambda: 0", "iter([1.0])",
+        "[None]",
+        "(1.0, 2.0)",
+        "np.ones((1, 2))",
+        "object()",
+        "np.array([1j])",
+        "lambda: 0",
+        "iter([1.0])",
         "np.zeros((3, 1))",
-    )  # fmt: skip
+    )
     return result_of(some(rng), pick(rng, values), text)
 
 
@@ -233,8 +266,12 @@ def it_runs_away(text: str, rng: np.random.Generator) -> str:
 def never_twice_the_same(text: str, rng: np.random.Generator) -> str:
     """Numbers drawn at random, the clock, a counter: no simulator of that machine."""
     more = (
-        "np.random.normal()", "np.random.rand()", "time.perf_counter()", "count()", "random.random()",
-    )  # fmt: skip
+        "np.random.normal()",
+        "np.random.rand()",
+        "time.perf_counter()",
+        "count()",
+        "random.random()",
+    )
     head = "import random, time\nCALLS = []\n\n\ndef count():\n    CALLS.append(1)\n    return 0.01 * len(CALLS)\n\n\n"
     value = {"rhs": "theta[1] * u[0] - theta[0] * math.sqrt(max(x[0], 0.0))", "output": "x[0]"}
     name = pick(rng, value)
@@ -264,16 +301,23 @@ def bounds_reversed(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def a_variable_of_wrong_fields(text: str, rng: np.random.Generator) -> str:
     wrong = (
-        'Variable("h_m", "m", 0.0, 2.0)', 'Variable("h_m", "m", 0.0, 2.0, "x")', "Variable()", '"h_m"', "None",
+        'Variable("h_m", "m", 0.0, 2.0)',
+        'Variable("h_m", "m", 0.0, 2.0, "x")',
+        "Variable()",
+        '"h_m"',
+        "None",
         "Variable",
-        'Variable(7, "m", 0.0, 2.0, 0.5)', 'Variable("h_m", 3, 0.0, 2.0, 0.5)',
+        'Variable(7, "m", 0.0, 2.0, 0.5)',
+        'Variable("h_m", 3, 0.0, 2.0, 0.5)',
         'Variable("h_m", "m", 0.0, 2.0, math.nan)',
-        'Variable("h_m", "m", 0.0, 2.0, 0.5, -1.0)', 'Variable("h_m", "m", 0.0, 2.0, 0.5, math.nan)',
+        'Variable("h_m", "m", 0.0, 2.0, 0.5, -1.0)',
+        'Variable("h_m", "m", 0.0, 2.0, 0.5, math.nan)',
         'Variable("h_m", "m", 0.0, 2.0, None)',
-        'Variable("h_m", "m", 0.0, 2.0, 0.5j)', 'Variable("h_m", "m", 0.0, 2.0, [0.5])',
+        'Variable("h_m", "m", 0.0, 2.0, 0.5j)',
+        'Variable("h_m", "m", 0.0, 2.0, [0.5])',
         'Variable("h_m", "m", 0.0, 2.0, 0.5, colour=1)',
         'Variable("h_m", None, 0.0, 2.0, 0.5)',
-    )  # fmt: skip
+    )
     return text.replace('Variable("h_m", "m", 0.0, 2.0, 0.5)', pick(rng, wrong))
 
 
@@ -286,16 +330,26 @@ def a_unit_nobody_knows(text: str, rng: np.random.Generator) -> str:
 @mutator(REFUSED)
 def a_simulator_of_wrong_fields(text: str, rng: np.random.Generator) -> str:
     changes = (
-        ("rhs=rhs, ", ""), ("output=output, ", ""), ("rhs=rhs", "rhs=3"), ("initial=initial", "initial=None"),
+        ("rhs=rhs, ", ""),
+        ("output=output, ", ""),
+        ("rhs=rhs", "rhs=3"),
+        ("initial=initial", "initial=None"),
         ('"tank",', "7,"),
-        ("rhs=rhs", "rhs=rhs, flux=rhs"), ("rhs=rhs", "rhs=rhs, fluxes=3"), ("rhs=rhs", "rhs=rhs, colour=3"),
+        ("rhs=rhs", "rhs=rhs, flux=rhs"),
+        ("rhs=rhs", "rhs=rhs, fluxes=3"),
+        ("rhs=rhs", "rhs=rhs, colour=3"),
         ("states=(", "states=list("),
-        ('states=(Variable("level_m", "m", 0.0, 2.0, 0.5),)', "states=()"), ("rhs=rhs", "rhs=rhs, calibrate=('gone',)"),
-        ('outputs=(Variable("h_m", "m", 0.0, 2.0, 0.5),)', "outputs=()"), ("rhs=rhs", "rhs=rhs, drifts=3"),
+        ('states=(Variable("level_m", "m", 0.0, 2.0, 0.5),)', "states=()"),
+        ("rhs=rhs", "rhs=rhs, calibrate=('gone',)"),
+        ('outputs=(Variable("h_m", "m", 0.0, 2.0, 0.5),)', "outputs=()"),
+        ("rhs=rhs", "rhs=rhs, drifts=3"),
         ("0.01)),", "0.01)), says=3,"),
-        ('states=(Variable("level_m", "m", 0.0, 2.0, 0.5),)', "states=None"), ("rhs=rhs", "rhs=rhs, calibrate='k'"),
-        ("output=output", "output='output'"), ("TANK = Simulator(", "TANK = dict("), ("rhs=rhs", "rhs=lambda x: x"),
-    )  # fmt: skip
+        ('states=(Variable("level_m", "m", 0.0, 2.0, 0.5),)', "states=None"),
+        ("rhs=rhs", "rhs=rhs, calibrate='k'"),
+        ("output=output", "output='output'"),
+        ("TANK = Simulator(", "TANK = dict("),
+        ("rhs=rhs", "rhs=lambda x: x"),
+    )
     return text.replace(*pick(rng, changes))
 
 
@@ -336,14 +390,25 @@ def two_simulators(text: str, rng: np.random.Generator) -> str:
 
 @mutator(ORDERLY)
 def the_import_meddles(text: str, rng: np.random.Generator) -> str:
-    return text + pick(rng, (
-        "np.seterr(all='raise')\n", "import warnings\nwarnings.simplefilter('error')\n", "import os\nos.chdir('/')\n",
-        "import sys\nsys.setrecursionlimit(200)\n", "import locale\n", "np.float64 = None\n",
-        "import sys\nsys.stdout.close()\n",
-        "import builtins\nbuiltins.print = None\n", "import sys\nsys.argv = []\n", "import sys\nsys.path.clear()\n",
-        "import os\nos.environ.clear()\n", "np.random.seed(0)\n", "import signal\nsignal.alarm(0)\n",
-        "import gc\ngc.disable()\n",
-    ))  # fmt: skip
+    return text + pick(
+        rng,
+        (
+            "np.seterr(all='raise')\n",
+            "import warnings\nwarnings.simplefilter('error')\n",
+            "import os\nos.chdir('/')\n",
+            "import sys\nsys.setrecursionlimit(200)\n",
+            "import locale\n",
+            "np.float64 = None\n",
+            "import sys\nsys.stdout.close()\n",
+            "import builtins\nbuiltins.print = None\n",
+            "import sys\nsys.argv = []\n",
+            "import sys\nsys.path.clear()\n",
+            "import os\nos.environ.clear()\n",
+            "np.random.seed(0)\n",
+            "import signal\nsignal.alarm(0)\n",
+            "import gc\ngc.disable()\n",
+        ),
+    )
 
 
 @mutator(ORDERLY)

@@ -134,8 +134,11 @@ def test_what_fails_is_caught_and_what_hangs_is_ended(tmp_path):
     text = FORKED.format(tests=str(Path(__file__).parents[1]), folder=str(tmp_path))
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60)
     assert [line.strip() for line in done.stdout.splitlines()] == [
-        "fails 70 False True half", "exits 2 False False done", "waits -9 True False", "spins -9 True False",
-    ], done.stderr  # fmt: skip
+        "fails 70 False True half",
+        "exits 2 False False done",
+        "waits -9 True False",
+        "spins -9 True False",
+    ], done.stderr
 
 
 @pytest.fixture(scope="module")

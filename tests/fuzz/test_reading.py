@@ -24,9 +24,12 @@ from twinbench.data.recording import Recording, read_recording
 UNITS = {"pump_V": "V", "h_m": "m"}
 TABLE = tank_recording(1, 40)
 BESIDES = {
-    "columns_in_another_order", "another_column_besides", "another_column_of_awkward_name",
-    "truth_of_another_machine_besides", "clock_starts_elsewhere",
-}  # fmt: skip
+    "columns_in_another_order",
+    "another_column_besides",
+    "another_column_of_awkward_name",
+    "truth_of_another_machine_besides",
+    "clock_starts_elsewhere",
+}
 KINDS, NAMED = {"nothing", "gzipped", "as_parquet"}, {"nothing", "renamed_and_mapped", "renamed_by_a_sidecar"}
 MUTATORS = {m.name: m for shelf in (FILES, CELLS, CLOCK, NAMES) for m in shelf.mutators}
 anything = settings(derandomize=True, deadline=None, max_examples=150)

@@ -95,8 +95,9 @@ def _child(arguments: tuple[str, ...], folder: Path, files: list[Path]) -> None:
             os.dup2(os.open(path, how, 0o644), descriptor)
         limits = {
             resource.RLIMIT_CORE: (0, 0),
-            resource.RLIMIT_AS: (MOST_MEMORY_BYTES,) * 2, resource.RLIMIT_FSIZE: (LARGEST_FILE_BYTES,) * 2,
-        }  # fmt: skip
+            resource.RLIMIT_AS: (MOST_MEMORY_BYTES,) * 2,
+            resource.RLIMIT_FSIZE: (LARGEST_FILE_BYTES,) * 2,
+        }
         for what, (soft, hard) in limits.items():
             resource.setrlimit(what, (soft, hard))
         sys.argv = ["twinbench", *arguments]

@@ -301,8 +301,7 @@ def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
         memory["safety"][name] = value
     said, room = np.zeros(1, SAID), scratch(weights)
     query, measured = np.zeros(5, np.float32), np.array(measured)
-    tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0],
-         room["filter"][0])  # fmt: skip
+    tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
     return memory["z"][0], memory["P"][0], said
 
 

@@ -48,9 +48,13 @@ def test_another_estimators_checkpoint_is_refused(saved):
         other.load(saved)
 
 
-@pytest.mark.parametrize(("settings", "says"), [
-    ({"scale": 1.0}, "it has the setting 'tempo'"), ({**Still.settings, "new": 1.0}, "it lacks the setting 'new'"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"scale": 1.0}, "it has the setting 'tempo'"),
+        ({**Still.settings, "new": 1.0}, "it lacks the setting 'new'"),
+    ],
+)
 def test_another_versions_checkpoint_is_refused_with_the_setting_that_differs(saved, settings, says):
     version = type("Still", (Still,), {"settings": settings})
     with pytest.raises(ValueError, match=says):

@@ -150,10 +150,18 @@ def test_tanks_leak_above_the_hole_and_overflow_above_the_rim():
     assert term(TANKS, "spill_from_h1_cm@h2_cm", [25.0, 6.0], [0.1, 20.0]) == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize(("name", "is_ambient"), [
-    ("T_amb_K", True), ("Tamb", True), ("ambient_K", True), ("T_ambient", True),
-    ("T_chamber_K", False), ("bamboo_K", False), ("T_amber_K", False),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "is_ambient"),
+    [
+        ("T_amb_K", True),
+        ("Tamb", True),
+        ("ambient_K", True),
+        ("T_ambient", True),
+        ("T_chamber_K", False),
+        ("bamboo_K", False),
+        ("T_amber_K", False),
+    ],
+)
 def test_an_ambient_is_a_word_of_a_name_and_no_part_of_one(name, is_ambient):
     assert (AMBIENT.search(name.lower()) is not None) == is_ambient
 
@@ -161,9 +169,10 @@ def test_an_ambient_is_a_word_of_a_name_and_no_part_of_one(name, is_ambient):
 def test_heat_goes_to_the_ambient_that_the_machine_names():
     ambient = MOTOR.theta()[MOTOR.index("T_amb_K")]
     assert term(MOTOR, "loss_to_ambient@T_winding_K", [0, 0, ambient + 10.0], [0.2]) == pytest.approx(-2.0)
-    nameless = replace(MOTOR, parameters=tuple(
-        Variable("T_air", "K", 250, 320, 295) if v.name == "T_amb_K" else v for v in MOTOR.parameters
-    ))  # fmt: skip
+    nameless = replace(
+        MOTOR,
+        parameters=tuple(Variable("T_air", "K", 250, 320, 295) if v.name == "T_amb_K" else v for v in MOTOR.parameters),
+    )
     assert term(nameless, "loss_to_ambient@T_winding_K", [0, 0, 300.0], [0.2, 280.0]) == pytest.approx(-4.0)
 
 
@@ -237,11 +246,15 @@ def constant_leak(x, u, theta):
 
 def test_a_machine_whose_state_moves_by_itself_still_gets_typical_sizes():
     chamber = Simulator(
-        name="chamber", states=(Variable("p_bar", "bar", 0.0, 10.0, 5.0, 2.0),), inputs=(),
+        name="chamber",
+        states=(Variable("p_bar", "bar", 0.0, 10.0, 5.0, 2.0),),
+        inputs=(),
         outputs=(Variable("p_gauge_bar", "bar", 0.0, 10.0, 5.0),),
         parameters=(Variable("k_bar_s", "bar/s", 0.0, 1.0, 0.05),),
-        rhs=constant_leak, output=mass_output, initial=lambda u0, y0, theta: y0,
-    )  # fmt: skip
+        rhs=constant_leak,
+        output=mass_output,
+        initial=lambda u0, y0, theta: y0,
+    )
     assert typical_rates(chamber) == pytest.approx([0.05])
     assert {"leak@p_bar", "linear_leak@p_bar", "overflow@p_bar"} <= {m.name for m in generic(chamber)}
     assert typical_rates(chamber.with_values(k_bar_s=0.0)) == pytest.approx([0.2])
@@ -263,8 +276,9 @@ def test_what_is_offered_follows_from_the_variables():
     assert effects(TANKS, "h2_cm") == common | leaks | {"spill_from_h1_cm"}
     assert effects(MASS, "x_m") == set()
     assert effects(MASS, "v_m_s") == common | frictions | unequal | {"hysteresis", "hardening_spring", "backlash"}
-    one_way = tuple(Variable("omega_rad_s", "rad/s", 0.0, 300.0, 120.0) if v.name == "omega_rad_s" else v
-                    for v in MOTOR.states)  # fmt: skip
+    one_way = tuple(
+        Variable("omega_rad_s", "rad/s", 0.0, 300.0, 120.0) if v.name == "omega_rad_s" else v for v in MOTOR.states
+    )
     assert effects(replace(MOTOR, states=one_way), "omega_rad_s") == common | frictions | {"hysteresis"}
     assert effects(PLANT, "N_rpm") == {"backlash"}  # never zero: no dead zone
     assert effects(PLANT, "valve") == {"backlash", "dead_zone"}

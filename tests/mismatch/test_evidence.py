@@ -56,8 +56,9 @@ def test_what_was_never_weighed_against_another_has_no_probability():
     a, none = frozenset("a"), frozenset()
     assert probabilities(weighed({a: 0.0, none: 500.0})) == {"a": None}
     assert probabilities(weighed({frozenset("ab"): 0.0, a: 300.0, frozenset("b"): 300.0}, ("a", "b"))) == {
-        "a": None, "b": None,
-    }  # fmt: skip
+        "a": None,
+        "b": None,
+    }
 
 
 def test_what_contains_an_effect_is_no_rival_of_it():

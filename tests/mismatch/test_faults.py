@@ -89,9 +89,14 @@ def test_stuck_stands_still_over_the_end_of_the_record():
 def test_a_slow_sensor_solves_its_differential_equation():
     tau_s = 0.7
     truth = solve_ivp(
-        lambda t, y: (np.interp(t, TIME_S, VALUES) - y) / tau_s, (TIME_S[0], TIME_S[-1]), VALUES[:1],
-        t_eval=TIME_S, rtol=1e-9, atol=1e-9, max_step=0.02,
-    ).y[0]  # fmt: skip
+        lambda t, y: (np.interp(t, TIME_S, VALUES) - y) / tau_s,
+        (TIME_S[0], TIME_S[-1]),
+        VALUES[:1],
+        t_eval=TIME_S,
+        rtol=1e-9,
+        atol=1e-9,
+        max_step=0.02,
+    ).y[0]
     assert apply("sensor_lag@speed_rad_s", tau_s) == pytest.approx(truth, abs=2e-4)
 
 
@@ -127,11 +132,12 @@ def test_a_delay_of_whole_samples_shifts():
 
 @settings(max_examples=50, deadline=None)
 @given(
-    st.sampled_from(["sensor_lag@amps_A", "sensor_delay@amps_A", "input_lag@load_Nm", "input_delay@load_Nm",
-                     "input_stuck@load_Nm"]),
+    st.sampled_from(
+        ["sensor_lag@amps_A", "sensor_delay@amps_A", "input_lag@load_Nm", "input_delay@load_Nm", "input_stuck@load_Nm"]
+    ),
     st.floats(0.0, 1.0).map(lambda size: round(size, 9)),
     st.lists(st.tuples(st.floats(1e-3, 10.0), st.floats(-1e3, 1e3)), min_size=1, max_size=30),
-)  # fmt: skip
+)
 def test_what_is_slow_late_or_stuck_stays_within_what_was_there(name, size, samples):
     gaps, values = (np.array(column) for column in zip(*samples, strict=True))
     out = apply(name, size, values, np.cumsum(gaps))

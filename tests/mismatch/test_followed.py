@@ -65,11 +65,17 @@ def mass_and_other() -> Simulator:
         outputs=tuple(Variable(f"{n}_V", "V", -50.0, 50.0, 0.0, 2.0) for n in ("one", "two")),
         parameters=tuple(
             Variable(n, unit, low, high, 1.0, 0.5)
-            for n, unit, low, high in (("k1", "1", 0.0, 5.0), ("tau1_s", "s", 0.2, 9.0), ("k2", "1", 0.0, 5.0),
-                                       ("tau2_s", "s", 0.2, 9.0))
+            for n, unit, low, high in (
+                ("k1", "1", 0.0, 5.0),
+                ("tau1_s", "s", 0.2, 9.0),
+                ("k2", "1", 0.0, 5.0),
+                ("tau2_s", "s", 0.2, 9.0),
+            )
         ),
-        rhs=rhs, output=lambda x, u, theta: x.copy(), initial=lambda u0, y0, theta: y0.copy(),
-    )  # fmt: skip
+        rhs=rhs,
+        output=lambda x, u, theta: x.copy(),
+        initial=lambda u0, y0, theta: y0.copy(),
+    )
 
 
 def lags(name: str, seed: int, shuffled: bool) -> Recording:

@@ -19,12 +19,15 @@ def drone(rate, unit: str = "m/s", mass_unit: str = "kg") -> Simulator:
         return np.array([rate(x[0], u[0], theta)])
 
     return Simulator(
-        name="drone", states=(Variable("climb", unit, -20.0, 20.0, 1.0, 2.0),),
+        name="drone",
+        states=(Variable("climb", unit, -20.0, 20.0, 1.0, 2.0),),
         inputs=(Variable("thrust_N", "N", 0.0, 50.0, 20.0, 5.0),),
         outputs=(Variable("v", unit, -20.0, 20.0, 1.0, 2.0),),
         parameters=(Variable("m", mass_unit, 0.5, 5.0, 2.0), Variable("c", "N s/m", 0.0, 5.0, 0.5)),
-        rhs=rhs, output=lambda x, u, theta: x[:1], initial=lambda u0, y0, theta: y0[:1],
-    )  # fmt: skip
+        rhs=rhs,
+        output=lambda x, u, theta: x[:1],
+        initial=lambda u0, y0, theta: y0[:1],
+    )
 
 
 def weighs(v, thrust, theta):
@@ -38,11 +41,14 @@ def test_the_inertia_is_what_the_rate_is_a_constant_and_a_force_over():
     assert (motor.parameter.name, motor.force) == ("J_kg_m2", "N m")
 
 
-@pytest.mark.parametrize("rate", [
-    lambda v, thrust, theta: (thrust - theta[1] * v) / (theta[0] + 1.0),
-    lambda v, thrust, theta: (thrust - theta[1] * v) / theta[0] + theta[0],
-    lambda v, thrust, theta: thrust - theta[1] * v,
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "rate",
+    [
+        lambda v, thrust, theta: (thrust - theta[1] * v) / (theta[0] + 1.0),
+        lambda v, thrust, theta: (thrust - theta[1] * v) / theta[0] + theta[0],
+        lambda v, thrust, theta: thrust - theta[1] * v,
+    ],
+)
 def test_a_mass_among_others_or_beside_the_point_is_no_inertia(rate):
     assert inertia(drone(rate), 0) is None
 
@@ -54,10 +60,15 @@ def test_what_is_no_mass_or_no_speed_has_no_force():
     assert all(inertia(TANKS, i) is None for i in range(len(TANKS.states)))
 
 
-@pytest.mark.parametrize(("name", "unit"), [
-    ("coulomb_friction@omega_rad_s", "N m"), ("viscous_friction@omega_rad_s", "N m/(rad/s)"),
-    ("quadratic_friction@omega_rad_s", "N m/(rad/s)^2"), ("cubic_friction@omega_rad_s", "N m/(rad/s)^3"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("coulomb_friction@omega_rad_s", "N m"),
+        ("viscous_friction@omega_rad_s", "N m/(rad/s)"),
+        ("quadratic_friction@omega_rad_s", "N m/(rad/s)^2"),
+        ("cubic_friction@omega_rad_s", "N m/(rad/s)^3"),
+    ],
+)
 def test_sizes_become_forces_per_what_they_multiply(name, unit):
     (size,) = (m.parameters[0] for m in generic(MOTOR) if m.name == name)
     assert as_force(size.unit, MOTOR, 1, inertia(MOTOR, 1)) == (pytest.approx(1.0), unit)

@@ -53,8 +53,10 @@ def mass(unit: str) -> Simulator:
         inputs=(Variable("F", "N", -50.0, 50.0, 0.0, 10.0),),
         outputs=(Variable("pos", unit, -2.0, 2.0, 0.0, 0.5),),
         parameters=(Variable("k", "N/m", 0.0, 100.0, 20.0), Variable("m", "kg", 0.1, 20.0, 2.0)),
-        rhs=rhs, output=lambda x, u, theta: np.array([x[0]]), initial=lambda u0, y0, theta: np.array([y0[0], 0.0]),
-    )  # fmt: skip
+        rhs=rhs,
+        output=lambda x, u, theta: np.array([x[0]]),
+        initial=lambda u0, y0, theta: np.array([y0[0], 0.0]),
+    )
 
 
 def test_the_rate_of_a_state_is_a_speed_in_any_unit():

@@ -26,9 +26,20 @@ def run(scheme: np.ndarray, step_s: float, fast: float) -> np.ndarray:
     n = round(END_S / step_s)
     y = np.full((n + 1, 2), np.nan)
     march.py_func(
-        rhs, read, np.full((n + 1, 1), 0.3), np.full(n + 1, step_s), np.ones(n + 1, dtype=np.int64), np.zeros(2),
-        np.array([fast]), np.empty(0, dtype=np.int64), np.empty((n + 1, 0)), step_s, scheme, np.full(2, 1e9), y,
-    )  # fmt: skip
+        rhs,
+        read,
+        np.full((n + 1, 1), 0.3),
+        np.full(n + 1, step_s),
+        np.ones(n + 1, dtype=np.int64),
+        np.zeros(2),
+        np.array([fast]),
+        np.empty(0, dtype=np.int64),
+        np.empty((n + 1, 0)),
+        step_s,
+        scheme,
+        np.full(2, 1e9),
+        y,
+    )
     return y[1:]
 
 

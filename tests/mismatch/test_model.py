@@ -101,10 +101,13 @@ def test_amplitudes_inside_the_equations_are_values(tmp_path):
     assert simulator.mechanisms == ("external_leak",)
 
 
-@pytest.mark.parametrize(("values", "says"), [
-    ({"nothing": 1.0}, "neither the simulator nor a mechanism has that parameter"),
-    ({"k": float("nan")}, "must be a finite number"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"nothing": 1.0}, "neither the simulator nor a mechanism has that parameter"),
+        ({"k": float("nan")}, "must be a finite number"),
+    ],
+)
 def test_no_model_is_written_that_could_not_be_read(tmp_path, spec, values, says):
     with pytest.raises(ValueError, match=says):
         model_toml(spec, load_simulator(spec), [], values, tmp_path)
@@ -117,17 +120,20 @@ def test_a_mechanism_of_nowhere_is_not_written(tmp_path, spec):
         model_toml(spec, tank, own, {}, tmp_path)
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
-    ("base = ", "bases = ", "is no model; it must hold base"),
-    ("base = ", "base ", "not TOML"),
-    ('"tank.py"', '"gone.py"', "no file"),
-    ('"tank.py"', '"model.toml"', "is its own base"),
-    ('name = "spill"', 'name = "spell"', "spill.py has no mechanism 'spell'; it has: spill"),
-    ('name = "spill"', "name = 1", "must hold two texts, name and from"),
-    ("k = 0.08", "k = true", "[values] must hold numbers only"),
-    ("k = 0.08", "k = nan", "[values] must hold numbers only"),
-    ("k = 0.08", "kk = 0.08", "[values] has 'kk', which is no parameter of this model"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("base = ", "bases = ", "is no model; it must hold base"),
+        ("base = ", "base ", "not TOML"),
+        ('"tank.py"', '"gone.py"', "no file"),
+        ('"tank.py"', '"model.toml"', "is its own base"),
+        ('name = "spill"', 'name = "spell"', "spill.py has no mechanism 'spell'; it has: spill"),
+        ('name = "spill"', "name = 1", "must hold two texts, name and from"),
+        ("k = 0.08", "k = true", "[values] must hold numbers only"),
+        ("k = 0.08", "k = nan", "[values] must hold numbers only"),
+        ("k = 0.08", "kk = 0.08", "[values] has 'kk', which is no parameter of this model"),
+    ],
+)
 def test_a_broken_model_is_one_line(tmp_path, spec, old, new, says):
     path = mended(tmp_path, spec)
     text = path.read_text()

@@ -127,8 +127,10 @@ def test_the_fit_finds_the_parameters_of_another_simulation(machine, track):
     clean = replace(track, y=y, means=track.block_means(y))
     unknowns = tuple(
         Unknown(n, "parameter", MOTOR.index(n), 0.0, 5.0, v.nominal, np.inf, v.scale)
-        for n in names for v in MOTOR.parameters if v.name == n
-    )  # fmt: skip
+        for n in names
+        for v in MOTOR.parameters
+        if v.name == n
+    )
     problem = Problem(machine, [clean], unknowns, Whitener(np.zeros((3, 0)), np.ones(3)), [machine.start(track)])
     z, cost = solve(problem, problem.z0, 20)
     assert dict(zip(names, z, strict=True)) == pytest.approx(true, rel=2e-3)
@@ -141,8 +143,9 @@ def pictured(columns: np.ndarray, r: np.ndarray) -> Picture:
     wide = np.full(n, 1e6)
     variants = tuple(Variant(i, ()) for i in range(n))
     G, b, none = columns.T @ columns, columns.T @ r, np.zeros(n)
-    return Picture(variants, G, b, -wide, wide, np.ones(n), [], [], none, none.astype(bool), none.astype(int),
-                   np.arange(n))  # fmt: skip
+    return Picture(
+        variants, G, b, -wide, wide, np.ones(n), [], [], none, none.astype(bool), none.astype(int), np.arange(n)
+    )
 
 
 def test_the_gain_of_a_set_is_that_of_least_squares():
@@ -174,9 +177,15 @@ def test_a_walk_finds_what_single_steps_do_not():
     assert wander(shown, (0, 1), 6, PENALTY) == (2, 3, 4)
 
 
-@pytest.mark.parametrize(("found", "of", "worth", "comes"), [
-    (5, 12, 9.0, True), (5, 12, 5.0, False), (3, 60, 9.0, False), (3, 60, 14.0, True),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("found", "of", "worth", "comes"),
+    [
+        (5, 12, 9.0, True),
+        (5, 12, 5.0, False),
+        (3, 60, 9.0, False),
+        (3, 60, 14.0, True),
+    ],
+)
 def test_what_is_likely_beside_so_many_effects_must_earn_less(monkeypatch, found, of, worth, comes):
     """Of independent candidates the first ones gain 1000 units, the next one ``worth``, the others nothing."""
     r = np.zeros(of)

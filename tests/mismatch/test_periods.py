@@ -46,9 +46,8 @@ def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
 
     starts_s = {"run 1": 0.0, "run 2": 500.0, "held out": 900.0}
     runs = [
-        later(record(name, seed, shaken(start_s)), start_s)
-        for seed, (name, start_s) in enumerate(starts_s.items(), 1)
-    ]  # fmt: skip
+        later(record(name, seed, shaken(start_s)), start_s) for seed, (name, start_s) in enumerate(starts_s.items(), 1)
+    ]
     listed = [m for m in generic(MOTOR) if m.name.partition("@")[0] in ("periodic", "coulomb_friction", "offset")]
     (finding,) = diagnose(MOTOR, runs[:2], runs[2:], listed).findings
     assert finding.mechanism == "periodic@omega_rad_s"

@@ -35,10 +35,20 @@ def test_inputs_then_outputs_in_the_simulators_units(tmp_path, tank):
     assert np.allclose(recording.values, tank_table()[["pump_V", "h_m"]])
 
 
-@pytest.mark.parametrize(("unit", "given", "factor"), [
-    ("m3/h", "L/min", 0.06), ("1", "%", 0.01), ("-", "percent", 0.01), ("", "1", 1.0), ("N*m", "kNm", 1000.0),
-    ("m/s2", "cm/s**2", 0.01), ("W/K", "kW/K", 1000.0), ("mbar", "cmH2O", 0.980665), ("mystery", "mystery", 1.0),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "given", "factor"),
+    [
+        ("m3/h", "L/min", 0.06),
+        ("1", "%", 0.01),
+        ("-", "percent", 0.01),
+        ("", "1", 1.0),
+        ("N*m", "kNm", 1000.0),
+        ("m/s2", "cm/s**2", 0.01),
+        ("W/K", "kW/K", 1000.0),
+        ("mbar", "cmH2O", 0.980665),
+        ("mystery", "mystery", 1.0),
+    ],
+)
 def test_units_as_engineers_write_them(tmp_path, unit, given, factor):
     text = TANK.replace('"pump_V", "V", 0.0, 10.0, 3.0', f'"pump_V", "{unit}", 0.0, 1e9, 3.0')
     simulator = load_simulator(write_python(tmp_path, text))
@@ -54,10 +64,15 @@ def test_a_unit_that_pint_does_not_know_is_named(tmp_path):
 
 
 def test_a_machine_that_lacks_a_sensor(tmp_path):
-    simulator = load_simulator(write_python(tmp_path, TANK.replace(
-        '(Variable("h_m", "m", 0.0, 2.0, 0.5),)',
-        '(Variable("h_m", "m", 0.0, 2.0, 0.5), Variable("h2_m", "m", 0.0, 2.0, 0.5))',
-    ).replace("np.array([x[0]])", "np.array([x[0], x[0]])")))  # fmt: skip
+    simulator = load_simulator(
+        write_python(
+            tmp_path,
+            TANK.replace(
+                '(Variable("h_m", "m", 0.0, 2.0, 0.5),)',
+                '(Variable("h_m", "m", 0.0, 2.0, 0.5), Variable("h2_m", "m", 0.0, 2.0, 0.5))',
+            ).replace("np.array([x[0]])", "np.array([x[0], x[0]])"),
+        )
+    )
     recordings = read_recordings([write_recording(tmp_path, tank_table())], simulator)
     check_measured(recordings, simulator)
     assert recordings[0].channels == ("pump_V", "h_m", "h2_m")
@@ -72,12 +87,15 @@ def test_a_slow_machine_may_be_recorded_for_months(tmp_path, tank):
     assert recording.time_s[-1] > 90 * 86400
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    (lambda f: f.drop(columns="pump_V"), "no column 'pump_V' for channel pump_V"),
-    (lambda f: f.assign(pump_V=np.nan), "input pump_V is empty; fill it in"),
-    (lambda f: f[:29], "holds 29 samples, must hold 30; record longer"),
-    (lambda f: f.assign(h_m=100.0 * f["h_m"]), "the simulator bounds it by 0 and 2; mend those, or is it another"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda f: f.drop(columns="pump_V"), "no column 'pump_V' for channel pump_V"),
+        (lambda f: f.assign(pump_V=np.nan), "input pump_V is empty; fill it in"),
+        (lambda f: f[:29], "holds 29 samples, must hold 30; record longer"),
+        (lambda f: f.assign(h_m=100.0 * f["h_m"]), "the simulator bounds it by 0 and 2; mend those, or is it another"),
+    ],
+)
 def test_a_recording_that_cannot_be_used(tmp_path, tank, change, says):
     line = refused(read_recordings, [write_recording(tmp_path, change(tank_table()))], tank)
     assert says in line

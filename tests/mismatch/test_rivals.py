@@ -39,10 +39,7 @@ def fits():
     z, cost = solve(problem, problem.z0)
     choices = variants(machine.candidates)
     shown = picture(problem, z, choices)
-    (dry_one,) = (
-        i for i, v in enumerate(shown.variants)
-        if machine.candidates[v.candidate].name == NAMES[0]
-    )  # fmt: skip
+    (dry_one,) = (i for i, v in enumerate(shown.variants) if machine.candidates[v.candidate].name == NAMES[0])
     return Explanation((), (), problem, z, cost), refit(problem, z, shown, (dry_one,), rounds=3), dry
 
 

@@ -38,24 +38,35 @@ def ran(folder: Path) -> bool:
     return any(folder.glob("*.ran"))
 
 
-@pytest.mark.parametrize(("path", "base", "source"), [
-    ("model.toml", "tank.py", "spill.py"),
-    ("model.toml", "tank.py:TANK", "spill.py:SPILL"),
-    ("found/model.toml", "../tank.py", "../spill.py"),
-    ("../there/model.toml", "tank.py", "spill.py"),
-    ("../there/model.toml", "../here/tank.py", "spill.py"),
-    ("model.toml", "tank_of_this_test:TANK", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("path", "base", "source"),
+    [
+        ("model.toml", "tank.py", "spill.py"),
+        ("model.toml", "tank.py:TANK", "spill.py:SPILL"),
+        ("found/model.toml", "../tank.py", "../spill.py"),
+        ("../there/model.toml", "tank.py", "spill.py"),
+        ("../there/model.toml", "../here/tank.py", "spill.py"),
+        ("model.toml", "tank_of_this_test:TANK", ""),
+    ],
+)
 def test_what_lies_in_its_folder_or_where_one_is_is_run_and_named(places, caplog, path, base, source):
     assert load_simulator(model(path, base, source)).name == "tank"
     assert caplog.messages[0].startswith(f"twinbench: {path} runs Python from {places}")
     assert len(caplog.messages) == (2 if source else 1)
 
 
-@pytest.mark.parametrize(("base", "source"), [
-    ("../there/tank.py", ""), ("../there/tank.py:TANK", ""), ("link.py", ""), ("tank.py", "../there/spill.py"),
-    ("tank.py", "../there/spill.py:SPILL"), ("../there/model.toml", ""), ("antigravity:TANK", ""),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("base", "source"),
+    [
+        ("../there/tank.py", ""),
+        ("../there/tank.py:TANK", ""),
+        ("link.py", ""),
+        ("tank.py", "../there/spill.py"),
+        ("tank.py", "../there/spill.py:SPILL"),
+        ("../there/model.toml", ""),
+        ("antigravity:TANK", ""),
+    ],
+)
 def test_what_lies_elsewhere_is_run_for_trust_only(places, caplog, base, source):
     Path("link.py").symlink_to(places / "there" / "tank.py")
     model(str(places / "there" / "model.toml"), "tank.py")
@@ -82,18 +93,23 @@ def test_a_file_that_is_named_on_the_command_line_is_meant(places, caplog):
     assert caplog.messages == []
 
 
-@pytest.mark.parametrize(("more", "says"), [
-    ("[values]\nk = 1.5", "[values] k = 1.5 lies outside its bounds, 0 to 1; mend it"),
-    ("[values]\ng = -1", "[values] g = -1 lies outside its bounds, 0 to 1"),
-    ("[values]\nk = 1" + 400 * "0", "a whole number must have 63 bits at most"),
-    ("[values]\nk = 1e999", "must hold numbers only"),
-    ("[values]\nk = " + 5000 * "9", "not TOML"),
-    ("[values]\nk = " + 50_000 * "[", "nested too deep"),
-    ('[[mechanisms]]\nname = "sensor_bias@h_m"\nfrom = "faults"\n[values]\nbias_h_m = 9.0',
-     "bias_h_m = 9 lies outside its bounds, -2 to 2"),
-    (2 * '[[mechanisms]]\nname = "spill"\nfrom = "spill.py"\n', "mechanism 'spill' is there twice"),
-    ("#" * (1 << 21), "has more than 1,048,576 bytes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ("[values]\nk = 1.5", "[values] k = 1.5 lies outside its bounds, 0 to 1; mend it"),
+        ("[values]\ng = -1", "[values] g = -1 lies outside its bounds, 0 to 1"),
+        ("[values]\nk = 1" + 400 * "0", "a whole number must have 63 bits at most"),
+        ("[values]\nk = 1e999", "must hold numbers only"),
+        ("[values]\nk = " + 5000 * "9", "not TOML"),
+        ("[values]\nk = " + 50_000 * "[", "nested too deep"),
+        (
+            '[[mechanisms]]\nname = "sensor_bias@h_m"\nfrom = "faults"\n[values]\nbias_h_m = 9.0',
+            "bias_h_m = 9 lies outside its bounds, -2 to 2",
+        ),
+        (2 * '[[mechanisms]]\nname = "spill"\nfrom = "spill.py"\n', "mechanism 'spill' is there twice"),
+        ("#" * (1 << 21), "has more than 1,048,576 bytes"),
+    ],
+)
 def test_a_model_that_means_harm_is_one_short_line(places, more, says):
     with pytest.raises(BadInput) as caught:
         load_model(model("model.toml", "tank.py", more=more))

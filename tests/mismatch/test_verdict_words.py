@@ -163,9 +163,14 @@ def test_several_findings_are_a_count_and_a_list(friction):
     assert says.startswith("The simulator lacks three effects (one of them sure by name): on day 3 the RMS")
 
 
-@pytest.mark.parametrize(("probability", "said"), [
-    (0.39, "0.39"), (0.9999, "above 0.99"), (None, "not known, for nothing else was fitted in its place"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("probability", "said"),
+    [
+        (0.39, "0.39"),
+        (0.9999, "above 0.99"),
+        (None, "not known, for nothing else was fitted in its place"),
+    ],
+)
 def test_a_name_has_its_probability_over_all_that_was_fitted(friction, monkeypatch, probability, said):
     told = {"coulomb_friction@omega_rad_s": probability}
     monkeypatch.setattr("twinbench.mismatch.evidence.probabilities", lambda d: told)

@@ -19,12 +19,24 @@ from twinbench.mismatch.words import (
 )
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (4.189, "4.19"), (-0.02211, "−0.0221"), (0.0, "0"), (1.03e-5, "1.03 × 10⁻⁵"), (-2e-7, "−2 × 10⁻⁷"),
-    (4190.4, "4,190"),
-    (12345.0, "12,300"), (999.6, "1,000"), (99999.0, "1 × 10⁵"), (1.2e9, "1.2 × 10⁹"), (100.0, "100"),
-    (float("nan"), "–"), (float("inf"), "–"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (4.189, "4.19"),
+        (-0.02211, "−0.0221"),
+        (0.0, "0"),
+        (1.03e-5, "1.03 × 10⁻⁵"),
+        (-2e-7, "−2 × 10⁻⁷"),
+        (4190.4, "4,190"),
+        (12345.0, "12,300"),
+        (999.6, "1,000"),
+        (99999.0, "1 × 10⁵"),
+        (1.2e9, "1.2 × 10⁹"),
+        (100.0, "100"),
+        (float("nan"), "–"),
+        (float("inf"), "–"),
+    ],
+)
 def test_a_number_has_three_digits_and_a_true_minus(value, text):
     assert number(value) == text
 
@@ -38,10 +50,20 @@ def test_a_number_reads_back_as_itself(value, digits):
     assert "-" not in number(value, digits)
 
 
-@pytest.mark.parametrize(("unit", "text"), [
-    ("(rad/s)/s", "rad/s²"), ("(m/s)/s", "m/s²"), ("kg m^2", "kg m²"), ("m**0.5/s", "m^0.5/s"), ("V^0.5/s", "V^0.5/s"),
-    ("N m/(rad/s)^2", "N m/(rad/s)²"), ("1", ""), ("", ""), ("1/bar/s", "1/bar/s"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("unit", "text"),
+    [
+        ("(rad/s)/s", "rad/s²"),
+        ("(m/s)/s", "m/s²"),
+        ("kg m^2", "kg m²"),
+        ("m**0.5/s", "m^0.5/s"),
+        ("V^0.5/s", "V^0.5/s"),
+        ("N m/(rad/s)^2", "N m/(rad/s)²"),
+        ("1", ""),
+        ("", ""),
+        ("1/bar/s", "1/bar/s"),
+    ],
+)
 def test_a_unit_is_written_as_by_hand(unit, text):
     assert spoken(unit) == text
 

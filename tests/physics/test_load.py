@@ -92,13 +92,16 @@ def test_from_a_module_in_the_folder_of_the_call(tmp_path, monkeypatch):
     assert load_simulator("plant_of_mine:TANK").name == "tank"
 
 
-@pytest.mark.parametrize(("spec", "says"), [
-    ("compresor", "did you mean 'compressor'?"),
-    ("tank", "give path/to/file.py"),
-    ("gone.py", "no file gone.py"),
-    ("no_such_package:TANK", "fails to import: ModuleNotFoundError"),
-    ("twinbench.physics.compressor:GONE", "has no Simulator 'GONE'; it has: PLANT"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("spec", "says"),
+    [
+        ("compresor", "did you mean 'compressor'?"),
+        ("tank", "give path/to/file.py"),
+        ("gone.py", "no file gone.py"),
+        ("no_such_package:TANK", "fails to import: ModuleNotFoundError"),
+        ("twinbench.physics.compressor:GONE", "has no Simulator 'GONE'; it has: PLANT"),
+    ],
+)
 def test_a_spec_that_names_nothing(tmp_path, monkeypatch, spec, says):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match="no") as caught:
@@ -106,13 +109,20 @@ def test_a_spec_that_names_nothing(tmp_path, monkeypatch, spec, says):
     assert says in one_line(caught)
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
-    ("STATES = (", "STATES = undefined, (", "line 14: fails to import: NameError"),
-    ("def output(", "def output((", "line 8: fails to import: SyntaxError"),
-    ("STATES = (", "raise SystemExit\nSTATES = (", "fails to import: SystemExit"),
-    ("TANK = Simulator(", "TANK = tuple, (", "holds no Simulator"),
-    ("STATES = (", "from twinbench.physics.compressor import PLANT\nSTATES = (", "holds Simulators PLANT, TANK; name "),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("STATES = (", "STATES = undefined, (", "line 14: fails to import: NameError"),
+        ("def output(", "def output((", "line 8: fails to import: SyntaxError"),
+        ("STATES = (", "raise SystemExit\nSTATES = (", "fails to import: SystemExit"),
+        ("TANK = Simulator(", "TANK = tuple, (", "holds no Simulator"),
+        (
+            "STATES = (",
+            "from twinbench.physics.compressor import PLANT\nSTATES = (",
+            "holds Simulators PLANT, TANK; name ",
+        ),
+    ],
+)
 def test_a_file_that_gives_no_simulator(tmp_path, old, new, says):
     assert says in refused(tmp_path, old, new)
 
@@ -122,26 +132,32 @@ def test_a_wrong_name_in_a_file(tmp_path):
         load_simulator(write(tmp_path, TANK) + ":TONK")
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
-    ("x[0] - x[1]])", "x[0] - x[1], 0.0])",
-     "rhs(x, u, theta) returns an array of shape (3,), must return 2 numbers (a, b)"),
-    ("np.array([x[1]])", "x[1]", "output(x, u, theta) returns one number, must return 1 numbers (h)"),
-    ("y0[0], y0[0]", "y0[0]", "initial(u0, y0, theta) returns an array of shape (1,), must return 2 numbers"),
-    ("return np.array([x[1]])", "pass", "output(x, u, theta) returns nothing"),
-    ("np.array([x[1]])", "['high']", "returns list, must return numbers"),
-    ("u[0] - theta", "u[1] - theta", "rhs(x, u, theta) fails in line 6: IndexError"),
-    ("def rhs(x, u, theta)", "def rhs(x, u)", "rhs(x, u, theta) fails: TypeError"),
-    ("x[0] - x[1]", "np.sqrt(-x[0])", "rhs(x, u, theta) returns nan for b at the nominal values"),
-    ("np.array([x[1]])", "np.array([x[1] / (x[0] - 0.5)])", "output(x, u, theta) returns inf for h"),
-    ("def output(x, u, theta):", "def output(x, u, theta):\n    x[0] = 0.0", "changes its arguments"),
-    ('Variable("k", "', 'Variable("k", None and "', "unit of 'k' must be text"),
-    ('Variable("flow"', 'Variable("h"', "'h' is the name of one of its inputs and of its outputs"),
-    ('Variable("k"', 'Variable("a"', "'a' is the name of one of its states and of its parameters"),
-    ('Variable("b"', 'Variable("a"', "states named twice: ['a']"),
-    ('1.0, 0.05)', '0.01, 0.05)', "nominal 0.05 is outside [0.0, 0.01]"),
-    ('"tank", STATES', '"tank", (1,)', "fails to import: AttributeError"),
-    ('(Variable("h", "m", 0.0, 2.0, 0.5),)', "()", "has no outputs"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "x[0] - x[1]])",
+            "x[0] - x[1], 0.0])",
+            "rhs(x, u, theta) returns an array of shape (3,), must return 2 numbers (a, b)",
+        ),
+        ("np.array([x[1]])", "x[1]", "output(x, u, theta) returns one number, must return 1 numbers (h)"),
+        ("y0[0], y0[0]", "y0[0]", "initial(u0, y0, theta) returns an array of shape (1,), must return 2 numbers"),
+        ("return np.array([x[1]])", "pass", "output(x, u, theta) returns nothing"),
+        ("np.array([x[1]])", "['high']", "returns list, must return numbers"),
+        ("u[0] - theta", "u[1] - theta", "rhs(x, u, theta) fails in line 6: IndexError"),
+        ("def rhs(x, u, theta)", "def rhs(x, u)", "rhs(x, u, theta) fails: TypeError"),
+        ("x[0] - x[1]", "np.sqrt(-x[0])", "rhs(x, u, theta) returns nan for b at the nominal values"),
+        ("np.array([x[1]])", "np.array([x[1] / (x[0] - 0.5)])", "output(x, u, theta) returns inf for h"),
+        ("def output(x, u, theta):", "def output(x, u, theta):\n    x[0] = 0.0", "changes its arguments"),
+        ('Variable("k", "', 'Variable("k", None and "', "unit of 'k' must be text"),
+        ('Variable("flow"', 'Variable("h"', "'h' is the name of one of its inputs and of its outputs"),
+        ('Variable("k"', 'Variable("a"', "'a' is the name of one of its states and of its parameters"),
+        ('Variable("b"', 'Variable("a"', "states named twice: ['a']"),
+        ("1.0, 0.05)", "0.01, 0.05)", "nominal 0.05 is outside [0.0, 0.01]"),
+        ('"tank", STATES', '"tank", (1,)', "fails to import: AttributeError"),
+        ('(Variable("h", "m", 0.0, 2.0, 0.5),)', "()", "has no outputs"),
+    ],
+)
 def test_functions_that_do_not_fit(tmp_path, old, new, says):
     line = refused(tmp_path, old, new)
     assert says in line
@@ -162,25 +178,34 @@ def test_a_catalogue_from_a_file(tmp_path, form):
     assert named.name == "leak"
 
 
-@pytest.mark.parametrize(("old", "new", "says"), [
-    ("balance:a", "balance:c", "mechanism 'leak': simulator 'tank' has no balance 'c'; it has: a, b"),
-    ("balance:a", "flow", "port 'flow' must read balance:NAME, flux:NAME, output:NAME, input:NAME"),
-    ("balance:a", "flux:a", "simulator 'tank' has no flux 'a'"),
-    ("theta[-1] * x[0]", "theta[-1] * x[2]", "mechanism 'leak': term(x, u, theta) fails in line 5: IndexError"),
-    ("theta[-1] * x[0]", "theta[-1] * x", "returns an array of shape (2,), must return one number"),
-    ("theta[-1] * x[0]", 'float("nan")', "returns nan at the nominal values"),
-    ("term=leak", "term=leak, states=(Variable('s', '1', 0, 1, 0),)", "states and derivative go together"),
-    ("term=leak", "", "its parameters are the simulator's; there is no 'c'; it has: k"),
-    ("term=leak", "series=lambda t, y, p: y", "a series acts on an output or an input, not on 'balance:a'"),
-    ('Variable("c"', 'Variable("k"', "its 'k' is also a name of simulator 'tank'; rename one"),
-    ("LEAK = ", "TWIN = Mechanism('leak', '', 'balance:b', (Variable('d', '', 0, 1, 0),), term=leak)\nLEAK = ",
-     "mechanism 'leak': is there twice"),
-    ("LEAK = ", "TWIN = Mechanism('twin', '', 'balance:b', (Variable('c', '', 0, 1, 0),), term=leak)\nLEAK = ",
-     "its 'c' is also a name of mechanism 'twin'"),
-    ("LEAK = Mechanism", "LEAK = dict", "holds no Mechanism"),
-    ("import Mechanism", "import Mechanismus", "line 2: fails to import: ImportError"),
-    ("term=leak", "term=leak, kind='magic'", "kind is 'magic', must be physics, sensor or input"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("balance:a", "balance:c", "mechanism 'leak': simulator 'tank' has no balance 'c'; it has: a, b"),
+        ("balance:a", "flow", "port 'flow' must read balance:NAME, flux:NAME, output:NAME, input:NAME"),
+        ("balance:a", "flux:a", "simulator 'tank' has no flux 'a'"),
+        ("theta[-1] * x[0]", "theta[-1] * x[2]", "mechanism 'leak': term(x, u, theta) fails in line 5: IndexError"),
+        ("theta[-1] * x[0]", "theta[-1] * x", "returns an array of shape (2,), must return one number"),
+        ("theta[-1] * x[0]", 'float("nan")', "returns nan at the nominal values"),
+        ("term=leak", "term=leak, states=(Variable('s', '1', 0, 1, 0),)", "states and derivative go together"),
+        ("term=leak", "", "its parameters are the simulator's; there is no 'c'; it has: k"),
+        ("term=leak", "series=lambda t, y, p: y", "a series acts on an output or an input, not on 'balance:a'"),
+        ('Variable("c"', 'Variable("k"', "its 'k' is also a name of simulator 'tank'; rename one"),
+        (
+            "LEAK = ",
+            "TWIN = Mechanism('leak', '', 'balance:b', (Variable('d', '', 0, 1, 0),), term=leak)\nLEAK = ",
+            "mechanism 'leak': is there twice",
+        ),
+        (
+            "LEAK = ",
+            "TWIN = Mechanism('twin', '', 'balance:b', (Variable('c', '', 0, 1, 0),), term=leak)\nLEAK = ",
+            "its 'c' is also a name of mechanism 'twin'",
+        ),
+        ("LEAK = Mechanism", "LEAK = dict", "holds no Mechanism"),
+        ("import Mechanism", "import Mechanismus", "line 2: fails to import: ImportError"),
+        ("term=leak", "term=leak, kind='magic'", "kind is 'magic', must be physics, sensor or input"),
+    ],
+)
 def test_a_catalogue_that_does_not_fit(tmp_path, old, new, says):
     line = catalogue_refused(tmp_path, old, new)
     assert says in line

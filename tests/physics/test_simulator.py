@@ -173,8 +173,9 @@ def test_a_mechanism_can_bring_its_own_state():
     def lag(x, u, theta):
         return np.array([(x[1] - x[2]) / 0.5])
 
-    drag = Mechanism("late_drag", "", "balance:v_m_s", (variable("c", 1.5),), states=(variable("lag"),), term=lagged,
-                     derivative=lag)  # fmt: skip
+    drag = Mechanism(
+        "late_drag", "", "balance:v_m_s", (variable("c", 1.5),), states=(variable("lag"),), term=lagged, derivative=lag
+    )
     late = with_mechanism(SPRING, drag)
     assert [v.name for v in late.states] == ["x_m", "v_m_s", "lag"]
     assert late.initial(np.zeros(1), np.ones(1), late.theta()) == pytest.approx([1, 0, 0])
@@ -205,7 +206,7 @@ def test_every_catalogued_amplitude_is_the_plant_when_absent():
         (lambda: Simulator(**{**SPRING.__dict__, "rhs": None}), "give rhs"),
         (lambda: Simulator(**{**SPRING.__dict__, "states": SPRING.states * 2}), "named twice"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_description_is_refused_in_words(make, message):
     with pytest.raises(ValueError, match=message):
         make()

@@ -37,14 +37,20 @@ def refused(spec: str) -> str:
 
 
 @pytest.mark.usefixtures("way")
-@pytest.mark.parametrize(("old", "new", "says"), [
-    (f"{REST}u", f"{ENDLESS}\n    {REST}u", "rhs(x, u, theta) has not ended"),
-    (f"{REST}x", f"{ENDLESS}\n    {REST}x", "output(x, u, theta) has not ended"),
-    (f"{REST}y", f"{ENDLESS}\n    {REST}y", "initial(u0, y0, theta) has not ended"),
-    ("STATES = (", f"{ENDLESS}\nSTATES = (", "importing it has not ended"),
-    (f"{REST}u", f"if x[0] == 0.0:\n        {ENDLESS}\n    {REST}u",
-     "rhs(x, u, theta) at values between its bounds has not ended"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (f"{REST}u", f"{ENDLESS}\n    {REST}u", "rhs(x, u, theta) has not ended"),
+        (f"{REST}x", f"{ENDLESS}\n    {REST}x", "output(x, u, theta) has not ended"),
+        (f"{REST}y", f"{ENDLESS}\n    {REST}y", "initial(u0, y0, theta) has not ended"),
+        ("STATES = (", f"{ENDLESS}\nSTATES = (", "importing it has not ended"),
+        (
+            f"{REST}u",
+            f"if x[0] == 0.0:\n        {ENDLESS}\n    {REST}u",
+            "rhs(x, u, theta) at values between its bounds has not ended",
+        ),
+    ],
+)
 def test_what_does_not_end(tmp_path: Path, old: str, new: str, says: str) -> None:
     assert old in TANK
     line = refused(write(tmp_path, TANK.replace(old, new)))
@@ -86,27 +92,33 @@ def test_an_endless_loop_in_compiled_code(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a thread ends with all of Python")
-@pytest.mark.parametrize(("line", "says"), [
-    ("import os; os._exit(0)", "rhs(x, u, theta) ends Python itself (exit status 0)"),
-    ("import os; os.abort()", "rhs(x, u, theta) ends Python itself (signal 6)"),
-    ("raise SystemExit(3)", "tank.py: simulator 'tank': rhs(x, u, theta) raises SystemExit: 3; mend it there"),
-    ("raise KeyboardInterrupt", "rhs(x, u, theta) raises KeyboardInterrupt"),
-    ("if x[0] == 0.0: raise SystemExit(0)", "rhs(x, u, theta) at values between its bounds raises SystemExit: 0"),
-    ("return rhs(x, u, theta)", "fails in line 6: RecursionError"),
-    ("return np.zeros(10**15)", "fails in line 6: "),
-    ("return np.array([1j, 0.0])", "returns complex numbers"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ("import os; os._exit(0)", "rhs(x, u, theta) ends Python itself (exit status 0)"),
+        ("import os; os.abort()", "rhs(x, u, theta) ends Python itself (signal 6)"),
+        ("raise SystemExit(3)", "tank.py: simulator 'tank': rhs(x, u, theta) raises SystemExit: 3; mend it there"),
+        ("raise KeyboardInterrupt", "rhs(x, u, theta) raises KeyboardInterrupt"),
+        ("if x[0] == 0.0: raise SystemExit(0)", "rhs(x, u, theta) at values between its bounds raises SystemExit: 0"),
+        ("return rhs(x, u, theta)", "fails in line 6: RecursionError"),
+        ("return np.zeros(10**15)", "fails in line 6: "),
+        ("return np.array([1j, 0.0])", "returns complex numbers"),
+    ],
+)
 def test_what_ends_python_or_is_no_number(tmp_path: Path, line: str, says: str) -> None:
     old = "    return np.array([u[0]"
     assert says in refused(write(tmp_path, TANK.replace(old, f"    {line}\n{old}")))
 
 
-@pytest.mark.parametrize("line", [
-    "x = x + np.random.default_rng().random()",
-    "import time; x = x + time.perf_counter()",
-    "MEMORY.append(0); x = x + len(MEMORY)",
-    "x = x + (MEMORY[-1] if MEMORY else 0.0); MEMORY.append(x[1])",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "line",
+    [
+        "x = x + np.random.default_rng().random()",
+        "import time; x = x + time.perf_counter()",
+        "MEMORY.append(0); x = x + len(MEMORY)",
+        "x = x + (MEMORY[-1] if MEMORY else 0.0); MEMORY.append(x[1])",
+    ],
+)
 def test_a_simulator_that_is_another_each_time(tmp_path: Path, line: str) -> None:
     text = "MEMORY = []\n" + TANK.replace("    return np.array([u[0]", f"    {line}\n    return np.array([u[0]")
     assert "rhs(x, u, theta) returns other numbers for the same arguments" in refused(write(tmp_path, text))

@@ -109,9 +109,12 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
     )
     for name, (scene, parameter, says) in WEAR.items():
         yield Drawing(
-            name, f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
-            wear(evidence.scenes[scene], parameter) if scene in evidence.scenes else None, "", says,
-        )  # fmt: skip
+            name,
+            f"{says}: truth (broad grey), estimates, and the 95 % band of {label(PROPOSED)}.",
+            wear(evidence.scenes[scene], parameter) if scene in evidence.scenes else None,
+            "",
+            says,
+        )
     if PROPOSED in set(robustness["estimator"]):
         yield Drawing(
             "fig6a_noise_dropout",
@@ -169,8 +172,9 @@ def _ramps(evidence: Evidence) -> Iterator[Drawing]:
     """Figs. 3a and b, where the run has the scenes."""
     there = any(PROPOSED in evidence.scenes[name].tracks for name in RAMP_NAMES if name in evidence.scenes)
     for name, column, quantity in (
-        ("fig3a_pressure_ramps", 0, "exhaust pressure"), ("fig3b_temperature_ramps", 1, "gas temperature"),
-    ):  # fmt: skip
+        ("fig3a_pressure_ramps", 0, "exhaust pressure"),
+        ("fig3b_temperature_ramps", 1, "gas temperature"),
+    ):
         caption = (
             f"{quantity.capitalize()} over five load ramps and what {label(PROPOSED)} makes of it; dashed: the error "
             "that the paper reports at most."

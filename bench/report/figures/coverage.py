@@ -31,9 +31,16 @@ def coverage_by_quantity(coverage: pd.DataFrame) -> Figure:
         _expected(axes, own, "x")
         mean, spread = _points(own)
         axes.errorbar(
-            mean, own["quantity"].map(rows).to_numpy(dtype=float), xerr=spread, linestyle="none", linewidth=1.0,
-            color=look.colour, marker=look.marker, markerfacecolor=face(name, look), markersize=3.8,
-        )  # fmt: skip
+            mean,
+            own["quantity"].map(rows).to_numpy(dtype=float),
+            xerr=spread,
+            linestyle="none",
+            linewidth=1.0,
+            color=look.colour,
+            marker=look.marker,
+            markerfacecolor=face(name, look),
+            markersize=3.8,
+        )
         axes.set_title(label(name).replace(" ", "\n", 1).replace("-", "-\n", 1), fontsize=8)
         axes.set_xlim(-4, 104)
         axes.set_xticks([0, 50, 95], ["0", "50", "95"])
@@ -60,9 +67,16 @@ def coverage_by_regime(coverage: pd.DataFrame) -> Figure:
         place = own["regime"].map(regimes.index).to_numpy(dtype=float)
         level, spread = _points(own)
         axes.errorbar(
-            place + offset, level, yerr=spread, linestyle="none", linewidth=0.9,
-            color=look.colour, marker=look.marker, markerfacecolor=face(name, look), markersize=4.2,
-        )  # fmt: skip
+            place + offset,
+            level,
+            yerr=spread,
+            linestyle="none",
+            linewidth=0.9,
+            color=look.colour,
+            marker=look.marker,
+            markerfacecolor=face(name, look),
+            markersize=4.2,
+        )
     for edge in np.arange(len(regimes) - 1) + 0.5:
         axes.axvline(edge, color=FAINT, linewidth=0.6)
     axes.set_xticks(range(len(regimes)), [regime.replace("_", "\n") for regime in regimes])

@@ -71,6 +71,10 @@ def line_of(name: str, look: Look, place: int, several: int, points: int) -> dic
     """How an estimator's line is drawn: a marker now and then, each line's elsewhere, so that none needs colour."""
     every = max(points // MARKERS, 1)
     return {
-        "color": look.colour, "linestyle": line_style(name), "marker": look.marker, "markersize": 3.6,
-        "markerfacecolor": face(name, look), "markevery": (place * every // max(several, 1), every),
-    }  # fmt: skip
+        "color": look.colour,
+        "linestyle": line_style(name),
+        "marker": look.marker,
+        "markersize": 3.6,
+        "markerfacecolor": face(name, look),
+        "markevery": (place * every // max(several, 1), every),
+    }

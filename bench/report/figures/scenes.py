@@ -49,8 +49,13 @@ def ramps(scenes: Mapping[str, Example], column: int) -> Figure:
         if REFERENCE in tracked:
             right.plot(seconds, tracked[REFERENCE] - true, color=INK, linewidth=0.6, linestyle=":")
         if PROPOSED in tracked:
-            marked = {"color": shade, "linewidth": 1.2, "marker": MARKS[RAMP_NAMES.index(name)], "markersize": 3.6,
-                      "markevery": max(len(keep) // MARKERS, 1)}  # fmt: skip
+            marked = {
+                "color": shade,
+                "linewidth": 1.2,
+                "marker": MARKS[RAMP_NAMES.index(name)],
+                "markersize": 3.6,
+                "markevery": max(len(keep) // MARKERS, 1),
+            }
             left.plot(seconds, tracked[PROPOSED], **marked)
             right.plot(seconds, tracked[PROPOSED] - true, **marked)
     for bound in (-claimed, claimed):

@@ -62,8 +62,14 @@ def state_trajectories(example: Example) -> Figure:
             left.plot(minutes, mean[:, row], **style)
             right.plot(minutes, mean[:, row] - true[:, row], **style)
             if name == banded:
-                right.fill_between(minutes, low[:, row] - true[:, row], high[:, row] - true[:, row],
-                                   color=look.colour, alpha=0.25, linewidth=0)  # fmt: skip
+                right.fill_between(
+                    minutes,
+                    low[:, row] - true[:, row],
+                    high[:, row] - true[:, row],
+                    color=look.colour,
+                    alpha=0.25,
+                    linewidth=0,
+                )
     for row, (quantity, unit, error_unit) in enumerate(STATE_PANELS):
         left, right = panels[row]
         left.plot(minutes, true[:, row], zorder=1.5, **TRUTH_STYLE)
@@ -101,8 +107,12 @@ def track_panel(axes: Axes, parameter: str, example: Example) -> None:
     true = example.truth[keep, column]
     for name, look in looks(names).items():
         mean, low, high = (np.asarray(a[keep, column], dtype=float) for a in example.tracks[name])
-        axes.plot(minutes, mean, linewidth=1.3 if name in (REFERENCE, banded) else 0.8,
-                  **line_of(name, look, names.index(name), len(names), len(keep)))  # fmt: skip
+        axes.plot(
+            minutes,
+            mean,
+            linewidth=1.3 if name in (REFERENCE, banded) else 0.8,
+            **line_of(name, look, names.index(name), len(names), len(keep)),
+        )
         if name == banded:
             axes.fill_between(minutes, low, high, color=look.colour, alpha=0.25, linewidth=0)
     axes.plot(minutes, true, zorder=1.5, **TRUTH_STYLE)
