@@ -14,7 +14,7 @@ from twinbench.mismatch.guards import Guards
 from twinbench.mismatch.joining import AUTO
 from twinbench.mismatch.verdict import Finding, Verdict, conclude
 from twinbench.mismatch.walk import examine
-from twinbench.physics.simulator import Mechanism, Simulator
+from twinbench.physics.simulator import Mechanism, Series, Simulator
 
 __all__ = ["Finding", "Guards", "Verdict", "diagnose"]
 
@@ -26,7 +26,7 @@ def diagnose(
     catalogue: Sequence[Mechanism] | None = None,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     guards: Guards = Guards(),
-    faults: Sequence[Mechanism] = (),
+    faults: Sequence[Series] = (),
     inputs: str = AUTO,
 ) -> Verdict:
     """Where a simulator and recordings of its machine disagree, and what was left out.

@@ -12,7 +12,7 @@ import numpy as np
 
 from twinbench.mismatch.place import CLOCK, Place, bracketed
 from twinbench.mismatch.series import held, play
-from twinbench.physics.simulator import Array, Mechanism, Variable
+from twinbench.physics.simulator import Array, Port, Series, Term, Variable
 
 RIM = 1000.0
 """What runs over a rim may grow to this many times its typical value."""
@@ -20,7 +20,7 @@ SMOOTH = 0.05
 """Dry friction turns round within this many scales of standstill, so that it can be integrated."""
 
 
-def offset(p: Place) -> Mechanism:
+def offset(p: Place) -> Term:
     def term(x: Array, u: Array, theta: Array) -> float:
         return theta[-1]
 
@@ -28,7 +28,7 @@ def offset(p: Place) -> Mechanism:
     return p.add("offset", says, "{0}", term, p.size("offset", f"{p.unit}/s", low=-1.0))
 
 
-def linear(p: Place, effect: str, words: str) -> Mechanism:
+def linear(p: Place, effect: str, words: str) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -38,7 +38,7 @@ def linear(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} {x}", term, p.size(effect, "1/s", p.reach))
 
 
-def quadratic(p: Place, effect: str, words: str) -> Mechanism:
+def quadratic(p: Place, effect: str, words: str) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -49,7 +49,7 @@ def quadratic(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} {x} |{x}|", term, size)
 
 
-def cubic(p: Place, effect: str, words: str) -> Mechanism:
+def cubic(p: Place, effect: str, words: str) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -60,7 +60,7 @@ def cubic(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} {x}^3", term, size)
 
 
-def coulomb(p: Place, effect: str, words: str) -> Mechanism:
+def coulomb(p: Place, effect: str, words: str) -> Term:
     i, width = p.index, SMOOTH * p.variable.scale
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -70,7 +70,7 @@ def coulomb(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} sign({x})", term, p.size(effect, f"{p.unit}/s"))
 
 
-def coulomb_unequal(p: Place, effect: str, words: str) -> Mechanism:
+def coulomb_unequal(p: Place, effect: str, words: str) -> Term:
     i, width = p.index, SMOOTH * p.variable.scale
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -84,7 +84,7 @@ def coulomb_unequal(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio, contains=simpler)
 
 
-def hysteresis(p: Place) -> Mechanism:
+def hysteresis(p: Place) -> Term:
     """Bouc-Wen: a force that builds up over a distance of travel and stays when travel stops."""
     i, limit_s = p.index, 0.1 * p.tau_s
 
@@ -115,7 +115,7 @@ def hysteresis(p: Place) -> Mechanism:
     )
 
 
-def hardening_spring(p: Place, position: int, of: Variable) -> Mechanism:
+def hardening_spring(p: Place, position: int, of: Variable) -> Term:
     """On the balance of a velocity, by the position that it moves."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -126,7 +126,7 @@ def hardening_spring(p: Place, position: int, of: Variable) -> Mechanism:
     return p.add("hardening_spring", says, f"-{{0}} {of.name}^3", term, size)
 
 
-def spring_backlash(p: Place, position: int, of: Variable) -> Mechanism:
+def spring_backlash(p: Place, position: int, of: Variable) -> Term:
     """A stop on either side of a free play: no force inside the gap."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -139,7 +139,7 @@ def spring_backlash(p: Place, position: int, of: Variable) -> Mechanism:
     return p.add("backlash", says, f"-{{0}} ({of.name} beyond +-{{1}})", term, size, gap)
 
 
-def leak(p: Place) -> Mechanism:
+def leak(p: Place) -> Term:
     """Outflow by Torricelli's law, to a level or pressure that a fit finds."""
     i = p.index
 
@@ -154,7 +154,7 @@ def leak(p: Place) -> Mechanism:
     return p.add("leak", says, "-{0} sqrt(max(0, {x} - {1}))", term, size, to)
 
 
-def overflow(p: Place) -> Mechanism:
+def overflow(p: Place) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -164,7 +164,7 @@ def overflow(p: Place) -> Mechanism:
     return p.add("overflow", says, "-{0} max(0, {x} - {1})", term, *_above(p, "overflow", p))
 
 
-def spill(p: Place, source: Place) -> Mechanism:
+def spill(p: Place, source: Place) -> Term:
     """What overflows at one state runs into the next."""
     j = source.index
 
@@ -176,7 +176,7 @@ def spill(p: Place, source: Place) -> Mechanism:
     return p.add(f"spill_from_{source.name}", says, formula, term, *_above(p, f"spill_from_{source.name}", source))
 
 
-def loss_to_ambient(p: Place, kind: str, at: int, ambient: str) -> Mechanism:
+def loss_to_ambient(p: Place, kind: str, at: int, ambient: str) -> Term:
     """Heat lost in proportion to the excess over an ambient that is an input or a parameter of the machine."""
     i = p.index
 
@@ -192,7 +192,7 @@ def loss_to_ambient(p: Place, kind: str, at: int, ambient: str) -> Mechanism:
     return p.add("loss_to_ambient", says, f"-{{0}} ({p.name} - {ambient})", term, size)
 
 
-def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -> Mechanism:
+def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -204,7 +204,7 @@ def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -
     return p.add("loss_to_ambient", says, "-{0} ({x} - {1})", term, size, ambient)
 
 
-def second_thermal_mass(p: Place) -> Mechanism:
+def second_thermal_mass(p: Place) -> Term:
     i, v = p.index, p.variable
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -233,7 +233,7 @@ def second_thermal_mass(p: Place) -> Mechanism:
     return replace(mechanism, initial=initial)
 
 
-def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Mechanism:
+def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
     """A sine in time, from a clock of its own; ``periods_s`` are the least, a typical and the greatest period."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -253,7 +253,7 @@ def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Mechanis
     )
 
 
-def dead_zone(index: int, v: Variable) -> Mechanism:
+def dead_zone(index: int, v: Variable) -> Term:
     """An input that does nothing until it exceeds a width."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -262,10 +262,10 @@ def dead_zone(index: int, v: Variable) -> Mechanism:
     size = Variable(f"dead_zone_{v.name}", v.unit, 0.0, 5.0 * v.scale, 0.2 * v.scale, 0.2 * v.scale, "half its width")
     says = f"small values of {v.name} have no effect (dead zone), larger ones that much less"
     formula = f"{v.name} less {{{size.name}}} either side of 0"
-    return Mechanism(f"dead_zone@{v.name}", says, f"input:{v.name}", (size,), term=term, formula=formula)
+    return Term(f"dead_zone@{v.name}", says, Port("input", v.name), (size,), term=term, formula=formula)
 
 
-def backlash(v: Variable) -> Mechanism:
+def backlash(v: Variable) -> Series:
     """An input that follows its command only when the play is used up."""
 
     def series(time_s: Array, values: Array, theta: Array) -> Array:
@@ -274,7 +274,7 @@ def backlash(v: Variable) -> Mechanism:
     size = Variable(f"backlash_{v.name}", v.unit, 0.0, 5.0 * v.scale, 0.2 * v.scale, 0.2 * v.scale, "width of the play")
     says = f"what {v.name} drives follows it only after some play (backlash, stiction) whenever it turns round"
     formula = f"{v.name} with a play of {{{size.name}}}"
-    return Mechanism(f"backlash@{v.name}", says, f"input:{v.name}", (size,), series=series, formula=formula)
+    return Series(f"backlash@{v.name}", says, Port("input", v.name), (size,), series=series, formula=formula)
 
 
 def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:

@@ -16,7 +16,7 @@ from twinbench.mismatch.force import as_force, inertia
 from twinbench.mismatch.locate import Located, regime
 from twinbench.mismatch.walk import Diagnosis, residual_chi2
 from twinbench.mismatch.words import digits_worth, interval, listed, number, sentence, spoken, with_unit
-from twinbench.physics.simulator import Array, Mechanism, Simulator
+from twinbench.physics.simulator import Array, Mechanism, Port, Simulator, Term
 
 Z90 = 1.645
 KINDS = {"physics": "missing physics"}
@@ -65,8 +65,8 @@ class Finding:
     probability: float | None
     indistinguishable_from: tuple[str, ...]
     candidates: tuple[str, ...]
-    port: str
-    ports: tuple[tuple[str, float], ...]
+    port: Port | None
+    ports: tuple[tuple[Port, float], ...]
     since_s: float | None
     onsets: tuple[Onset, ...]
     intervals_s: tuple[tuple[float, float], ...]
@@ -84,14 +84,15 @@ class Finding:
         """Its part of ``verdict.json``."""
         return {
             **asdict(self),
-            "ports": [{"port": port, "probability": p} for port, p in self.ports],
+            "port": str(self.port or ""),
+            "ports": [{"port": str(port), "probability": p} for port, p in self.ports],
             "onsets": [o._asdict() for o in self.onsets],
             "parameters": {v.name: plain(v) for v in self.parameters},
             "force": plain(self.force) if self.force else None,
         }
 
 
-UNNAMED = Finding("unexplained", None, "", None, (), (), "", (), None, (), (), "", (), None, "")
+UNNAMED = Finding("unexplained", None, "", None, (), (), None, (), None, (), (), "", (), None, "")
 
 
 def plain(value: Value) -> dict[str, Any]:
@@ -103,7 +104,7 @@ def stuck(d: Diagnosis) -> Iterator[Finding]:
     """Sensors that stand still, one finding per channel."""
     for c in sorted({s.channel for s in d.stuck}):
         v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
-        name, port = f"sensor_stuck@{v.name}", f"output:{v.name}"
+        name, port = f"sensor_stuck@{v.name}", Port("output", v.name)
         where = listed(
             [
                 f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while "
@@ -235,12 +236,11 @@ def _values(mechanism: Mechanism, z: Array, covariance: Array) -> tuple[Value, .
 
 def _force(d: Diagnosis, mechanism: Mechanism, at: int, covariance: Array) -> Value | None:
     """A size at a balance of forces, times the inertia as fitted; the two are uncertain together."""
-    kind, _, name = mechanism.port.partition(":")
-    if kind != "balance" or mechanism.term is None:
+    if not isinstance(mechanism, Term) or mechanism.port.place != "balance":
         return None
     assert d.chosen is not None
     simulator: Simulator = d.simulator
-    state = [v.name for v in simulator.states].index(name)
+    state = mechanism.port.index(simulator)
     of, size = inertia(simulator, state), mechanism.parameters[0]
     unit = as_force(size.unit, simulator, state, of) if of else None
     if of is None or unit is None:

@@ -21,7 +21,7 @@ from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.compile import compiled
 from twinbench.physics.compose import compose
 from twinbench.physics.jit import EQUATION, as_argument
-from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Amplitude, Array, Mechanism, Port, Series, Simulator, Term, Variable
 
 HALVINGS = 7
 PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)
@@ -67,8 +67,8 @@ class Machine:
     ``known`` faults of sensors and inputs are there for good, at their nominal sizes.
     """
 
-    def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Mechanism] = ()) -> None:
-        terms = [m for m in catalogue if m.term is not None]
+    def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> None:
+        terms = [m for m in catalogue if isinstance(m, Term)]
         self.simulator = simulator
         self.ports = _ports(simulator)
         self.whole = compose(simulator, (*map(_force, self.ports), *terms))
@@ -80,18 +80,18 @@ class Machine:
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
         self.candidates: list[Candidate] = []
-        self._faults: list[tuple[Candidate, str, int]] = []
+        self._faults: list[tuple[Candidate, Series, str, int]] = []
         self._known = [(np.array([v.nominal for v in m.parameters]), m, *_channel(simulator, m)) for m in known]
         extra: list[float] = []
         for mechanism in catalogue:
             nominal = np.array([v.nominal for v in mechanism.parameters])
-            if mechanism.term is None and mechanism.series is None:
+            if isinstance(mechanism, Amplitude):
                 positions = tuple(simulator.index(v.name) for v in mechanism.parameters)
                 self.candidates.append(Candidate(mechanism, positions, theta[list(positions)].copy(), nominal))
                 continue
             null = nominal.copy()
-            null[0] = mechanism.absent[0] if mechanism.absent else 0.0
-            if mechanism.term is not None:
+            null[0] = mechanism.off
+            if isinstance(mechanism, Term):
                 positions = tuple(range(at, at + len(nominal)))
                 at += len(nominal)
                 theta[list(positions)] = null
@@ -101,8 +101,8 @@ class Machine:
                 extra += null.tolist()
             candidate = Candidate(mechanism, positions, null, nominal)
             self.candidates.append(candidate)
-            if mechanism.series is not None:
-                self._faults.append((candidate, *_channel(simulator, mechanism)))
+            if isinstance(mechanism, Series):
+                self._faults.append((candidate, mechanism, *_channel(simulator, mechanism)))
         self.theta = np.concatenate((theta, extra))
         self.states = self.whole.states
         self._n_ode = len(theta)
@@ -210,14 +210,14 @@ class Machine:
             y[:, column] += np.add.reduceat(change[:, 0], track.starts) / track.coarse.samples
         return y
 
-    def _there(self, where: str, theta: Array, late: np.ndarray) -> Iterator[tuple[Mechanism, Array, int, np.ndarray]]:
+    def _there(self, where: str, theta: Array, late: np.ndarray) -> Iterator[tuple[Series, Array, int, np.ndarray]]:
         """Faults at inputs or outputs: mechanism, its parameters, the channel's column, and when it is not there."""
         for sizes, mechanism, kind, column in self._known:
             if kind == where:
                 yield mechanism, sizes, column, np.zeros_like(late)
-        for candidate, kind, column in self._faults:
+        for candidate, mechanism, kind, column in self._faults:
             if kind == where and theta[candidate.at[0]] != candidate.null[0]:
-                yield candidate.mechanism, theta[list(candidate.at)], column, late
+                yield mechanism, theta[list(candidate.at)], column, late
 
     def settle_step(self, tracks: Sequence[Track], noise: Array) -> str:
         """Halve the integration steps until the readings no longer move by a share of the noise (ny,), rms.
@@ -288,17 +288,12 @@ def _evaluations(plan: tuple[int, int, int]) -> int:
     return parts * steps * (stages or 4)
 
 
-def _channel(simulator: Simulator, fault: Mechanism) -> tuple[str, int]:
+def _channel(simulator: Simulator, fault: Series) -> tuple[str, int]:
     """Whether a fault is at an input or an output, and at which."""
-    kind, _, name = fault.port.partition(":")
-    group = simulator.inputs if kind == "input" else simulator.outputs
-    return kind, [v.name for v in group].index(name)
+    return fault.port.place, fault.port.index(simulator)
 
 
-def _with_fault(
-    fault: Mechanism, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray
-) -> Array:
-    assert fault.series is not None
+def _with_fault(fault: Series, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray) -> Array:
     changed = values.copy()
     faulty = fault.series(time_s, values[:, column].copy(), sizes)
     changed[:, column] = np.where(not_there, values[:, column], faulty)
@@ -310,14 +305,14 @@ def _state(x, u, theta):  # type: ignore[no-untyped-def]
     return x.copy()
 
 
-def _ports(simulator: Simulator) -> tuple[str, ...]:
+def _ports(simulator: Simulator) -> tuple[Port, ...]:
     groups = {
         "balance": simulator.states,
         "flux": simulator.fluxes,
         "input": simulator.inputs,
         "output": simulator.outputs,
     }
-    return tuple(f"{kind}:{v.name}" for kind, variables in groups.items() for v in variables)
+    return tuple(Port(place, v.name) for place, variables in groups.items() for v in variables)
 
 
 def _last(x: Array, u: Array, theta: Array) -> float:
@@ -325,9 +320,9 @@ def _last(x: Array, u: Array, theta: Array) -> float:
 
 
 @functools.cache
-def _force(port: str) -> Mechanism:
+def _force(port: Port) -> Term:
     """Something unknown that acts at a port: what ``locate`` lets vary in time."""
-    return Mechanism(f"force@{port}", "", port, (Variable(f"force@{port}", "", -np.inf, np.inf, 0.0),), term=_last)
+    return Term(f"force@{port}", "", port, (Variable(f"force@{port}", "", -np.inf, np.inf, 0.0),), term=_last)
 
 
 def _first(values: Array) -> float:

@@ -38,7 +38,7 @@ from twinbench.mismatch.trust import Trust
 from twinbench.physics import load
 from twinbench.physics.check import check_mechanism
 from twinbench.physics.compose import compose, with_mechanism
-from twinbench.physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Mechanism, Series, Simulator, Term, Variable
 
 DEEPEST = 20
 """Bases of bases. Each round of mending adds one; what is deeper was not made by mending."""
@@ -65,7 +65,7 @@ class Model:
     """
 
     simulator: Simulator
-    faults: tuple[Mechanism, ...] = ()
+    faults: tuple[Series, ...] = ()
     inputs: str = ""
 
 
@@ -210,12 +210,13 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
             raise ValueError(f"{path}: {entry['from']} has no mechanism {entry['name']!r}; it has: {listed}")
         mechanism = offered[entry["name"]]
         check_mechanism(base.simulator, mechanism)
-        if mechanism.series is not None:
-            known.append(mechanism)
-        elif mechanism.term is not None:
-            terms.append(mechanism)
-        else:
-            simulator = with_mechanism(simulator, mechanism)
+        match mechanism:
+            case Series():
+                known.append(mechanism)
+            case Term():
+                terms.append(mechanism)
+            case _:
+                simulator = with_mechanism(simulator, mechanism)
     if terms:
         named = replace(simulator, mechanisms=(*simulator.mechanisms, *(m.name for m in terms)))
         simulator = compose(named, tuple(terms))
@@ -288,9 +289,8 @@ def _source_of(mechanism: Mechanism, simulator: Simulator) -> str:
 
 
 def _names(mechanism: Mechanism) -> list[str]:
-    """What must not stand for two things: its name, and those of its states and parameters, amplitudes aside."""
-    amplitudes = mechanism.term is None and mechanism.series is None
-    return [mechanism.name, *(() if amplitudes else (v.name for v in mechanism.states + mechanism.parameters))]
+    """What must not stand for two things: its name, and those of the variables that it brings."""
+    return [mechanism.name, *(v.name for v in mechanism.brings)]
 
 
 def _with_value(variable: Variable, values: Mapping[str, float]) -> Variable:

@@ -16,7 +16,7 @@ import numpy as np
 
 from twinbench.mismatch.fit import Problem, parallel
 from twinbench.mismatch.machine import Candidate, Machine
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Amplitude, Array, Series
 
 PROBE = 0.2
 """Share of its typical size at which a candidate's column is taken."""
@@ -148,7 +148,13 @@ def variants(candidates: Sequence[Candidate]) -> tuple[Variant, ...]:
 
 
 def is_amplitude(candidate: Candidate) -> bool:
-    return candidate.mechanism.term is None and candidate.mechanism.series is None
+    """Are its parameters the simulator's own? They have no shape apart from their size."""
+    return isinstance(candidate.mechanism, Amplitude)
+
+
+def _is_of_a_sensor(candidate: Candidate) -> bool:
+    """Does it change what a sensor makes of its readings, and nothing else?"""
+    return isinstance(candidate.mechanism, Series) and candidate.mechanism.port.place == "output"
 
 
 def _within(low: float, high: float, share: float) -> float:
@@ -200,7 +206,7 @@ def picture(
             step = -step
         changed = switched(machine, theta, variant, sizes[v] + step)
         # A sensor's fault leaves the machine's own course as it is.
-        known = clean[r] if candidate.mechanism.port.startswith("output:") and candidate.mechanism.series else None
+        known = clean[r] if _is_of_a_sensor(candidate) else None
         columns[r][:, :, v] = (residuals[r] - problem.residual(r, z, changed, known)) / step
         advance()
 

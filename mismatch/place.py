@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from twinbench.physics.simulator import Array, Equation, Mechanism, Variable
+from twinbench.physics.simulator import Array, Equation, Port, Term, Variable
 
-Term = Callable[[Array, Array, Array], float]
+Rate = Callable[[Array, Array, Array], float]
+"""What a term adds to a balance: ``rate(x, u, theta)``."""
 SHARE = 0.1
 """A typical effect changes a balance by this share of what commonly moves it."""
 CLOCK = "clock"
@@ -63,18 +64,18 @@ class Place:
         effect: str,
         says: str,
         formula: str,
-        term: Term,
+        term: Rate,
         *parameters: Variable,
         states: tuple[Variable, ...] = (),
         derivative: Equation | None = None,
         contains: str = "",
-    ) -> Mechanism:
+    ) -> Term:
         """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
         names = ["{" + v.name + "}" for v in parameters]
-        return Mechanism(
+        return Term(
             f"{effect}@{self.name}",
             says,
-            f"balance:{self.name}",
+            Port("balance", self.name),
             parameters,
             states=states,
             term=term,

@@ -139,7 +139,7 @@ def _unnamed(d: Diagnosis, located: Located | None, left: list[str]) -> tuple[Fi
     else:
         return ()
     ports = located.ports if located is not None else ()
-    where = ports[0][0] if ports else ""
+    where = ports[0][0] if ports else None
     return (replace(UNNAMED, port=where, ports=ports, says=sentence(says)),)
 
 

@@ -34,7 +34,7 @@ from twinbench.mismatch.tracks import Track, prepare
 from twinbench.mismatch.transfer import Transfer, transfer
 from twinbench.mismatch.visited import resized
 from twinbench.mismatch.weigh import Beside, HeldBack, by_chance, contended, plainest_that_predicts, refusal
-from twinbench.physics.simulator import Array, Mechanism, Simulator
+from twinbench.physics.simulator import Array, Mechanism, Series, Simulator
 
 LEAST_GAIN = 20.0
 """Log-likelihood units (twice) below which nothing is named, whatever the noise would allow."""
@@ -123,7 +123,7 @@ def examine(
     catalogue: Sequence[Mechanism] | None = None,
     progress: Progress = lambda stage, share: None,
     guards: Guards = Guards(),
-    faults: Sequence[Mechanism] = (),
+    faults: Sequence[Series] = (),
     inputs: str = AUTO,
 ) -> Diagnosis:
     """The stages one after the other; ``mismatch.diagnose`` says what it takes."""

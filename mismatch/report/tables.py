@@ -184,7 +184,7 @@ def _looked_for(d: Diagnosis) -> Listing:
             (
                 name,
                 c.mechanism.says,
-                c.mechanism.port,
+                str(c.mechanism.port),
                 with_unit(seen, v.unit) if not beyond else "hidden",
                 number(size) if not beyond else "–",
             )

@@ -16,7 +16,7 @@ from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.picture import Variant, switched
 from twinbench.mismatch.proof import held_out
 from twinbench.mismatch.walk import Diagnosis, examine
-from twinbench.physics.simulator import Array, Mechanism, Simulator
+from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 
 Progress = Callable[[str, float], None]
 
@@ -111,7 +111,7 @@ def check_folds(found: Diagnosis) -> None:
 def _calibrated(simulator: Simulator, mechanism: Mechanism) -> bool:
     """Is the mechanism only a parameter that calibration moves anyway?"""
     free = simulator.calibrate or tuple(v.name for v in simulator.parameters)
-    return mechanism.term is None and mechanism.series is None and any(v.name in free for v in mechanism.parameters)
+    return isinstance(mechanism, Amplitude) and any(v.name in free for v in mechanism.parameters)
 
 
 def told(
@@ -142,8 +142,8 @@ def finding(mechanism: Mechanism, size: float, low: float, high: float) -> dict[
         "kind": {"physics": "missing physics"}.get(mechanism.kind, "sensor fault"),
         "mechanism": mechanism.name,
         "indistinguishable_from": [],
-        "port": mechanism.port,
-        "ports": [{"port": mechanism.port, "probability": 1.0}],
+        "port": str(mechanism.port),
+        "ports": [{"port": str(mechanism.port), "probability": 1.0}],
         "since_s": None,
         "parameters": {mechanism.parameters[0].name: {"value": size, "low": low, "high": high}},
     }

@@ -105,7 +105,7 @@ def check_readable(case: Given, said: dict[str, Any]) -> None:
     catalogue = {m.name: m for m in case.catalogue}
     for f in said["findings"]:
         if f["mechanism"]:
-            assert f["port"] == catalogue[f["mechanism"]].port
+            assert f["port"] == str(catalogue[f["mechanism"]].port)
             ((name, fitted),) = f["parameters"].items()
             assert name == catalogue[f["mechanism"]].parameters[0].name
             assert fitted["low"] <= fitted["value"] <= fitted["high"]

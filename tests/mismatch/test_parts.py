@@ -23,6 +23,7 @@ from twinbench.mismatch.search import PENALTY, best_sets, local_search, wander
 from twinbench.mismatch.tracks import held, prepare
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.simulator import Port
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(
 
 def test_a_force_is_a_rate_of_its_balance(machine, track):
     theta = machine.theta.copy()
-    theta[machine.force_at["balance:T_winding_K"]] = 0.1
+    theta[machine.force_at[Port("balance", "T_winding_K")]] = 0.1
     with_force = machine.run(track, theta, machine.start(track))
     without = machine.run(track, machine.theta, machine.start(track))
     assert (with_force - without)[1, 2] == pytest.approx(0.1 * 0.08, rel=0.02)
@@ -191,7 +192,7 @@ def test_what_is_likely_beside_so_many_effects_must_earn_less(monkeypatch, found
     r = np.zeros(of)
     r[:found], r[found] = np.sqrt(1000.0), np.sqrt(worth)
     shown = pictured(np.eye(of), r)
-    physics = [SimpleNamespace(mechanism=SimpleNamespace(port="balance:x", series=None)) for _ in range(of)]
+    physics = [SimpleNamespace(mechanism=SimpleNamespace(port=Port("balance", "x"))) for _ in range(of)]
     machine = SimpleNamespace(candidates=physics)
     problem = SimpleNamespace(machine=machine)
     best = SimpleNamespace(
