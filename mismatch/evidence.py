@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.explanation import Explanation
 from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.onset import Onset, told_onsets
@@ -13,7 +14,6 @@ from twinbench.mismatch.picture import is_fault
 from twinbench.mismatch.proof import piece_squares, resamples
 from twinbench.mismatch.rivals import NEAR
 from twinbench.mismatch.tracks import Track
-from twinbench.mismatch.walk import Diagnosis
 from twinbench.physics.simulator import Array, Port
 
 SELDOM = 0.01

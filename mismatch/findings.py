@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from twinbench.mismatch import evidence
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import Onset
-from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.explanation import Explanation, residual_chi2
 from twinbench.mismatch.force import as_force, inertia
 from twinbench.mismatch.locate import Located, regime
-from twinbench.mismatch.walk import Diagnosis, residual_chi2
 from twinbench.mismatch.words import digits_worth, interval, listed, number, sentence, spoken, with_unit
 from twinbench.physics.simulator import Array, Mechanism, Port, Simulator, Term
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twinbench.mismatch import evidence
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import OutputError
 from twinbench.mismatch.findings import Finding, Value, variable_names
-from twinbench.mismatch.walk import Diagnosis
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 MOST_NAMED = 6

@@ -12,8 +12,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from twinbench.common.style import INK, MUTED, PAGE_MM, PAPER, canvas, styled
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.report.ranking import CHOSEN, REFUSED, RIVAL, TRIED, ranking
-from twinbench.mismatch.walk import Diagnosis
 from twinbench.physics.simulator import Port
 
 MOST_BARS = 12

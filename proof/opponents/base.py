@@ -10,12 +10,14 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.fit import Problem, Unknown, solve
 from twinbench.mismatch.machine import Candidate, Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.picture import Variant, switched
 from twinbench.mismatch.proof import held_out
-from twinbench.mismatch.walk import Diagnosis, examine
+from twinbench.mismatch.walk import examine
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 
 Progress = Callable[[str, float], None]
@@ -76,7 +78,7 @@ def calibrate(
     """
     key = (simulator, *((r.name, r.time_s.tobytes(), r.values.tobytes()) for r in (*recordings, *hold_out)))
     if key not in _LAST:
-        found = examine(simulator, recordings, hold_out, (), progress)
+        found = examine(Asked(simulator, recordings, hold_out, ()), progress)
         _LAST.clear()
         _LAST[key] = found
     return _LAST[key]

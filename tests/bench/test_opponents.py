@@ -219,7 +219,7 @@ def test_each_ablation_leaves_one_guard_out() -> None:
     for guard in dataclasses.fields(Guards):
         name = f"no_{guard.name}"
         assert ENGINES[name] == f"twinbench.proof.opponents.ablations:{name}"
-        assert getattr(ablations, name).keywords["guards"] == dataclasses.replace(Guards(), **{guard.name: False})
+        assert getattr(ablations, name).args == (dataclasses.replace(Guards(), **{guard.name: False}),)
     assert len(ENGINES) == len(MAIN) + len(OPPONENTS) + len(dataclasses.fields(Guards))
 
 

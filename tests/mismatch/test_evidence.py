@@ -150,7 +150,7 @@ def test_what_differs_by_chance_alone_spoils_nothing():
 
 def test_a_spoilt_output_makes_the_verdict_refuse(friction, monkeypatch):
     assert friction.diagnosis.worse == ()
-    monkeypatch.setattr("twinbench.mismatch.walk.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
+    monkeypatch.setattr("twinbench.mismatch.stage_prove.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
     fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
     verdict = diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
     assert verdict.verdict == "unexplained"
