@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twinbench.mismatch.place import CLOCK, Place, bracketed
+from twinbench.mismatch.place import CLOCK, Memory, Place, Range, bracketed
 from twinbench.mismatch.series import held, play
 from twinbench.physics.simulator import Array, Port, Series, Term, Variable
 
@@ -79,9 +79,9 @@ def coulomb_unequal(p: Place, effect: str, words: str) -> Term:
 
     says = f"{words} acts against {p.name} and is not the same in both directions"
     size = p.size(effect, f"{p.unit}/s")
-    ratio = p.shape(effect, "backward", "1", 0.0, 3.0, 0.5, "size backward over size forward")
+    ratio = p.shape(effect, "backward", "1", Range(0.0, 3.0, 0.5), "size backward over size forward")
     simpler = f"{effect.removesuffix('_unequal')}@{p.name}"
-    return p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio, contains=simpler)
+    return replace(p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio), contains=simpler)
 
 
 def hysteresis(p: Place) -> Term:
@@ -99,20 +99,14 @@ def hysteresis(p: Place) -> Term:
     travel = p.variable.scale * p.tau_s
     unit = p.variable.unit.removesuffix("/s") if p.variable.unit.endswith("/s") else f"{p.unit} s"
     size = p.size("hysteresis", f"{p.unit}/s")
-    reach = p.shape("hysteresis", "travel", unit, 0.05 * travel, 5.0 * travel, 0.5 * travel, "travel to full force")
-    own = Variable(f"hysteresis_force_{p.name}", "1", -1.0, 1.0, 0.0, 0.5, "hysteretic force over its largest")
-    # Over a short travel it is dry friction.
-    return p.add(
-        "hysteresis",
-        says,
-        "-{0} z, z' = ({x} - |{x}| z)/{1}",
-        term,
-        size,
-        reach,
-        states=(own,),
-        derivative=derivative,
-        contains=f"coulomb_friction@{p.name}",
+    reach = p.shape(
+        "hysteresis", "travel", unit, Range(0.05 * travel, 5.0 * travel, 0.5 * travel), "travel to full force"
     )
+    own = Variable(f"hysteresis_force_{p.name}", "1", -1.0, 1.0, 0.0, 0.5, "hysteretic force over its largest")
+    formula = "-{0} z, z' = ({x} - |{x}| z)/{1}"
+    found = p.add("hysteresis", says, formula, term, size, reach, memory=Memory((own,), derivative))
+    # Over a short travel it is dry friction.
+    return replace(found, contains=f"coulomb_friction@{p.name}")
 
 
 def hardening_spring(p: Place, position: int, of: Variable) -> Term:
@@ -135,7 +129,7 @@ def spring_backlash(p: Place, position: int, of: Variable) -> Term:
 
     says = f"{of.name} has free play (backlash) and meets a spring beyond it"
     size = p.size("backlash", f"{p.unit}/s/{bracketed(of.unit)}", of.scale)
-    gap = p.shape("backlash", "gap", of.unit, 0.0, 2.0 * of.scale, 0.5 * of.scale, "half the free play")
+    gap = p.shape("backlash", "gap", of.unit, Range(0.0, 2.0 * of.scale, 0.5 * of.scale), "half the free play")
     return p.add("backlash", says, f"-{{0}} ({of.name} beyond +-{{1}})", term, size, gap)
 
 
@@ -150,7 +144,9 @@ def leak(p: Place) -> Term:
     says = f"{p.name} leaks through an opening, with the square root of what drives it"
     size = p.size("leak", f"{p.unit}^0.5/s", math.sqrt(p.reach))
     floor = max(v.low, 0.0)
-    to = p.shape("leak", "to", v.unit, floor - v.scale, floor + v.scale, floor, f"{p.name} at which the leak ends")
+    to = p.shape(
+        "leak", "to", v.unit, Range(floor - v.scale, floor + v.scale, floor), f"{p.name} at which the leak ends"
+    )
     return p.add("leak", says, "-{0} sqrt(max(0, {x} - {1}))", term, size, to)
 
 
@@ -200,7 +196,9 @@ def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -
 
     says = f"{p.name} loses heat to surroundings of constant temperature"
     size = p.size("loss_to_ambient", "1/s", p.variable.scale)
-    ambient = p.shape("loss_to_ambient", "temperature", p.variable.unit, low, high, typical, "ambient temperature")
+    ambient = p.shape(
+        "loss_to_ambient", "temperature", p.variable.unit, Range(low, high, typical), "ambient temperature"
+    )
     return p.add("loss_to_ambient", says, "-{0} ({x} - {1})", term, size, ambient)
 
 
@@ -218,19 +216,13 @@ def second_thermal_mass(p: Place) -> Term:
 
     says = f"a second thermal mass exchanges heat with {p.name}, which so follows changes late"
     size = p.size("second_thermal_mass", "1/s", v.scale)
-    tau = p.shape("second_thermal_mass", "tau_s", "s", p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s, "its time constant")
-    own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
-    mechanism = p.add(
-        "second_thermal_mass",
-        says,
-        "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}",
-        term,
-        size,
-        tau,
-        states=(own,),
-        derivative=derivative,
+    tau = p.shape(
+        "second_thermal_mass", "tau_s", "s", Range(p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s), "its time constant"
     )
-    return replace(mechanism, initial=initial)
+    own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
+    formula = "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}"
+    memory = Memory((own,), derivative, initial)
+    return p.add("second_thermal_mass", says, formula, term, size, tau, memory=memory)
 
 
 def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
@@ -245,12 +237,11 @@ def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
     says = f"something drives {p.name} to and fro with a fixed period"
     size = p.size("periodic", f"{p.unit}/s")
     least, typical, greatest = periods_s or (p.tau_s, 10.0 * p.tau_s, 100.0 * p.tau_s)
-    period = p.shape("periodic", "period_s", "s", least, greatest, typical, "period")
-    phase = p.shape("periodic", "phase", "rad", -math.pi, math.pi, 0.0, "phase when the recordings' clock began")
+    period = p.shape("periodic", "period_s", "s", Range(least, greatest, typical), "period")
+    phase = p.shape("periodic", "phase", "rad", Range(-math.pi, math.pi, 0.0), "phase when the recordings' clock began")
     clock = Variable(f"{CLOCK}_{p.name}", "s", -math.inf, math.inf, 0.0, p.tau_s, "time by the recordings' clock")
-    return p.add(
-        "periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, states=(clock,), derivative=derivative
-    )
+    memory = Memory((clock,), derivative)
+    return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, memory=memory)
 
 
 def dead_zone(index: int, v: Variable) -> Term:
@@ -281,6 +272,8 @@ def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:
     """Size and threshold of what happens to a balance when a state exceeds a limit."""
     v = of.variable
     low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + 1.5 * v.scale)
-    limit = p.shape(effect, "above", v.unit, low, high, v.nominal + 0.5 * v.scale, f"{v.name} at which it begins")
+    limit = p.shape(
+        effect, "above", v.unit, Range(low, high, v.nominal + 0.5 * v.scale), f"{v.name} at which it begins"
+    )
     # Over a rim all runs off that comes.
     return p.size(effect, "1/s", v.scale, generous=RIM), limit

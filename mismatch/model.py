@@ -223,22 +223,26 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
     values = content["values"]
     own = {v.name: v for v in simulator.parameters}
     roomy = {v.name: v for m in faults(base.simulator, LONGEST_PERIOD_S) for v in m.parameters}
-    bounds = own | {v.name: roomy.get(v.name, v) for m in known for v in m.parameters}
+    _check_values(path, values, own | {v.name: roomy.get(v.name, v) for m in known for v in m.parameters})
+    return Model(
+        simulator.with_values(**{name: value for name, value in values.items() if name in own}),
+        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
+        content["inputs"] or base.inputs,
+    )
+
+
+def _check_values(path: Path, values: Mapping[str, float], known: Mapping[str, Variable]) -> None:
+    """Refuse values of unknown parameters, and those that lie outside the bounds of known ones."""
     for name, value in values.items():
-        if name not in bounds:
+        if name not in known:
             raise ValueError(f"{path}: [values] has {shown(name)}, which is no parameter of this model; remove it")
-        low, high = bounds[name].low, bounds[name].high
+        low, high = known[name].low, known[name].high
         slack = _SLACK * (high - low if math.isfinite(high - low) else abs(value))
         if not low - slack <= value <= high + slack:
             raise ValueError(
                 f"{path}: [values] {name} = {value:g} lies outside its bounds, {low:g} to {high:g}; "
                 "mend it, or the bounds where the parameter is defined"
             )
-    return Model(
-        simulator.with_values(**{name: value for name, value in values.items() if name in own}),
-        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
-        content["inputs"] or base.inputs,
-    )
 
 
 def _content(path: Path) -> dict[str, Any]:

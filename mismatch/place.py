@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from twinbench.physics.simulator import Array, Equation, Port, Term, Variable
 
@@ -15,6 +16,22 @@ CLOCK = "clock"
 """A mechanism's own state whose name begins so goes by the recordings' clock."""
 GENEROUS = 100.0
 """A size may grow to this many times its typical value."""
+
+
+class Range(NamedTuple):
+    """What a parameter may be, and what it typically is."""
+
+    low: float
+    high: float
+    typical: float
+
+
+class Memory(NamedTuple):
+    """What a mechanism remembers: its own states, how they go, and where they begin; fields as of ``Term``."""
+
+    states: tuple[Variable, ...] = ()
+    derivative: Equation | None = None
+    initial: Equation | None = None
 
 
 @dataclass(frozen=True)
@@ -54,21 +71,13 @@ class Place:
         high, says = generous * typical, f"size of the {what.replace('_', ' ')}{f' from {source}' if source else ''}"
         return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)
 
-    def shape(self, effect: str, what: str, unit: str, low: float, high: float, typical: float, says: str) -> Variable:
+    def shape(self, effect: str, what: str, unit: str, within: Range, says: str) -> Variable:
         """A parameter that shapes an effect: a threshold, a time constant."""
-        name = f"{effect}_{what}_{self.name}"
+        name, (low, high, typical) = f"{effect}_{what}_{self.name}", within
         return Variable(name, unit, low, high, min(max(typical, low), high), (high - low) / 6.0, says)
 
     def add(
-        self,
-        effect: str,
-        says: str,
-        formula: str,
-        term: Rate,
-        *parameters: Variable,
-        states: tuple[Variable, ...] = (),
-        derivative: Equation | None = None,
-        contains: str = "",
+        self, effect: str, says: str, formula: str, term: Rate, *parameters: Variable, memory: Memory = Memory()
     ) -> Term:
         """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
         names = ["{" + v.name + "}" for v in parameters]
@@ -77,11 +86,11 @@ class Place:
             says,
             Port("balance", self.name),
             parameters,
-            states=states,
             term=term,
-            derivative=derivative,
             formula=formula.format(*names, x=self.name),
-            contains=contains,
+            states=memory.states,
+            derivative=memory.derivative,
+            initial=memory.initial,
         )
 
 

@@ -116,7 +116,7 @@ def _weighed(at: _Candidate, found: Searched, held_before: Held, back: HeldBack,
 def _judged(at: _Candidate, held_before: Held | None, calibration: Calibration, search: Search) -> Judgement:
     """Is the explanation borne out where it has learnt nothing?"""
     if held_before is None or at.held is None:
-        return Judgement(refused=refusal(None, None) if search.guards.held_out_gate else "")
+        return Judgement()
     variance = at.best.problem.whitener.variance()
     share, there = gain(held_before, at.held, variance), borne_out(held_before, at.held, variance)
     worse = worse_outputs(held_before, at.held, at.best.problem.machine.simulator.outputs)

@@ -6,12 +6,12 @@ from twinbench.mismatch.asked import Asked, Progress, forward, silent
 from twinbench.mismatch.checks import audit, residual_tests
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.explanation import Explanation
-from twinbench.mismatch.followed import told_followed
+from twinbench.mismatch.followed import Followed, told_followed
 from twinbench.mismatch.guards import Guards
 from twinbench.mismatch.picture import variants
 from twinbench.mismatch.stage_audit import audited
-from twinbench.mismatch.stage_calibrate import calibration
-from twinbench.mismatch.stage_prove import proved
+from twinbench.mismatch.stage_calibrate import Calibration, calibration
+from twinbench.mismatch.stage_prove import Proved, proved
 from twinbench.mismatch.stage_search import Search, searched
 from twinbench.mismatch.visited import resized
 
@@ -43,12 +43,7 @@ def examine(asked: Asked, progress: Progress = silent, guards: Guards = Guards()
     tests = residual_tests(tracks, left, before.problem.whitener, seen.floor, simulator)
     proof = proved(found, fit, search)
     judgement = proof.judgement
-    accepted = proof.chosen or before
-    on_held_out = proof.held_after if proof.chosen is not None else proof.held_before
-    residuals = accepted.problem.residuals(accepted.z) if on_held_out is None else on_held_out.residuals
-    followed = told_followed(
-        tracks if on_held_out is None else held, residuals, simulator.outputs, on_held_out is not None
-    )
+    followed = _followed(proof, before, fit)
     progress("prove", 1.0)
     return Diagnosis(
         simulator=simulator,
@@ -80,3 +75,13 @@ def examine(asked: Asked, progress: Progress = silent, guards: Guards = Guards()
         weighed_on_held_out=proof.compared,
         followed=followed,
     )
+
+
+def _followed(proof: Proved, before: Explanation, fit: Calibration) -> tuple[Followed, ...]:
+    """How much of each output the accepted simulator explains, on held-out recordings where there are any."""
+    accepted = proof.chosen or before
+    outputs = accepted.problem.machine.simulator.outputs
+    held = proof.held_after if proof.chosen is not None else proof.held_before
+    if held is None:
+        return told_followed(fit.tracks, accepted.problem.residuals(accepted.z), outputs, False)
+    return told_followed(fit.held, held.residuals, outputs, True)
