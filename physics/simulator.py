@@ -118,9 +118,9 @@ class Mechanism:
 
     def __post_init__(self) -> None:
         who = f"mechanism {self.name!r}"
-        if isinstance(self.port, str):
+        if not isinstance(self.port, Port):
             try:
-                object.__setattr__(self, "port", Port.parse(self.port))
+                object.__setattr__(self, "port", Port.parse(str(self.port)))
             except ValueError as error:
                 raise ValueError(f"{who}: {error}") from None
         if self.kind not in ("physics", "sensor", "input"):
