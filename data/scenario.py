@@ -20,7 +20,6 @@ from twinbench.physics.steady import valve_for
 N_LIMITS_RPM = (900.0, 1800.0)
 P_SUC_LIMITS_BAR = (0.82, 1.08)
 RATIO_LIMITS = (2.36, 4.85)  # what the valve aims at on a healthy machine at 0.95 bar
-RATIO_RANGE = (2.1, 5.0)  # what comes of it as suction and health change, but for 0.1 % at either end
 HEALTHY = np.array([1.0, 1.0, 0.015, 1.0, 0.0])
 WORN = np.array([0.88, 0.90, 0.052, 0.65, 0.0])
 RATE_PER_MIN = {"capacity": (0.003, 0.010), "efficiency": (0.002, 0.006), "leakage": (0.001, 0.004)}

@@ -62,8 +62,3 @@ def load_weights(model: nn.Module, arrays: dict[str, np.ndarray], prefix: str = 
     """The inverse of ``weights_of``."""
     state = {n.removeprefix(prefix): torch.from_numpy(a.copy()) for n, a in arrays.items() if n.startswith(prefix)}
     model.load_state_dict(state)
-
-
-def parameter_count(model: nn.Module) -> int:
-    """Trainable weights."""
-    return sum(p.numel() for p in model.parameters() if p.requires_grad)

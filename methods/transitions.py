@@ -112,31 +112,6 @@ def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
     return after
 
 
-class Slopes(NamedTuple):
-    """One derivative of each transition's increment, along a direction of its own."""
-
-    x: Array  # (M, 5) direction in the states
-    theta: Array  # (M, 5) direction in health
-    increment: Array  # (M, 5) derivative of x_next - x along it
-
-
-def plant_slopes(train: Batch, transitions: Transitions, rng: np.random.Generator, step: float = 1e-2) -> Slopes:
-    """The plant's derivatives along random directions, by central differences, for Sobolev training."""
-    truth = train.truth
-    if truth is None:
-        raise ValueError("slopes need sequences with truth, these have none")
-    count = len(transitions.sample)
-    along_x = STATE_SPREAD * rng.normal(size=(count, len(STATES)))
-    along_theta = 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
-    hidden = truth.states[transitions.sequence, transitions.sample, len(STATES) :]
-    u = truth.inputs[transitions.sequence, transitions.sample]
-    ends = []
-    for sign in (1.0, -1.0):
-        x = np.concatenate([transitions.x + sign * step * along_x, hidden], axis=1)
-        ends.append(_plant(x, u, transitions.theta + sign * step * along_theta, transitions.dt_s))
-    return Slopes(along_x, along_theta, (ends[0] - ends[1]) / (2.0 * step) - along_x)
-
-
 def plant_sensitivities(train: Batch, transitions: Transitions, step: float = 1e-3) -> tuple[Array, Array]:
     """Central differences of the plant at transitions, for audits.
 

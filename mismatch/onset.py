@@ -71,11 +71,6 @@ def told_onsets(since: Sequence[float], tracks: Sequence[Track]) -> tuple[Onset,
     return tuple(found)
 
 
-def first_onset(since: Sequence[float]) -> float | None:
-    """When it began, on the recordings' clock: the first start inside a recording, if there is one."""
-    return float(min(inside)) if (inside := [s for s in since if np.isfinite(s)]) else None
-
-
 def _time(time_s: Array, share: float) -> float:
     if share <= 0.0:
         return -np.inf

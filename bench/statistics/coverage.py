@@ -172,15 +172,6 @@ def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:
     return 100.0 * float(low), 100.0 * float(high)
 
 
-def chi2_band(dof: int, n: int, level: float = LEVEL) -> tuple[float, float]:
-    """Bounds of the mean over n independent values of chi-square(dof) / dof, for NIS and NEES.
-
-    Bar-Shalom, Li and Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, 5.4.
-    """
-    low, high = chi2.ppf([0.5 - level / 2, 0.5 + level / 2], dof * n) / (dof * n)
-    return float(low), float(high)
-
-
 def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
     """Mean NIS over mean dof, median of NIS over its expected median, per cent of ticks in their band; each (B,).
 

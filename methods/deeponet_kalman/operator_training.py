@@ -15,8 +15,8 @@ from twinbench.methods.deeponet_kalman.stream import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw
-from twinbench.methods.transitions import Slopes, Transitions, draw_transitions, plant_sensitivities
-from twinbench.physics.health import d_theta_d_zeta, to_zeta
+from twinbench.methods.transitions import Transitions, draw_transitions, plant_sensitivities
+from twinbench.physics.health import to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
 """Query times of the training transitions: mostly one tick, some shorter and longer."""
@@ -53,7 +53,6 @@ class Recipe:
     Attributes:
         iterations, windows, learning_rate: of AdamW, whose weight decay is the ridge of Eq. (4).
         smoothness, feasibility: weights of the derivative and feasibility terms.
-        sobolev: weight of the sensitivities' error.
         conditioned: do the heads see the health parameters?
         augmented: is noise drawn anew for every window?
         refinement: iterations of L-BFGS on the heads, afterwards.
@@ -64,19 +63,18 @@ class Recipe:
     learning_rate: float
     smoothness: float = 1e-3
     feasibility: float = 0.1
-    sobolev: float = 0.0
     conditioned: bool = True
     augmented: bool = False
     refinement: int = 0
 
 
-def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
+def feasibility(x_next: Tensor, suction: Tensor) -> Tensor:
     """Penalty of Eq. (4) on what no compressor does, mean over the batch.
 
     Negative flow, gas leaving colder than it entered, a pressure ratio outside the simulated range.
 
     Args:
-        x, x_next: (B, 5) states in physical units.
+        x_next: (B, 5) states in physical units.
         suction: (B, 2) suction pressure in bar and temperature in K.
     """
     flow = torch.relu(-x_next[:, 4])
@@ -93,7 +91,6 @@ class _Examples:
         self,
         source: WindowSource,
         transitions: Transitions,
-        slopes: Slopes | None,
         scales: Scales,
         conditioned: bool,
     ) -> None:
@@ -109,10 +106,6 @@ class _Examples:
         self.state, self.time_s = tensor(transitions.x), tensor(transitions.dt_s)
         self.increment = tensor(scales.increment)
         self.q_mean, self.q_scale = tensor(source.query_mean), tensor(source.query_scale)
-        if slopes is not None:
-            along = slopes.theta[:, :N_ZETA] / d_theta_d_zeta(zeta)[:, :N_ZETA] / ZETA_SCALE * conditioned
-            self.tangent = tensor(np.concatenate([slopes.x / scales.state_scale, along], axis=1))
-            self.slope = tensor(slopes.increment / scales.increment)
 
     def rows(self, group: np.ndarray) -> np.ndarray:
         """Transitions of given windows."""
@@ -130,14 +123,9 @@ def fit_operator(
     scales: Scales,
     rng: np.random.Generator,
     recipe: Recipe,
-    slopes: Slopes | None = None,
 ) -> list[float]:
-    """Minimise Eq. (4); every iteration draws windows with all their transitions.
-
-    Args:
-        slopes: the plant's derivatives at the transitions, needed where ``recipe.sobolev`` is not zero.
-    """
-    examples = _Examples(source, transitions, slopes if recipe.sobolev else None, scales, recipe.conditioned)
+    """Minimise Eq. (4); every iteration draws windows with all their transitions."""
+    examples = _Examples(source, transitions, scales, recipe.conditioned)
     if not recipe.conditioned:
         with torch.no_grad():
             operator.heads.from_condition.weight[:, N_STATES:] = 0.0
@@ -161,14 +149,8 @@ def fit_operator(
         value = value + recipe.smoothness * rate.square().mean()
         suction = query[:, [3, 2]] * examples.q_scale[[3, 2]] + examples.q_mean[[3, 2]]
         state = examples.state[rows]
-        infeasible = feasibility(state, state + predicted * examples.increment, suction)
+        infeasible = feasibility(state + predicted * examples.increment, suction)
         value = value + recipe.feasibility * infeasible
-        if recipe.sobolev:
-            some = slice(0, len(rows), 3)
-            slope = torch.func.jvp(
-                lambda c: operator(latent[some], c, dt[some]), (condition[some],), (examples.tangent[rows[some]],)
-            )[1]
-            value = value + recipe.sobolev * 2.0 * functional.huber_loss(slope, examples.slope[rows[some]])
         return value
 
     losses = adamw(operator, loss, recipe.iterations, recipe.learning_rate)
