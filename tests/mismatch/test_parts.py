@@ -231,9 +231,9 @@ def test_a_known_fault_is_there_without_being_asked_for(track):
         theta[list(candidate.at)] = candidate.typical
     x0 = machine.start(track)
     for blocks in (False, True):
-        expected = asked.run(track, theta, x0, blocks=blocks)
+        expected = asked.run(Setting(track, theta, x0), blocks=blocks)
         np.testing.assert_array_equal(machine.run(Setting(track, machine.theta, x0), blocks=blocks), expected)
-        assert np.abs(expected - asked.run(track, asked.theta, x0, blocks=blocks)).max() > 0.0
+        assert np.abs(expected - asked.run(Setting(track, asked.theta, x0), blocks=blocks)).max() > 0.0
 
 
 def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample():
