@@ -92,7 +92,24 @@ class Finding:
         }
 
 
-UNNAMED = Finding("unexplained", None, "", None, (), (), None, (), None, (), (), "", (), None, "")
+UNNAMED = Finding(
+    kind="unexplained",
+    mechanism=None,
+    term="",
+    probability=None,
+    indistinguishable_from=(),
+    candidates=(),
+    port=None,
+    ports=(),
+    since_s=None,
+    onsets=(),
+    intervals_s=(),
+    regime="",
+    parameters=(),
+    force=None,
+    says="",
+)
+"""What is wrong and has no name."""
 
 
 def plain(value: Value) -> dict[str, Any]:
@@ -144,40 +161,30 @@ def named(d: Diagnosis, located: Located | None) -> Iterator[Finding]:
         groups = evidence.candidates_for(d, mechanism.name)
         names = tuple(name for group in groups for name in group)
         single = len(groups) <= LARGEST_SET
-        force = _force(d, mechanism, at, covariance)
-        yield Finding(
-            KINDS.get(mechanism.kind, "sensor fault"),
-            mechanism.name if single else None,
-            formula(mechanism, values),
-            weights[mechanism.name] if single else None,
-            names[1:] if single else (),
-            names,
-            mechanism.port,
-            ports,
-            since_s,
-            onsets,
-            () if since_s is None else ((since_s, until_s),),
-            where,
-            values,
-            force,
-            _says(d.simulator, mechanism, values, force, names, single, weights[mechanism.name], onsets, where),
+        found = Finding(
+            kind=KINDS.get(mechanism.kind, "sensor fault"),
+            mechanism=mechanism.name if single else None,
+            term=formula(mechanism, values),
+            probability=weights[mechanism.name] if single else None,
+            indistinguishable_from=names[1:] if single else (),
+            candidates=names,
+            port=mechanism.port,
+            ports=ports,
+            since_s=since_s,
+            onsets=onsets,
+            intervals_s=() if since_s is None else ((since_s, until_s),),
+            regime=where,
+            parameters=values,
+            force=_force(d, mechanism, at, covariance),
+            says="",
         )
+        yield replace(found, says=_says(d.simulator, mechanism, found))
         at += n
 
 
-def _says(
-    simulator: Simulator,
-    mechanism: Mechanism,
-    values: tuple[Value, ...],
-    force: Value | None,
-    names: tuple[str, ...],
-    single: bool,
-    weight: float | None,
-    onsets: tuple[Onset, ...],
-    where: str,
-) -> str:
-    said, known = [], variable_names(simulator)
-    if single:
+def _says(simulator: Simulator, mechanism: Mechanism, found: Finding) -> str:
+    said, known, names = [], variable_names(simulator), found.candidates
+    if found.mechanism is not None:
         said.append(f"{mechanism.says} ({mechanism.name}, at {mechanism.port})")
     else:
         said += [
@@ -185,19 +192,19 @@ def _says(
             f"is: {listed(names)}",
             f"the model is mended with {mechanism.name}: {mechanism.says}",
         ]
-    first, *others = values
+    first, *others = found.parameters
     sizes = [f"{first.says or first.name} {first.words('90 % interval ')}"]
-    sizes += [f"{force.says}: {force.words()}"] if force else []
+    sizes += [f"{found.force.says}: {found.force.words()}"] if found.force else []
     sizes += [f"{v.says or v.name} {v.words()}" for v in others]
     said.append("; ".join(sizes))
-    if onsets:
-        said.append(begins(onsets))
-    if where:
-        said.append(f"it acts mostly where {where}")
-    if single and len(names) > 1:
-        said.append(f"these recordings cannot tell it from {listed(names[1:])}")
-    if single:
-        said.append(f"its probability among all that was fitted is {probable(weight)}")
+    if found.onsets:
+        said.append(begins(found.onsets))
+    if found.regime:
+        said.append(f"it acts mostly where {found.regime}")
+    if found.mechanism is not None:
+        if len(names) > 1:
+            said.append(f"these recordings cannot tell it from {listed(names[1:])}")
+        said.append(f"its probability among all that was fitted is {probable(found.probability)}")
     return " ".join(sentence(text, known) for text in said)
 
 
