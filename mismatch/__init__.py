@@ -7,16 +7,17 @@ print(verdict.says)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked, Progress, silent
 from twinbench.mismatch.guards import Guards
 from twinbench.mismatch.joining import AUTO
 from twinbench.mismatch.verdict import Finding, Verdict, conclude
 from twinbench.mismatch.walk import examine
-from twinbench.physics.simulator import Mechanism, Simulator
+from twinbench.physics.simulator import Mechanism, Series, Simulator
 
-__all__ = ["Finding", "Guards", "Verdict", "diagnose"]
+__all__ = ["Finding", "Guards", "Verdict", "ablated", "diagnose"]
 
 
 def diagnose(
@@ -24,9 +25,8 @@ def diagnose(
     recordings: Sequence[Recording],
     hold_out: Sequence[Recording] = (),
     catalogue: Sequence[Mechanism] | None = None,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
-    guards: Guards = Guards(),
-    faults: Sequence[Mechanism] = (),
+    progress: Progress = silent,
+    faults: Sequence[Series] = (),
     inputs: str = AUTO,
 ) -> Verdict:
     """Where a simulator and recordings of its machine disagree, and what was left out.
@@ -39,10 +39,9 @@ def diagnose(
             recording is held out, or the last third of the only one.
         catalogue: what may be missing; everything that we know of if left out.
         progress: told the stage's name and the share of it that is done.
-        guards: what keeps it from naming what is not there; all, but in an ablation.
+        faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
         inputs: how they go between samples: "held" until the next, "linear" in lines, or "auto": lines where a short
             stretch of the recordings clearly says so.
-        faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
 
     Returns:
         The verdict: what was found, in words and numbers, and how sure it is.
@@ -50,4 +49,16 @@ def diagnose(
     Raises:
         BadInput: recordings too short, a simulator that diverges.
     """
-    return conclude(examine(simulator, recordings, hold_out, catalogue, progress, guards, faults, inputs))
+    return conclude(examine(Asked(simulator, recordings, hold_out, catalogue, faults, inputs), progress))
+
+
+def ablated(
+    guards: Guards,
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Progress = silent,
+) -> Verdict:
+    """As ``diagnose``, but with only these guards against naming what is not there: to see what each is for."""
+    return conclude(examine(Asked(simulator, recordings, hold_out, catalogue), progress, guards))

@@ -11,7 +11,7 @@ from twinbench.mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, sol
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener, noise_floor
 from twinbench.mismatch.tracks import Track
-from twinbench.physics.simulator import Array, Mechanism, Simulator
+from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 
 PRIOR = 4.0
 """Prior standard deviation of a parameter or start state, in its scales."""
@@ -39,9 +39,7 @@ def calibrated(
 
 def is_parameter(simulator: Simulator, mechanism: Mechanism) -> bool:
     """Is the mechanism only a parameter that calibration moves anyway?"""
-    if mechanism.term is not None or mechanism.series is not None:
-        return False
-    return any(v.name in free_names(simulator) for v in mechanism.parameters)
+    return isinstance(mechanism, Amplitude) and any(v.name in free_names(simulator) for v in mechanism.parameters)
 
 
 def free_names(simulator: Simulator) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from twinbench.mismatch import effects
 from twinbench.mismatch.place import Place
 from twinbench.physics.compose import plain_rhs
-from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Array, Mechanism, Simulator, Term, Variable
 
 TEMPERATURES = {
     "K": (240.0, 325.0, 295.0),
@@ -89,7 +89,7 @@ def generic(simulator: Simulator, periods_s: tuple[float, float, float] | None =
     return tuple(found)
 
 
-def _by_nature(p: Place, simulator: Simulator, places: list[Place], moves: bool) -> list[Mechanism]:
+def _by_nature(p: Place, simulator: Simulator, places: list[Place], moves: bool) -> list[Term]:
     v = p.variable
     if v.unit in TEMPERATURES:
         return [_loss_to_ambient(p, simulator), effects.second_thermal_mass(p)]
@@ -119,7 +119,7 @@ def _by_nature(p: Place, simulator: Simulator, places: list[Place], moves: bool)
     return found
 
 
-def _loss_to_ambient(p: Place, simulator: Simulator) -> Mechanism:
+def _loss_to_ambient(p: Place, simulator: Simulator) -> Term:
     """To the machine's own ambient, if an input or a parameter of that name is there."""
     for kind, variables in (("input", simulator.inputs), ("parameter", simulator.parameters)):
         for at, v in enumerate(variables):

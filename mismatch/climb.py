@@ -13,7 +13,7 @@ from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.noise import LONGEST
 from twinbench.mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
 from twinbench.mismatch.place import CLOCK
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Term
 
 GROSS, CHEAP_BLOCKS = 5.0, 1200
 """Errors of so many noises are far beyond any linear picture; with so few blocks in all, sets are fitted instead."""
@@ -63,7 +63,8 @@ def climb(
 
 def _goes_by_clock(candidate: Candidate) -> bool:
     """Is it periodic? In errors so large, any slow one looks like part of a period."""
-    return any(v.name.startswith(CLOCK) for v in candidate.mechanism.states)
+    mechanism = candidate.mechanism
+    return isinstance(mechanism, Term) and any(v.name.startswith(CLOCK) for v in mechanism.states)
 
 
 def _grown(

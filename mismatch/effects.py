@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from twinbench.mismatch.place import CLOCK, Place, bracketed
+from twinbench.mismatch.place import CLOCK, Memory, Place, Range, bracketed
 from twinbench.mismatch.series import held, play
-from twinbench.physics.simulator import Array, Mechanism, Variable
+from twinbench.physics.simulator import Array, Port, Series, Term, Variable
 
 RIM = 1000.0
 """What runs over a rim may grow to this many times its typical value."""
@@ -20,7 +20,7 @@ SMOOTH = 0.05
 """Dry friction turns round within this many scales of standstill, so that it can be integrated."""
 
 
-def offset(p: Place) -> Mechanism:
+def offset(p: Place) -> Term:
     def term(x: Array, u: Array, theta: Array) -> float:
         return theta[-1]
 
@@ -28,7 +28,7 @@ def offset(p: Place) -> Mechanism:
     return p.add("offset", says, "{0}", term, p.size("offset", f"{p.unit}/s", low=-1.0))
 
 
-def linear(p: Place, effect: str, words: str) -> Mechanism:
+def linear(p: Place, effect: str, words: str) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -38,7 +38,7 @@ def linear(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} {x}", term, p.size(effect, "1/s", p.reach))
 
 
-def quadratic(p: Place, effect: str, words: str) -> Mechanism:
+def quadratic(p: Place, effect: str, words: str) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -49,7 +49,7 @@ def quadratic(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} {x} |{x}|", term, size)
 
 
-def cubic(p: Place, effect: str, words: str) -> Mechanism:
+def cubic(p: Place, effect: str, words: str) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -60,7 +60,7 @@ def cubic(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} {x}^3", term, size)
 
 
-def coulomb(p: Place, effect: str, words: str) -> Mechanism:
+def coulomb(p: Place, effect: str, words: str) -> Term:
     i, width = p.index, SMOOTH * p.variable.scale
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -70,7 +70,7 @@ def coulomb(p: Place, effect: str, words: str) -> Mechanism:
     return p.add(effect, says, "-{0} sign({x})", term, p.size(effect, f"{p.unit}/s"))
 
 
-def coulomb_unequal(p: Place, effect: str, words: str) -> Mechanism:
+def coulomb_unequal(p: Place, effect: str, words: str) -> Term:
     i, width = p.index, SMOOTH * p.variable.scale
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -79,12 +79,12 @@ def coulomb_unequal(p: Place, effect: str, words: str) -> Mechanism:
 
     says = f"{words} acts against {p.name} and is not the same in both directions"
     size = p.size(effect, f"{p.unit}/s")
-    ratio = p.shape(effect, "backward", "1", 0.0, 3.0, 0.5, "size backward over size forward")
+    ratio = p.shape(effect, "backward", "1", Range(0.0, 3.0, 0.5), "size backward over size forward")
     simpler = f"{effect.removesuffix('_unequal')}@{p.name}"
-    return p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio, contains=simpler)
+    return replace(p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio), contains=simpler)
 
 
-def hysteresis(p: Place) -> Mechanism:
+def hysteresis(p: Place) -> Term:
     """Bouc-Wen: a force that builds up over a distance of travel and stays when travel stops."""
     i, limit_s = p.index, 0.1 * p.tau_s
 
@@ -99,23 +99,17 @@ def hysteresis(p: Place) -> Mechanism:
     travel = p.variable.scale * p.tau_s
     unit = p.variable.unit.removesuffix("/s") if p.variable.unit.endswith("/s") else f"{p.unit} s"
     size = p.size("hysteresis", f"{p.unit}/s")
-    reach = p.shape("hysteresis", "travel", unit, 0.05 * travel, 5.0 * travel, 0.5 * travel, "travel to full force")
-    own = Variable(f"hysteresis_force_{p.name}", "1", -1.0, 1.0, 0.0, 0.5, "hysteretic force over its largest")
-    # Over a short travel it is dry friction.
-    return p.add(
-        "hysteresis",
-        says,
-        "-{0} z, z' = ({x} - |{x}| z)/{1}",
-        term,
-        size,
-        reach,
-        states=(own,),
-        derivative=derivative,
-        contains=f"coulomb_friction@{p.name}",
+    reach = p.shape(
+        "hysteresis", "travel", unit, Range(0.05 * travel, 5.0 * travel, 0.5 * travel), "travel to full force"
     )
+    own = Variable(f"hysteresis_force_{p.name}", "1", -1.0, 1.0, 0.0, 0.5, "hysteretic force over its largest")
+    formula = "-{0} z, z' = ({x} - |{x}| z)/{1}"
+    found = p.add("hysteresis", says, formula, term, size, reach, memory=Memory((own,), derivative))
+    # Over a short travel it is dry friction.
+    return replace(found, contains=f"coulomb_friction@{p.name}")
 
 
-def hardening_spring(p: Place, position: int, of: Variable) -> Mechanism:
+def hardening_spring(p: Place, position: int, of: Variable) -> Term:
     """On the balance of a velocity, by the position that it moves."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -126,7 +120,7 @@ def hardening_spring(p: Place, position: int, of: Variable) -> Mechanism:
     return p.add("hardening_spring", says, f"-{{0}} {of.name}^3", term, size)
 
 
-def spring_backlash(p: Place, position: int, of: Variable) -> Mechanism:
+def spring_backlash(p: Place, position: int, of: Variable) -> Term:
     """A stop on either side of a free play: no force inside the gap."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -135,11 +129,11 @@ def spring_backlash(p: Place, position: int, of: Variable) -> Mechanism:
 
     says = f"{of.name} has free play (backlash) and meets a spring beyond it"
     size = p.size("backlash", f"{p.unit}/s/{bracketed(of.unit)}", of.scale)
-    gap = p.shape("backlash", "gap", of.unit, 0.0, 2.0 * of.scale, 0.5 * of.scale, "half the free play")
+    gap = p.shape("backlash", "gap", of.unit, Range(0.0, 2.0 * of.scale, 0.5 * of.scale), "half the free play")
     return p.add("backlash", says, f"-{{0}} ({of.name} beyond +-{{1}})", term, size, gap)
 
 
-def leak(p: Place) -> Mechanism:
+def leak(p: Place) -> Term:
     """Outflow by Torricelli's law, to a level or pressure that a fit finds."""
     i = p.index
 
@@ -150,11 +144,13 @@ def leak(p: Place) -> Mechanism:
     says = f"{p.name} leaks through an opening, with the square root of what drives it"
     size = p.size("leak", f"{p.unit}^0.5/s", math.sqrt(p.reach))
     floor = max(v.low, 0.0)
-    to = p.shape("leak", "to", v.unit, floor - v.scale, floor + v.scale, floor, f"{p.name} at which the leak ends")
+    to = p.shape(
+        "leak", "to", v.unit, Range(floor - v.scale, floor + v.scale, floor), f"{p.name} at which the leak ends"
+    )
     return p.add("leak", says, "-{0} sqrt(max(0, {x} - {1}))", term, size, to)
 
 
-def overflow(p: Place) -> Mechanism:
+def overflow(p: Place) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -164,7 +160,7 @@ def overflow(p: Place) -> Mechanism:
     return p.add("overflow", says, "-{0} max(0, {x} - {1})", term, *_above(p, "overflow", p))
 
 
-def spill(p: Place, source: Place) -> Mechanism:
+def spill(p: Place, source: Place) -> Term:
     """What overflows at one state runs into the next."""
     j = source.index
 
@@ -176,7 +172,7 @@ def spill(p: Place, source: Place) -> Mechanism:
     return p.add(f"spill_from_{source.name}", says, formula, term, *_above(p, f"spill_from_{source.name}", source))
 
 
-def loss_to_ambient(p: Place, kind: str, at: int, ambient: str) -> Mechanism:
+def loss_to_ambient(p: Place, kind: str, at: int, ambient: str) -> Term:
     """Heat lost in proportion to the excess over an ambient that is an input or a parameter of the machine."""
     i = p.index
 
@@ -192,7 +188,7 @@ def loss_to_ambient(p: Place, kind: str, at: int, ambient: str) -> Mechanism:
     return p.add("loss_to_ambient", says, f"-{{0}} ({p.name} - {ambient})", term, size)
 
 
-def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -> Mechanism:
+def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -> Term:
     i = p.index
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -200,11 +196,13 @@ def loss_to_unknown_ambient(p: Place, low: float, high: float, typical: float) -
 
     says = f"{p.name} loses heat to surroundings of constant temperature"
     size = p.size("loss_to_ambient", "1/s", p.variable.scale)
-    ambient = p.shape("loss_to_ambient", "temperature", p.variable.unit, low, high, typical, "ambient temperature")
+    ambient = p.shape(
+        "loss_to_ambient", "temperature", p.variable.unit, Range(low, high, typical), "ambient temperature"
+    )
     return p.add("loss_to_ambient", says, "-{0} ({x} - {1})", term, size, ambient)
 
 
-def second_thermal_mass(p: Place) -> Mechanism:
+def second_thermal_mass(p: Place) -> Term:
     i, v = p.index, p.variable
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -218,22 +216,16 @@ def second_thermal_mass(p: Place) -> Mechanism:
 
     says = f"a second thermal mass exchanges heat with {p.name}, which so follows changes late"
     size = p.size("second_thermal_mass", "1/s", v.scale)
-    tau = p.shape("second_thermal_mass", "tau_s", "s", p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s, "its time constant")
-    own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
-    mechanism = p.add(
-        "second_thermal_mass",
-        says,
-        "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}",
-        term,
-        size,
-        tau,
-        states=(own,),
-        derivative=derivative,
+    tau = p.shape(
+        "second_thermal_mass", "tau_s", "s", Range(p.tau_s, 100.0 * p.tau_s, 10.0 * p.tau_s), "its time constant"
     )
-    return replace(mechanism, initial=initial)
+    own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
+    formula = "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}"
+    memory = Memory((own,), derivative, initial)
+    return p.add("second_thermal_mass", says, formula, term, size, tau, memory=memory)
 
 
-def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Mechanism:
+def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
     """A sine in time, from a clock of its own; ``periods_s`` are the least, a typical and the greatest period."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -245,15 +237,14 @@ def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Mechanis
     says = f"something drives {p.name} to and fro with a fixed period"
     size = p.size("periodic", f"{p.unit}/s")
     least, typical, greatest = periods_s or (p.tau_s, 10.0 * p.tau_s, 100.0 * p.tau_s)
-    period = p.shape("periodic", "period_s", "s", least, greatest, typical, "period")
-    phase = p.shape("periodic", "phase", "rad", -math.pi, math.pi, 0.0, "phase when the recordings' clock began")
+    period = p.shape("periodic", "period_s", "s", Range(least, greatest, typical), "period")
+    phase = p.shape("periodic", "phase", "rad", Range(-math.pi, math.pi, 0.0), "phase when the recordings' clock began")
     clock = Variable(f"{CLOCK}_{p.name}", "s", -math.inf, math.inf, 0.0, p.tau_s, "time by the recordings' clock")
-    return p.add(
-        "periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, states=(clock,), derivative=derivative
-    )
+    memory = Memory((clock,), derivative)
+    return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, memory=memory)
 
 
-def dead_zone(index: int, v: Variable) -> Mechanism:
+def dead_zone(index: int, v: Variable) -> Term:
     """An input that does nothing until it exceeds a width."""
 
     def term(x: Array, u: Array, theta: Array) -> float:
@@ -262,10 +253,10 @@ def dead_zone(index: int, v: Variable) -> Mechanism:
     size = Variable(f"dead_zone_{v.name}", v.unit, 0.0, 5.0 * v.scale, 0.2 * v.scale, 0.2 * v.scale, "half its width")
     says = f"small values of {v.name} have no effect (dead zone), larger ones that much less"
     formula = f"{v.name} less {{{size.name}}} either side of 0"
-    return Mechanism(f"dead_zone@{v.name}", says, f"input:{v.name}", (size,), term=term, formula=formula)
+    return Term(f"dead_zone@{v.name}", says, Port("input", v.name), (size,), term=term, formula=formula)
 
 
-def backlash(v: Variable) -> Mechanism:
+def backlash(v: Variable) -> Series:
     """An input that follows its command only when the play is used up."""
 
     def series(time_s: Array, values: Array, theta: Array) -> Array:
@@ -274,13 +265,15 @@ def backlash(v: Variable) -> Mechanism:
     size = Variable(f"backlash_{v.name}", v.unit, 0.0, 5.0 * v.scale, 0.2 * v.scale, 0.2 * v.scale, "width of the play")
     says = f"what {v.name} drives follows it only after some play (backlash, stiction) whenever it turns round"
     formula = f"{v.name} with a play of {{{size.name}}}"
-    return Mechanism(f"backlash@{v.name}", says, f"input:{v.name}", (size,), series=series, formula=formula)
+    return Series(f"backlash@{v.name}", says, Port("input", v.name), (size,), series=series, formula=formula)
 
 
 def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:
     """Size and threshold of what happens to a balance when a state exceeds a limit."""
     v = of.variable
     low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + 1.5 * v.scale)
-    limit = p.shape(effect, "above", v.unit, low, high, v.nominal + 0.5 * v.scale, f"{v.name} at which it begins")
+    limit = p.shape(
+        effect, "above", v.unit, Range(low, high, v.nominal + 0.5 * v.scale), f"{v.name} at which it begins"
+    )
     # Over a rim all runs off that comes.
     return p.size(effect, "1/s", v.scale, generous=RIM), limit

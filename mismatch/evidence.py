@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.explanation import Explanation
 from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.onset import Onset, told_onsets
@@ -13,8 +14,7 @@ from twinbench.mismatch.picture import is_fault
 from twinbench.mismatch.proof import piece_squares, resamples
 from twinbench.mismatch.rivals import NEAR
 from twinbench.mismatch.tracks import Track
-from twinbench.mismatch.walk import Diagnosis
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Port
 
 SELDOM = 0.01
 """Probability below which a port is not told."""
@@ -142,10 +142,10 @@ def probabilities(d: Diagnosis) -> dict[str, float | None]:
     return found
 
 
-def port_weights(d: Diagnosis) -> tuple[tuple[str, float], ...]:
+def port_weights(d: Diagnosis) -> tuple[tuple[Port, float], ...]:
     """Ports by the weight of the explanations that have an effect there; more effects than one sum to more than one."""
     port_of = {c.name: c.mechanism.port for c in d.machine.candidates}
-    found: dict[str, float] = {}
+    found: dict[Port, float] = {}
     for names, weight in weights(d).items():
         for port in {port_of[name] for name in names}:
             found[port] = found.get(port, 0.0) + weight

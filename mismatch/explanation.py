@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from twinbench.mismatch.fit import Problem, Unknown, solve
 from twinbench.mismatch.noise import fit_whitener
@@ -119,3 +120,18 @@ def rewhitened(fitted: Problem, z: Array, floor: Array, order: int, problem: Pro
         floor: (ny,) least noise of block means, in the outputs' units.
     """
     return replace(problem or fitted, whitener=fit_whitener(fitted.residuals(z), floor, order))
+
+
+def fitted_again(problem: Problem, explanation: Explanation, rounds: int = 3) -> Explanation:
+    """An explanation fitted again under another problem's noise and onsets."""
+    moved = replace(explanation.problem, whitener=problem.whitener, since=problem.since)
+    moved = moved.refined(explanation.z)
+    z, cost = solve(moved, explanation.z, rounds)
+    return replace(explanation, problem=moved, z=z, cost=cost)
+
+
+def residual_chi2(explanation: Explanation) -> tuple[float, float]:
+    """Whitened mean square of the residuals, and the largest that noise alone makes in one of a thousand."""
+    e = np.concatenate([explanation.problem.whitener(r).ravel() for r in explanation.problem.residuals(explanation.z)])
+    e = e[np.isfinite(e)]
+    return float(np.mean(e**2)), float(chi2.isf(1e-3, len(e)) / len(e))

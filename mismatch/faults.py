@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from twinbench.mismatch.place import bracketed
 from twinbench.mismatch.series import delay_reading, delay_steps, held, lag_reading, lag_steps, stuck_from
-from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Array, Port, Series, Simulator, Variable
 
-Series = Callable[[Array, Array, Array], Array]
+Change = Callable[[Array, Array, Array], Array]
+"""What a fault makes of a record: ``change(time_s, values, theta)``, times and values (N,), its parameters (p,)."""
 _DRIFT_S = 600.0  # a typical drift moves by one scale in ten minutes
 
 
 @functools.cache
-def faults(simulator: Simulator, sample_period_s: float = 0.05) -> tuple[Mechanism, ...]:
+def faults(simulator: Simulator, sample_period_s: float = 0.05) -> tuple[Series, ...]:
     """Bias, gain, lag, delay, drift, saturation, quantisation and a stuck channel, for every output and input.
 
     All but saturation have one parameter, the size; 0 is none. What saturates keeps a fifth of its excess at most.
@@ -32,99 +34,119 @@ def faults(simulator: Simulator, sample_period_s: float = 0.05) -> tuple[Mechani
     """
     return tuple(
         fault
-        for port, variables in (("output", simulator.outputs), ("input", simulator.inputs))
+        for place, variables in (("output", simulator.outputs), ("input", simulator.inputs))
         for v in variables
-        for fault in _of_channel(port, v, sample_period_s)
+        for fault in _Channel(place, v, sample_period_s).all()
     )
 
 
-def _of_channel(port: str, v: Variable, sample_period_s: float) -> list[Mechanism]:
-    kind = "sensor" if port == "output" else "input"
-    lag, delay = (lag_reading, delay_reading) if port == "output" else (lag_steps, delay_steps)
-    n, unit, span = v.name, v.unit, _span(v)
-    who = f"the sensor of {n}" if port == "output" else f"what drives the machine as {n}"
+@dataclass(frozen=True)
+class _Channel:
+    """A sensor or an input that can be at fault: the words for it, and its faults one by one.
 
-    def size(name: str, size_unit: str, low: float, high: float, typical: float) -> Variable:
-        return Variable(f"{name}_{n}", size_unit, low, high, typical, typical, f"{name.removesuffix('_s')} of {n}")
+    A sensor's lags and delays are those of readings, an input's those of steps.
+    """
 
-    def fault(name: str, says: str, formula: str, series: Series, parameter: Variable, *shape: Variable) -> Mechanism:
+    place: str
+    variable: Variable
+    sample_period_s: float
+
+    def all(self) -> tuple[Series, ...]:
+        return (
+            self._bias(),
+            self._gain(),
+            self._lag(),
+            self._delay(),
+            self._drift(),
+            self._saturation(),
+            self._quantisation(),
+            self._stuck(),
+        )
+
+    @property
+    def name(self) -> str:
+        return self.variable.name
+
+    @property
+    def span(self) -> float:
+        """The width of its range; ten scales where it has none."""
+        v = self.variable
+        return v.high - v.low if np.isfinite(v.high - v.low) and v.high > v.low else 10.0 * v.scale
+
+    def _size(self, name: str, unit: str, low: float, high: float, typical: float) -> Variable:
+        says = f"{name.removesuffix('_s')} of {self.name}"
+        return Variable(f"{name}_{self.name}", unit, low, high, typical, typical, says)
+
+    def _fault(self, name: str, says: str, formula: str, series: Change, *parameters: Variable) -> Series:
         def over_gaps(time_s: Array, values: Array, theta: Array) -> Array:
             return series(time_s, held(np.asarray(values, dtype=np.float64)), theta)
 
-        return Mechanism(
-            f"{kind}_{name}@{n}",
+        sensor = self.place == "output"
+        kind = "sensor" if sensor else "input"
+        who = f"the sensor of {self.name}" if sensor else f"what drives the machine as {self.name}"
+        return Series(
+            f"{kind}_{name}@{self.name}",
             f"{who} {says}",
-            f"{port}:{n}",
-            (parameter, *shape),
+            Port(self.place, self.name),
+            parameters,
             series=over_gaps,
             formula=formula,
             kind=kind,
         )
 
-    return [
-        fault(
-            "bias",
-            "is off by a constant",
-            f"{n} + {{bias_{n}}}",
-            lambda t, y, p: y + p[0],
-            size("bias", unit, -span, span, v.scale),
-        ),
-        fault(
-            "gain",
-            "is off in proportion",
-            f"(1 + {{gain_{n}}}) {n}",
-            lambda t, y, p: (1.0 + p[0]) * y,
-            size("gain", "1", -0.5, 0.5, 0.05),
-        ),
-        fault(
-            "lag",
-            "follows late, as a first-order lag",
-            f"first-order lag of {n} by {{lag_s_{n}}}",
-            lambda t, y, p: lag(t, y, p[0]),
-            size("lag_s", "s", 0.0, 500.0 * sample_period_s, 2.0 * sample_period_s),
-        ),
-        fault(
-            "delay",
-            "comes late by a fixed time",
-            f"{n}(t - {{delay_s_{n}}})",
-            lambda t, y, p: delay(t, y, p[0]),
-            size("delay_s", "s", 0.0, 200.0 * sample_period_s, 2.0 * sample_period_s),
-        ),
-        fault(
-            "drift",
-            "drifts at a steady rate from the start of the record",
-            f"{n} + {{drift_{n}}} (t - t_0)",
-            lambda t, y, p: y + p[0] * (t - t[0]),
-            size("drift", f"{bracketed(unit)}/s", -span / _DRIFT_S, span / _DRIFT_S, v.scale / _DRIFT_S),
-        ),
-        fault(
-            "saturation",
-            "does not go above a limit",
-            f"{n} - {{saturation_{n}}} max(0, {n} - {{limit_{n}}})",
-            lambda t, y, p: y - p[0] * np.maximum(0.0, y - p[1]),
-            size("saturation", "1", 0.8, 1.0, 1.0),
-            _limit(v),
-        ),
-        fault(
-            "quantisation",
-            "moves in steps",
-            f"{n} rounded to steps of {{quantisation_{n}}}",
-            lambda t, y, p: y if p[0] <= 0.0 else np.round(y / p[0]) * p[0],
-            size("quantisation", unit, 0.0, span, 0.5 * v.scale),
-        ),
-        fault(
-            "stuck",
-            "stands still from some time on",
-            f"{n} constant over the last {{stuck_{n}}} of the record",
-            lambda t, y, p: stuck_from(t, y, p[0]),
-            size("stuck", "1", 0.0, 1.0, 0.2),
-        ),
-    ]
+    def _bias(self) -> Series:
+        size = self._size("bias", self.variable.unit, -self.span, self.span, self.variable.scale)
+        formula = f"{self.name} + {{bias_{self.name}}}"
+        return self._fault("bias", "is off by a constant", formula, lambda t, y, p: y + p[0], size)
 
+    def _gain(self) -> Series:
+        size = self._size("gain", "1", -0.5, 0.5, 0.05)
+        formula = f"(1 + {{gain_{self.name}}}) {self.name}"
+        return self._fault("gain", "is off in proportion", formula, lambda t, y, p: (1.0 + p[0]) * y, size)
 
-def _span(v: Variable) -> float:
-    """The width of a channel's range; ten scales where it has none."""
-    return v.high - v.low if np.isfinite(v.high - v.low) and v.high > v.low else 10.0 * v.scale
+    def _lag(self) -> Series:
+        lag = lag_reading if self.place == "output" else lag_steps
+        size = self._size("lag_s", "s", 0.0, 500.0 * self.sample_period_s, 2.0 * self.sample_period_s)
+        formula = f"first-order lag of {self.name} by {{lag_s_{self.name}}}"
+        return self._fault("lag", "follows late, as a first-order lag", formula, lambda t, y, p: lag(t, y, p[0]), size)
+
+    def _delay(self) -> Series:
+        delay = delay_reading if self.place == "output" else delay_steps
+        size = self._size("delay_s", "s", 0.0, 200.0 * self.sample_period_s, 2.0 * self.sample_period_s)
+        formula = f"{self.name}(t - {{delay_s_{self.name}}})"
+        return self._fault("delay", "comes late by a fixed time", formula, lambda t, y, p: delay(t, y, p[0]), size)
+
+    def _drift(self) -> Series:
+        most, typical = self.span / _DRIFT_S, self.variable.scale / _DRIFT_S
+        size = self._size("drift", f"{bracketed(self.variable.unit)}/s", -most, most, typical)
+        formula = f"{self.name} + {{drift_{self.name}}} (t - t_0)"
+        says = "drifts at a steady rate from the start of the record"
+        return self._fault("drift", says, formula, lambda t, y, p: y + p[0] * (t - t[0]), size)
+
+    def _saturation(self) -> Series:
+        n = self.name
+        size = self._size("saturation", "1", 0.8, 1.0, 1.0)
+        formula = f"{n} - {{saturation_{n}}} max(0, {n} - {{limit_{n}}})"
+
+        def series(t: Array, y: Array, p: Array) -> Array:
+            return y - p[0] * np.maximum(0.0, y - p[1])
+
+        return self._fault("saturation", "does not go above a limit", formula, series, size, _limit(self.variable))
+
+    def _quantisation(self) -> Series:
+        size = self._size("quantisation", self.variable.unit, 0.0, self.span, 0.5 * self.variable.scale)
+        formula = f"{self.name} rounded to steps of {{quantisation_{self.name}}}"
+
+        def series(t: Array, y: Array, p: Array) -> Array:
+            return y if p[0] <= 0.0 else np.round(y / p[0]) * p[0]
+
+        return self._fault("quantisation", "moves in steps", formula, series, size)
+
+    def _stuck(self) -> Series:
+        size = self._size("stuck", "1", 0.0, 1.0, 0.2)
+        formula = f"{self.name} constant over the last {{stuck_{self.name}}} of the record"
+        says = "stands still from some time on"
+        return self._fault("stuck", says, formula, lambda t, y, p: stuck_from(t, y, p[0]), size)
 
 
 def _limit(v: Variable) -> Variable:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from twinbench.mismatch import evidence
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import Onset
-from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.explanation import Explanation, residual_chi2
 from twinbench.mismatch.force import as_force, inertia
 from twinbench.mismatch.locate import Located, regime
-from twinbench.mismatch.walk import Diagnosis, residual_chi2
 from twinbench.mismatch.words import digits_worth, interval, listed, number, sentence, spoken, with_unit
-from twinbench.physics.simulator import Array, Mechanism, Simulator
+from twinbench.physics.simulator import Array, Mechanism, Port, Simulator, Term
 
 Z90 = 1.645
 KINDS = {"physics": "missing physics"}
@@ -65,8 +65,8 @@ class Finding:
     probability: float | None
     indistinguishable_from: tuple[str, ...]
     candidates: tuple[str, ...]
-    port: str
-    ports: tuple[tuple[str, float], ...]
+    port: Port | None
+    ports: tuple[tuple[Port, float], ...]
     since_s: float | None
     onsets: tuple[Onset, ...]
     intervals_s: tuple[tuple[float, float], ...]
@@ -84,14 +84,32 @@ class Finding:
         """Its part of ``verdict.json``."""
         return {
             **asdict(self),
-            "ports": [{"port": port, "probability": p} for port, p in self.ports],
+            "port": str(self.port or ""),
+            "ports": [{"port": str(port), "probability": p} for port, p in self.ports],
             "onsets": [o._asdict() for o in self.onsets],
             "parameters": {v.name: plain(v) for v in self.parameters},
             "force": plain(self.force) if self.force else None,
         }
 
 
-UNNAMED = Finding("unexplained", None, "", None, (), (), "", (), None, (), (), "", (), None, "")
+UNNAMED = Finding(
+    kind="unexplained",
+    mechanism=None,
+    term="",
+    probability=None,
+    indistinguishable_from=(),
+    candidates=(),
+    port=None,
+    ports=(),
+    since_s=None,
+    onsets=(),
+    intervals_s=(),
+    regime="",
+    parameters=(),
+    force=None,
+    says="",
+)
+"""What is wrong and has no name."""
 
 
 def plain(value: Value) -> dict[str, Any]:
@@ -103,7 +121,7 @@ def stuck(d: Diagnosis) -> Iterator[Finding]:
     """Sensors that stand still, one finding per channel."""
     for c in sorted({s.channel for s in d.stuck}):
         v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
-        name, port = f"sensor_stuck@{v.name}", f"output:{v.name}"
+        name, port = f"sensor_stuck@{v.name}", Port("output", v.name)
         where = listed(
             [
                 f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while "
@@ -143,40 +161,30 @@ def named(d: Diagnosis, located: Located | None) -> Iterator[Finding]:
         groups = evidence.candidates_for(d, mechanism.name)
         names = tuple(name for group in groups for name in group)
         single = len(groups) <= LARGEST_SET
-        force = _force(d, mechanism, at, covariance)
-        yield Finding(
-            KINDS.get(mechanism.kind, "sensor fault"),
-            mechanism.name if single else None,
-            formula(mechanism, values),
-            weights[mechanism.name] if single else None,
-            names[1:] if single else (),
-            names,
-            mechanism.port,
-            ports,
-            since_s,
-            onsets,
-            () if since_s is None else ((since_s, until_s),),
-            where,
-            values,
-            force,
-            _says(d.simulator, mechanism, values, force, names, single, weights[mechanism.name], onsets, where),
+        found = Finding(
+            kind=KINDS.get(mechanism.kind, "sensor fault"),
+            mechanism=mechanism.name if single else None,
+            term=formula(mechanism, values),
+            probability=weights[mechanism.name] if single else None,
+            indistinguishable_from=names[1:] if single else (),
+            candidates=names,
+            port=mechanism.port,
+            ports=ports,
+            since_s=since_s,
+            onsets=onsets,
+            intervals_s=() if since_s is None else ((since_s, until_s),),
+            regime=where,
+            parameters=values,
+            force=_force(d, mechanism, at, covariance),
+            says="",
         )
+        yield replace(found, says=_says(d.simulator, mechanism, found))
         at += n
 
 
-def _says(
-    simulator: Simulator,
-    mechanism: Mechanism,
-    values: tuple[Value, ...],
-    force: Value | None,
-    names: tuple[str, ...],
-    single: bool,
-    weight: float | None,
-    onsets: tuple[Onset, ...],
-    where: str,
-) -> str:
-    said, known = [], variable_names(simulator)
-    if single:
+def _says(simulator: Simulator, mechanism: Mechanism, found: Finding) -> str:
+    said, known, names = [], variable_names(simulator), found.candidates
+    if found.mechanism is not None:
         said.append(f"{mechanism.says} ({mechanism.name}, at {mechanism.port})")
     else:
         said += [
@@ -184,19 +192,19 @@ def _says(
             f"is: {listed(names)}",
             f"the model is mended with {mechanism.name}: {mechanism.says}",
         ]
-    first, *others = values
+    first, *others = found.parameters
     sizes = [f"{first.says or first.name} {first.words('90 % interval ')}"]
-    sizes += [f"{force.says}: {force.words()}"] if force else []
+    sizes += [f"{found.force.says}: {found.force.words()}"] if found.force else []
     sizes += [f"{v.says or v.name} {v.words()}" for v in others]
     said.append("; ".join(sizes))
-    if onsets:
-        said.append(begins(onsets))
-    if where:
-        said.append(f"it acts mostly where {where}")
-    if single and len(names) > 1:
-        said.append(f"these recordings cannot tell it from {listed(names[1:])}")
-    if single:
-        said.append(f"its probability among all that was fitted is {probable(weight)}")
+    if found.onsets:
+        said.append(begins(found.onsets))
+    if found.regime:
+        said.append(f"it acts mostly where {found.regime}")
+    if found.mechanism is not None:
+        if len(names) > 1:
+            said.append(f"these recordings cannot tell it from {listed(names[1:])}")
+        said.append(f"its probability among all that was fitted is {probable(found.probability)}")
     return " ".join(sentence(text, known) for text in said)
 
 
@@ -235,12 +243,11 @@ def _values(mechanism: Mechanism, z: Array, covariance: Array) -> tuple[Value, .
 
 def _force(d: Diagnosis, mechanism: Mechanism, at: int, covariance: Array) -> Value | None:
     """A size at a balance of forces, times the inertia as fitted; the two are uncertain together."""
-    kind, _, name = mechanism.port.partition(":")
-    if kind != "balance" or mechanism.term is None:
+    if not isinstance(mechanism, Term) or mechanism.port.place != "balance":
         return None
     assert d.chosen is not None
     simulator: Simulator = d.simulator
-    state = [v.name for v in simulator.states].index(name)
+    state = mechanism.port.index(simulator)
     of, size = inertia(simulator, state), mechanism.parameters[0]
     unit = as_force(size.unit, simulator, state, of) if of else None
     if of is None or unit is None:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.common.jobs import cores
-from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
@@ -99,29 +99,16 @@ class Problem:
         return np.array([u.mean for u in self.unknowns])
 
     def readings(self, r: int, z: Array) -> Array:
-        """Simulated readings (N, ny) of recording r, sample by sample.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-        """
-        return self.machine.run(*self._setting(r, z, self.tracks[r].fine))
+        """Simulated readings (N, ny) of recording r, sample by sample."""
+        return self.machine.run(self._setting(r, z, self.tracks[r].fine))
 
     def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Simulated block means (B, ny) of recording r before the sensors' faults.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
-        """
-        return self.machine.clean(*self._setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
+        """Simulated block means (B, ny) of recording r before the sensors' faults."""
+        return self.machine.clean(self._setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
 
     def states(self, r: int, z: Array) -> Array:
-        """Simulated states (B, nx) of recording r, candidates' own last.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-        """
-        return self.machine.clean(*self._setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
+        """Simulated states (B, nx) of recording r, candidates' own last."""
+        return self.machine.clean(self._setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
     def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
         """Block means measured minus simulated, (B, ny).
@@ -131,8 +118,8 @@ class Problem:
             theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
             clean: simulated block means before the sensors' faults, (B, ny), in the outputs' units, if they are known.
         """
-        track, theta, _, _, _, since_s = self._setting(r, z, self.machine.grid(self.tracks[r]), theta)
-        y = self.machine.read(track, theta, self.clean(r, z, theta) if clean is None else clean, since_s)
+        track, at = self.tracks[r], self._setting(r, z, self.machine.grid(self.tracks[r]), theta)
+        y = self.machine.read(track, at.theta, self.clean(r, z, at.theta) if clean is None else clean, at.since_s)
         y = np.where(np.abs(y) < ENDLESS, y, np.nan)  # as good as diverged: sums of its squares are no numbers
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 
@@ -151,10 +138,8 @@ class Problem:
 
         return replace(self, offsets=parallel([lambda r=r: offset(r) for r in range(len(self.tracks))]))
 
-    def _setting(
-        self, r: int, z: Array, grid: Grid, theta: Array | None = None
-    ) -> tuple[Track, Array, Array, np.ndarray, Array, float]:
-        """What a run of recording r takes."""
+    def _setting(self, r: int, z: Array, grid: Grid, theta: Array | None = None) -> Setting:
+        """What a run of recording r goes over and begins with."""
         theta = (self.theta if theta is None else theta).copy()
         x0 = self.starts[r].copy()
         drifts: dict[int, dict[int, float]] = {}
@@ -172,7 +157,7 @@ class Problem:
                 grid.time_s, np.linspace(time_s[0], time_s[-1], len(knots)), [knots[k] for k in sorted(knots)]
             )
         since_s = self.since[r] if self.since else -np.inf
-        return self.tracks[r], theta, x0, np.array(list(drifts), dtype=np.int64), values, since_s
+        return Setting(self.tracks[r], theta, x0, np.array(list(drifts), dtype=np.int64), values, since_s)
 
     def squares(self, r: int, z: Array, readings: Array | None = None) -> Array:
         """Mean square error (ny,) of recording r sample by sample, not in blocks.

@@ -8,10 +8,10 @@ import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
 from twinbench.mismatch.catalogue import positions_of
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import port_weights
 from twinbench.mismatch.fit import Unknown
-from twinbench.mismatch.walk import Diagnosis
-from twinbench.physics.simulator import Array, Variable
+from twinbench.physics.simulator import Array, Port
 
 KNOTS_FORCE = 8
 _SIZES = np.logspace(-2, 4, 25)
@@ -27,7 +27,7 @@ class Located:
             a sensor).
     """
 
-    ports: tuple[tuple[str, float], ...]
+    ports: tuple[tuple[Port, float], ...]
     force: tuple[tuple[Array, Array], ...]
 
 
@@ -38,7 +38,7 @@ def locate(d: Diagnosis) -> Located:
     _, _, nuisance = problem.normal(z, residuals)
     evidence, courses = [], []
     # The balance of a position is its velocity and lacks nothing.
-    exact = {f"balance:{d.simulator.states[i].name}" for i in positions_of(d.simulator).values()}
+    exact = {Port("balance", d.simulator.states[i].name) for i in positions_of(d.simulator).values()}
     candidates = [port for port in d.machine.ports if port not in exact]
     for port in candidates:
         scale = _scale(d, port)
@@ -67,25 +67,18 @@ def locate(d: Diagnosis) -> Located:
     return Located(ports, force)
 
 
-def _variable(d: Diagnosis, port: str) -> Variable:
-    kind, _, name = port.partition(":")
-    s = d.simulator
-    group = {"balance": s.states, "flux": s.fluxes, "input": s.inputs, "output": s.outputs}[kind]
-    return next(v for v in group if v.name == name)
-
-
-def _scale(d: Diagnosis, port: str) -> float:
+def _scale(d: Diagnosis, port: Port) -> float:
     """A plain force: a tenth of a variable's scale; at a balance, per tenth of the longest recording's hundredth."""
-    scale = 0.1 * _variable(d, port).scale
-    if port.startswith("balance:"):
+    scale = 0.1 * port.variable_of(d.simulator).scale
+    if port.place == "balance":
         return scale / (0.01 * max(float(t.time_s[-1] - t.time_s[0]) for t in d.tracks))
     return scale
 
 
-def _force(d: Diagnosis, port: str, scale: float) -> list[Unknown]:
+def _force(d: Diagnosis, port: Port, scale: float) -> list[Unknown]:
     at = d.machine.force_at[port]
     return [
-        Unknown(port, "drift", at, -np.inf, np.inf, 0.0, np.inf, scale, r, k)
+        Unknown(str(port), "drift", at, -np.inf, np.inf, 0.0, np.inf, scale, r, k)
         for r in range(len(d.tracks))
         for k in range(KNOTS_FORCE)
     ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -21,7 +21,7 @@ from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.compile import compiled
 from twinbench.physics.compose import compose
 from twinbench.physics.jit import EQUATION, as_argument
-from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Amplitude, Array, Mechanism, Port, Series, Simulator, Term, Variable
 
 HALVINGS = 7
 PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)
@@ -59,6 +59,26 @@ class Candidate:
         return self.mechanism.contains or self.name
 
 
+@dataclass(frozen=True)
+class Setting:
+    """What one run goes over and begins with.
+
+    Attributes:
+        theta: (np,) the machine's parameters, each in its own unit.
+        x0: (nx,) the state at the recording's first sample, in the states' units.
+        varying: (V,) positions in theta of parameters that change in time.
+        values: (N, V) their values at the recording's samples; at those of ``Machine.grid`` for a run by blocks.
+        since_s: time from which candidates are there, on the recording's clock.
+    """
+
+    track: Track
+    theta: Array
+    x0: Array
+    varying: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    values: Array | None = None
+    since_s: float = -np.inf
+
+
 class Machine:
     """A simulator, its candidates and forces.
 
@@ -67,8 +87,8 @@ class Machine:
     ``known`` faults of sensors and inputs are there for good, at their nominal sizes.
     """
 
-    def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Mechanism] = ()) -> None:
-        terms = [m for m in catalogue if m.term is not None]
+    def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> None:
+        terms = [m for m in catalogue if isinstance(m, Term)]
         self.simulator = simulator
         self.ports = _ports(simulator)
         self.whole = compose(simulator, (*map(_force, self.ports), *terms))
@@ -80,18 +100,18 @@ class Machine:
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
         self.candidates: list[Candidate] = []
-        self._faults: list[tuple[Candidate, str, int]] = []
+        self._faults: list[tuple[Candidate, Series, str, int]] = []
         self._known = [(np.array([v.nominal for v in m.parameters]), m, *_channel(simulator, m)) for m in known]
         extra: list[float] = []
         for mechanism in catalogue:
             nominal = np.array([v.nominal for v in mechanism.parameters])
-            if mechanism.term is None and mechanism.series is None:
+            if isinstance(mechanism, Amplitude):
                 positions = tuple(simulator.index(v.name) for v in mechanism.parameters)
                 self.candidates.append(Candidate(mechanism, positions, theta[list(positions)].copy(), nominal))
                 continue
             null = nominal.copy()
-            null[0] = mechanism.absent[0] if mechanism.absent else 0.0
-            if mechanism.term is not None:
+            null[0] = mechanism.off
+            if isinstance(mechanism, Term):
                 positions = tuple(range(at, at + len(nominal)))
                 at += len(nominal)
                 theta[list(positions)] = null
@@ -101,8 +121,8 @@ class Machine:
                 extra += null.tolist()
             candidate = Candidate(mechanism, positions, null, nominal)
             self.candidates.append(candidate)
-            if mechanism.series is not None:
-                self._faults.append((candidate, *_channel(simulator, mechanism)))
+            if isinstance(mechanism, Series):
+                self._faults.append((candidate, mechanism, *_channel(simulator, mechanism)))
         self.theta = np.concatenate((theta, extra))
         self.states = self.whole.states
         self._n_ode = len(theta)
@@ -120,67 +140,20 @@ class Machine:
         x0 = np.asarray(self.whole.initial(track.u[0], readings, self.theta[: self._n_ode]), dtype=float)
         return x0 + self._clocks * (track.time_s[0] - self.epoch_s)
 
-    def run(
-        self,
-        track: Track,
-        theta: Array,
-        x0: Array,
-        varying: np.ndarray | None = None,
-        values: Array | None = None,
-        since_s: float = -np.inf,
-        blocks: bool = False,
-    ) -> Array:
-        """Simulated readings (N, ny) at the recording's samples; NaN from where the run diverges.
+    def run(self, setting: Setting, blocks: bool = False) -> Array:
+        """Simulated readings (N, ny) at the recording's samples, in the outputs' units; NaN from where it diverges.
 
         Args:
-            track: the recording, as the engine prepared it.
-            theta: the parameter vector, (n_theta,), each in its parameter's unit.
-            x0: the state to start from, (nx,), each in its state's unit.
-            varying: positions (V,) in theta of what changes in time, dimensionless.
-            values: the values that those take, (N, V), each in its parameter's unit.
-            since_s: time from which candidates are there.
-            blocks: step from block to block under their mean inputs: block means (B, ny), many times
-                faster and nearly the same; ``values`` are then those of ``grid``.
+            blocks: step from block to block under their mean inputs: block means (B, ny), many times faster and nearly
+                the same.
         """
-        return self.read(track, theta, self.clean(track, theta, x0, varying, values, since_s, blocks), since_s)
+        return self.read(setting.track, setting.theta, self.clean(setting, blocks), setting.since_s)
 
-    def clean(
-        self,
-        track: Track,
-        theta: Array,
-        x0: Array,
-        varying: np.ndarray | None = None,
-        values: Array | None = None,
-        since_s: float = -np.inf,
-        blocks: bool = False,
-        states: bool = False,
-    ) -> Array:
-        """As ``run``, before the sensors' faults; or the ``states`` (N, nx) in place of the readings.
-
-        Args:
-            track: the recording, as the engine prepared it.
-            theta: the parameter vector, (n_theta,), each in its parameter's unit.
-            x0: the state to start from, (nx,), each in its state's unit.
-            varying: positions (V,) in theta of what changes in time, dimensionless.
-            values: the values that those take, (N, V), each in its parameter's unit.
-        """
-        grid = self.grid(track) if blocks else track.fine
-        late = track.time_s < since_s
-        u = track.u
-        for mechanism, sizes, column, not_there in self._there("input", theta, late):
-            u = _with_fault(mechanism, track.time_s, u, column, sizes, not_there)
-        if u is not track.u:
-            grid = track.grid(u, track.split_starts(self.parts)) if blocks else track.fine_grid(u)
-        if varying is None or values is None:
-            varying, values = np.empty(0, dtype=np.int64), np.empty((len(grid.u), 0))
-        if late.any():
-            # Of the stretch that the start falls into, the candidates are there in part.
-            starts = track.split_starts(self.parts) if blocks else np.arange(len(u))
-            absent = (np.add.reduceat(late, starts, dtype=float) / np.diff(np.append(starts, len(u))))[grid.begun]
-            there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
-            varying = np.concatenate((varying, np.array([c.at[0] for c in there], dtype=np.int64)))
-            partly = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
-            values = np.concatenate((values, np.reshape(partly, (len(there), len(grid.u))).T), axis=1)
+    def clean(self, setting: Setting, blocks: bool = False, states: bool = False) -> Array:
+        """As ``run``, before the sensors' faults; or the ``states`` (N, nx), or (B, nx), in place of the readings."""
+        track, theta = setting.track, setting.theta
+        grid = self._driven(setting, blocks)
+        varying, values = self._fading(setting, grid, blocks)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
         limit = _DIVERGED * np.array([v.scale for v in self.states])
         native = self._equations.native
@@ -193,7 +166,7 @@ class Machine:
                 grid.u,
                 grid.seconds,
                 grid.samples,
-                np.ascontiguousarray(x0),
+                np.ascontiguousarray(setting.x0),
                 np.ascontiguousarray(theta[: self._n_ode]),
                 varying,
                 np.ascontiguousarray(values),
@@ -204,6 +177,35 @@ class Machine:
             )
         y = y[grid.samples > 0]
         return track.joined(y, grid) if blocks else y
+
+    def _driven(self, setting: Setting, blocks: bool) -> Grid:
+        """The stretches that a run goes through, with the inputs that the machine got."""
+        track, u = setting.track, setting.track.u
+        late = track.time_s < setting.since_s
+        for fault, sizes, column, not_there in self._there("input", setting.theta, late):
+            u = _with_fault(fault, track.time_s, u, column, sizes, not_there)
+        if u is track.u:
+            return self.grid(track) if blocks else track.fine
+        return track.grid(u, track.split_starts(self.parts)) if blocks else track.fine_grid(u)
+
+    def _fading(self, setting: Setting, grid: Grid, blocks: bool) -> tuple[np.ndarray, Array]:
+        """What varies, (V,) and (N, V): the setting's own, and the sizes of candidates that are not there yet."""
+        track, theta, varying, values = setting.track, setting.theta, setting.varying, setting.values
+        if values is None:
+            varying, values = np.empty(0, dtype=np.int64), np.empty((len(grid.u), 0))
+        late = track.time_s < setting.since_s
+        if not late.any():
+            return varying, values
+        # Of the stretch that the start falls into, the candidates are there in part.
+        starts = track.split_starts(self.parts) if blocks else np.arange(len(track.u))
+        ends = np.append(starts, len(track.u))
+        absent = (np.add.reduceat(late, starts, dtype=float) / np.diff(ends))[grid.begun]
+        there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
+        partly = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
+        return (
+            np.concatenate((varying, np.array([c.at[0] for c in there], dtype=np.int64))),
+            np.concatenate((values, np.reshape(partly, (len(there), len(grid.u))).T), axis=1),
+        )
 
     def grid(self, track: Track) -> Grid:
         """What a run by blocks goes through: the blocks, or as many parts of each as it takes."""
@@ -227,14 +229,14 @@ class Machine:
             y[:, column] += np.add.reduceat(change[:, 0], track.starts) / track.coarse.samples
         return y
 
-    def _there(self, where: str, theta: Array, late: np.ndarray) -> Iterator[tuple[Mechanism, Array, int, np.ndarray]]:
+    def _there(self, where: str, theta: Array, late: np.ndarray) -> Iterator[tuple[Series, Array, int, np.ndarray]]:
         """Faults at inputs or outputs: mechanism, its parameters, the channel's column, and when it is not there."""
         for sizes, mechanism, kind, column in self._known:
             if kind == where:
                 yield mechanism, sizes, column, np.zeros_like(late)
-        for candidate, kind, column in self._faults:
+        for candidate, mechanism, kind, column in self._faults:
             if kind == where and theta[candidate.at[0]] != candidate.null[0]:
-                yield candidate.mechanism, theta[list(candidate.at)], column, late
+                yield mechanism, theta[list(candidate.at)], column, late
 
     def settle_step(self, tracks: Sequence[Track], noise: Array) -> str:
         """Halve the integration steps until the readings no longer move by a share of the noise (ny,), rms.
@@ -257,7 +259,7 @@ class Machine:
                 f"a step of {self.step_s:.3g} s is still too coarse for simulator {self.simulator.name!r} to be "
                 "integrated to a twentieth of the noise; it is stiff, or its equations jump"
             )
-            exact = self.run(track, self.theta, x0)
+            exact = self.run(Setting(track, self.theta, x0))
         # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
         enough = np.maximum(0.2 * noise, BLOCKED * np.std(exact, axis=0))
         means = track.block_means(exact)
@@ -269,7 +271,7 @@ class Machine:
                 break
             self.block_step_s = float(np.median(grid.seconds[grid.seconds > 0.0])) / steps
             self.scheme = legendre(stages) if stages else RUNGE_KUTTA
-            missed = self.run(track, self.theta, x0, blocks=True) - means
+            missed = self.run(Setting(track, self.theta, x0), blocks=True) - means
             if np.isfinite(missed[np.isfinite(means)]).all() and (_rms(missed) < enough).all():
                 self.scheme = legendre(round(MARGIN * stages)) if stages else RUNGE_KUTTA
                 return remark
@@ -283,10 +285,10 @@ class Machine:
         The last half is kept: what one reading hides, many add up to in a parameter.
         """
         self.step_s = float(np.median(np.diff(track.time_s)))
-        coarse = self.run(track, self.theta, x0)
+        coarse = self.run(Setting(track, self.theta, x0))
         for _ in range(HALVINGS):
             self.step_s /= 2.0
-            fine = self.run(track, self.theta, x0)
+            fine = self.run(Setting(track, self.theta, x0))
             if np.isfinite(coarse).all() and (_rms(fine - coarse) < most).all():
                 return fine
             coarse = fine
@@ -309,17 +311,12 @@ def _evaluations(plan: tuple[int, int, int]) -> int:
     return parts * steps * (stages or 4)
 
 
-def _channel(simulator: Simulator, fault: Mechanism) -> tuple[str, int]:
+def _channel(simulator: Simulator, fault: Series) -> tuple[str, int]:
     """Whether a fault is at an input or an output, and at which."""
-    kind, _, name = fault.port.partition(":")
-    group = simulator.inputs if kind == "input" else simulator.outputs
-    return kind, [v.name for v in group].index(name)
+    return fault.port.place, fault.port.index(simulator)
 
 
-def _with_fault(
-    fault: Mechanism, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray
-) -> Array:
-    assert fault.series is not None
+def _with_fault(fault: Series, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray) -> Array:
     changed = values.copy()
     faulty = fault.series(time_s, values[:, column].copy(), sizes)
     changed[:, column] = np.where(not_there, values[:, column], faulty)
@@ -331,14 +328,14 @@ def _state(x, u, theta):  # type: ignore[no-untyped-def]
     return x.copy()
 
 
-def _ports(simulator: Simulator) -> tuple[str, ...]:
+def _ports(simulator: Simulator) -> tuple[Port, ...]:
     groups = {
         "balance": simulator.states,
         "flux": simulator.fluxes,
         "input": simulator.inputs,
         "output": simulator.outputs,
     }
-    return tuple(f"{kind}:{v.name}" for kind, variables in groups.items() for v in variables)
+    return tuple(Port(place, v.name) for place, variables in groups.items() for v in variables)
 
 
 def _last(x: Array, u: Array, theta: Array) -> float:
@@ -346,9 +343,9 @@ def _last(x: Array, u: Array, theta: Array) -> float:
 
 
 @functools.cache
-def _force(port: str) -> Mechanism:
+def _force(port: Port) -> Term:
     """Something unknown that acts at a port: what ``locate`` lets vary in time."""
-    return Mechanism(f"force@{port}", "", port, (Variable(f"force@{port}", "", -np.inf, np.inf, 0.0),), term=_last)
+    return Term(f"force@{port}", "", port, (Variable(f"force@{port}", "", -np.inf, np.inf, 0.0),), term=_last)
 
 
 def _first(values: Array) -> float:

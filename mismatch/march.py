@@ -96,7 +96,10 @@ def _stabilised(rhs, x, u, theta, h, scheme, work):  # type: ignore[no-untyped-d
 def march(rhs, output, u, seconds, samples, x0, theta, varying, values, step_s, scheme, limit, y_out):  # type: ignore[no-untyped-def]
     """Step through stretches over each of which the inputs hold; ``y_out`` stays NaN after a divergence.
 
-    A stretch's reading is the mean over its samples, which lie on lines between the steps.
+    A stretch's reading is the mean over its samples, which lie on lines between the steps. The arguments are plain
+    arrays, one by one, because that is what compiled code takes: ``Machine.clean`` is the way to call it. Shapes are
+    u (S, nu), seconds and samples (S,), varying (V,), values (S, V), scheme (stages + 1, 4), limit (nx,), y_out
+    (S, ny) or (S, nx); each in the units of what it holds.
     """
     theta = theta.copy()
     x = x0.copy()

@@ -38,7 +38,7 @@ from twinbench.mismatch.trust import Trust
 from twinbench.physics import load
 from twinbench.physics.check import check_mechanism
 from twinbench.physics.compose import compose, with_mechanism
-from twinbench.physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Mechanism, Series, Simulator, Term, Variable
 
 DEEPEST = 20
 """Bases of bases. Each round of mending adds one; what is deeper was not made by mending."""
@@ -65,7 +65,7 @@ class Model:
     """
 
     simulator: Simulator
-    faults: tuple[Mechanism, ...] = ()
+    faults: tuple[Series, ...] = ()
     inputs: str = ""
 
 
@@ -216,34 +216,39 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
             raise ValueError(f"{path}: {entry['from']} has no mechanism {entry['name']!r}; it has: {listed}")
         mechanism = offered[entry["name"]]
         check_mechanism(base.simulator, mechanism)
-        if mechanism.series is not None:
-            known.append(mechanism)
-        elif mechanism.term is not None:
-            terms.append(mechanism)
-        else:
-            simulator = with_mechanism(simulator, mechanism)
+        match mechanism:
+            case Series():
+                known.append(mechanism)
+            case Term():
+                terms.append(mechanism)
+            case _:
+                simulator = with_mechanism(simulator, mechanism)
     if terms:
         named = replace(simulator, mechanisms=(*simulator.mechanisms, *(m.name for m in terms)))
         simulator = compose(named, tuple(terms))
     values = content["values"]
     own = {v.name: v for v in simulator.parameters}
     roomy = {v.name: v for m in faults(base.simulator, LONGEST_PERIOD_S) for v in m.parameters}
-    bounds = own | {v.name: roomy.get(v.name, v) for m in known for v in m.parameters}
+    _check_values(path, values, own | {v.name: roomy.get(v.name, v) for m in known for v in m.parameters})
+    return Model(
+        simulator.with_values(**{name: value for name, value in values.items() if name in own}),
+        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
+        content["inputs"] or base.inputs,
+    )
+
+
+def _check_values(path: Path, values: Mapping[str, float], known: Mapping[str, Variable]) -> None:
+    """Refuse values of unknown parameters, and those that lie outside the bounds of known ones."""
     for name, value in values.items():
-        if name not in bounds:
+        if name not in known:
             raise ValueError(f"{path}: [values] has {shown(name)}, which is no parameter of this model; remove it")
-        low, high = bounds[name].low, bounds[name].high
+        low, high = known[name].low, known[name].high
         slack = _SLACK * (high - low if math.isfinite(high - low) else abs(value))
         if not low - slack <= value <= high + slack:
             raise ValueError(
                 f"{path}: [values] {name} = {value:g} lies outside its bounds, {low:g} to {high:g}; "
                 "mend it, or the bounds where the parameter is defined"
             )
-    return Model(
-        simulator.with_values(**{name: value for name, value in values.items() if name in own}),
-        tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
-        content["inputs"] or base.inputs,
-    )
 
 
 def _content(path: Path) -> dict[str, Any]:
@@ -294,9 +299,8 @@ def _source_of(mechanism: Mechanism, simulator: Simulator) -> str:
 
 
 def _names(mechanism: Mechanism) -> list[str]:
-    """What must not stand for two things: its name, and those of its states and parameters, amplitudes aside."""
-    amplitudes = mechanism.term is None and mechanism.series is None
-    return [mechanism.name, *(() if amplitudes else (v.name for v in mechanism.states + mechanism.parameters))]
+    """What must not stand for two things: its name, and those of the variables that it brings."""
+    return [mechanism.name, *(v.name for v in mechanism.brings)]
 
 
 def _with_value(variable: Variable, values: Mapping[str, float]) -> Variable:

@@ -11,7 +11,7 @@ import numpy as np
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.picture import Picture, Variant, switched, typical
 from twinbench.mismatch.tracks import Track
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Series
 
 KNOTS = 20
 TRIED = 3
@@ -35,7 +35,8 @@ def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...]
         z: (K,) where the problem's unknowns stand, each in its own unit.
     """
     order = sorted(range(len(shown.variants)), key=lambda i: -shown.gain((i,)))
-    terms = [i for i in order if problem.machine.candidates[shown.variants[i].candidate].mechanism.series is None]
+    owner = [problem.machine.candidates[variant.candidate].mechanism for variant in shown.variants]
+    terms = [i for i in order if not isinstance(owner[i], Series)]
     if not terms or not shown.gain((terms[0],)) > ONSET_GAIN:
         return None
     always = shown.gain((order[0],))

@@ -16,7 +16,7 @@ import numpy as np
 
 from twinbench.mismatch.fit import Problem, parallel
 from twinbench.mismatch.machine import Candidate, Machine
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Amplitude, Array, Series
 
 PROBE = 0.2
 """Share of its typical size at which a candidate's column is taken."""
@@ -151,7 +151,13 @@ def variants(candidates: Sequence[Candidate]) -> tuple[Variant, ...]:
 
 
 def is_amplitude(candidate: Candidate) -> bool:
-    return candidate.mechanism.term is None and candidate.mechanism.series is None
+    """Are its parameters the simulator's own? They have no shape apart from their size."""
+    return isinstance(candidate.mechanism, Amplitude)
+
+
+def _is_of_a_sensor(candidate: Candidate) -> bool:
+    """Does it change what a sensor makes of its readings, and nothing else?"""
+    return isinstance(candidate.mechanism, Series) and candidate.mechanism.port.place == "output"
 
 
 def _within(low: float, high: float, share: float) -> float:
@@ -190,10 +196,45 @@ def picture(
     for variant, size in present.items():
         problem = replace(problem, theta=switched(machine, problem.theta, variant, size))
     residuals = problem.residuals(z)
-    theta = problem.theta
+    columns = _columns(problem, z, listed, sizes, advance)
+    _, _, nuisance = problem.normal(z, residuals)
+    columns = [problem.whitener(c) for c in columns]
+    candidates = [machine.candidates[v.candidate] for v in listed]
+    units = np.array([typical(c) for c in candidates])
+    fixed = problem if projection else replace(problem, unknowns=())
+    imitated = nuisance if projection else [c[:, :, :0] for c in nuisance]
+    G, b = fixed.projected(z if projection else z[:0], residuals, imitated, [c * units for c in columns])
+    # A candidate that moves nothing here must not be divided by.
+    G = G + 1e-6 * np.eye(len(listed))
+    low, high = _ranges(candidates, units)
+    return Picture(
+        variants=tuple(listed),
+        G=G,
+        b=b + G @ (sizes / units),
+        low=low,
+        high=high,
+        units=units,
+        nuisance=nuisance,
+        columns=columns,
+        sizes=sizes,
+        faults=np.array([is_fault(c) for c in candidates]),
+        shapes=np.array([shape_count(c) for c in candidates]),
+        families=_families(candidates),
+    )
+
+
+def _columns(
+    problem: Problem, z: Array, listed: Sequence[Variant], sizes: Array, advance: Callable[[], None]
+) -> list[Array]:
+    """What a unit of each variant's size does to the block means, (B, ny, V) per recording.
+
+    Args:
+        sizes: (V,) what of them is there already.
+        advance: told that one more column is done.
+    """
+    machine, theta, residuals = problem.machine, problem.theta, problem.residuals(z)
     clean = [problem.clean(r, z) for r in range(len(problem.tracks))]
-    n = len(listed)
-    columns = [np.zeros((*track.means.shape, n)) for track in problem.tracks]
+    columns = [np.zeros((*track.means.shape, len(listed))) for track in problem.tracks]
 
     def column(r: int, v: int) -> None:
         variant = listed[v]
@@ -204,33 +245,23 @@ def picture(
             step = -step
         changed = switched(machine, theta, variant, sizes[v] + step)
         # A sensor's fault leaves the machine's own course as it is.
-        known = clean[r] if candidate.mechanism.port.startswith("output:") and candidate.mechanism.series else None
+        known = clean[r] if _is_of_a_sensor(candidate) else None
         columns[r][:, :, v] = (residuals[r] - problem.residual(r, z, changed, known)) / step
         advance()
 
-    parallel([lambda r=r, v=v: column(r, v) for r in range(len(problem.tracks)) for v in range(n)])
-    _, _, nuisance = problem.normal(z, residuals)
-    columns = [problem.whitener(c) for c in columns]
-    units = np.array([typical(machine.candidates[v.candidate]) for v in listed])
-    fixed = problem if projection else replace(problem, unknowns=())
-    imitated = nuisance if projection else [c[:, :, :0] for c in nuisance]
-    G, b = fixed.projected(z if projection else z[:0], residuals, imitated, [c * units for c in columns])
-    ends = np.empty((n, 2))
-    for i, variant in enumerate(listed):
-        candidate = machine.candidates[variant.candidate]
+    parallel([lambda r=r, v=v: column(r, v) for r in range(len(problem.tracks)) for v in range(len(listed))])
+    return columns
+
+
+def _ranges(candidates: Sequence[Candidate], units: Array) -> tuple[Array, Array]:
+    """What the sizes may be, lows (V,) and highs (V,), in typical sizes (V,)."""
+    ends = np.empty((len(candidates), 2))
+    for i, candidate in enumerate(candidates):
         bounds = np.array([candidate.mechanism.parameters[0].low, candidate.mechanism.parameters[0].high])
         ends[i] = np.sort((bounds - candidate.null[0]) / units[i])
     # However much of a candidate there must be, in the picture it begins at nothing.
     ends[:, 0] = np.minimum(ends[:, 0], 0.0)
-    faults = np.array([is_fault(machine.candidates[v.candidate]) for v in listed])
-    shapes = np.array([shape_count(machine.candidates[v.candidate]) for v in listed])
-    families = _families([machine.candidates[v.candidate] for v in listed])
-    # A candidate that moves nothing here must not be divided by.
-    G = G + 1e-6 * np.eye(n)
-    b = b + G @ (sizes / units)
-    return Picture(
-        tuple(listed), G, b, ends[:, 0], ends[:, 1], units, nuisance, columns, sizes, faults, shapes, families
-    )
+    return ends[:, 0], ends[:, 1]
 
 
 def _families(listed: Sequence[Candidate]) -> np.ndarray:

@@ -4,16 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from twinbench.physics.simulator import Array, Equation, Mechanism, Variable
+from twinbench.physics.simulator import Array, Equation, Port, Term, Variable
 
-Term = Callable[[Array, Array, Array], float]
+Rate = Callable[[Array, Array, Array], float]
+"""What a term adds to a balance: ``rate(x, u, theta)``."""
 SHARE = 0.1
 """A typical effect changes a balance by this share of what commonly moves it."""
 CLOCK = "clock"
 """A mechanism's own state whose name begins so goes by the recordings' clock."""
 GENEROUS = 100.0
 """A size may grow to this many times its typical value."""
+
+
+class Range(NamedTuple):
+    """What a parameter may be, and what it typically is."""
+
+    low: float
+    high: float
+    typical: float
+
+
+class Memory(NamedTuple):
+    """What a mechanism remembers: its own states, how they go, and where they begin; fields as of ``Term``."""
+
+    states: tuple[Variable, ...] = ()
+    derivative: Equation | None = None
+    initial: Equation | None = None
 
 
 @dataclass(frozen=True)
@@ -53,34 +71,26 @@ class Place:
         high, says = generous * typical, f"size of the {what.replace('_', ' ')}{f' from {source}' if source else ''}"
         return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)
 
-    def shape(self, effect: str, what: str, unit: str, low: float, high: float, typical: float, says: str) -> Variable:
+    def shape(self, effect: str, what: str, unit: str, within: Range, says: str) -> Variable:
         """A parameter that shapes an effect: a threshold, a time constant."""
-        name = f"{effect}_{what}_{self.name}"
+        name, (low, high, typical) = f"{effect}_{what}_{self.name}", within
         return Variable(name, unit, low, high, min(max(typical, low), high), (high - low) / 6.0, says)
 
     def add(
-        self,
-        effect: str,
-        says: str,
-        formula: str,
-        term: Term,
-        *parameters: Variable,
-        states: tuple[Variable, ...] = (),
-        derivative: Equation | None = None,
-        contains: str = "",
-    ) -> Mechanism:
+        self, effect: str, says: str, formula: str, term: Rate, *parameters: Variable, memory: Memory = Memory()
+    ) -> Term:
         """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
         names = ["{" + v.name + "}" for v in parameters]
-        return Mechanism(
+        return Term(
             f"{effect}@{self.name}",
             says,
-            f"balance:{self.name}",
+            Port("balance", self.name),
             parameters,
-            states=states,
             term=term,
-            derivative=derivative,
             formula=formula.format(*names, x=self.name),
-            contains=contains,
+            states=memory.states,
+            derivative=memory.derivative,
+            initial=memory.initial,
         )
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from twinbench.common.errors import BadInput
 from twinbench.common.store import write_atomically
 from twinbench.data.recording import TIME
-from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.model import Model, as_bad_input, load_model
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.tracks import Track, prepare
@@ -54,7 +54,7 @@ def _run(model: Model, tracks: Sequence[Track]) -> list[pd.DataFrame]:
         machine.settle_step(tracks, _ACCURACY * np.array([v.scale for v in simulator.outputs]))
     tables = []
     for track in tracks:
-        y = machine.run(track, machine.theta, machine.start(track))
+        y = machine.run(Setting(track, machine.theta, machine.start(track)))
         wrong = ~np.isfinite(y).all(axis=1)
         if wrong.any():
             raise BadInput(

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twinbench.mismatch import evidence
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import OutputError
 from twinbench.mismatch.findings import Finding, Value, variable_names
-from twinbench.mismatch.walk import Diagnosis
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 MOST_NAMED = 6
@@ -128,7 +128,9 @@ def _one(d: Diagnosis, finding: Finding) -> str:
             physics = {known[name].kind == "physics" for name in finding.candidates if name in known}
             return f"the simulator lacks one of {some}" if all(physics) else f"one of {some} is missing or at fault"
         says = {name: mechanism.says for name, mechanism in known.items()}
-        return says.get(finding.mechanism, f"the sensor of {finding.port.partition(':')[2]} stands still")
+        return says.get(
+            finding.mechanism, f"the sensor of {finding.port.variable if finding.port else ''} stands still"
+        )
     if d.unfollowed and d.chosen is None:
         return f"the simulator explains nothing of what {listed([u.channel for u in d.unfollowed])} does"
     if finding.candidates:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from twinbench.mismatch import evidence, findings, telling
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import OutputError
-from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.explanation import Explanation, residual_chi2
 from twinbench.mismatch.findings import KINDS, UNNAMED, Z90, Finding, Value
 from twinbench.mismatch.leftover import leftovers
 from twinbench.mismatch.locate import Located, locate
-from twinbench.mismatch.walk import Diagnosis, residual_chi2
 from twinbench.mismatch.weigh import LEAST_SHARE
 from twinbench.mismatch.words import listed, number, sentence
 from twinbench.physics.simulator import Array, Mechanism
@@ -139,7 +139,7 @@ def _unnamed(d: Diagnosis, located: Located | None, left: list[str]) -> tuple[Fi
     else:
         return ()
     ports = located.ports if located is not None else ()
-    where = ports[0][0] if ports else ""
+    where = ports[0][0] if ports else None
     return (replace(UNNAMED, port=where, ports=ports, says=sentence(says)),)
 
 

@@ -116,17 +116,39 @@ def plainest_that_predicts(
         held_best: errors of the best there.
     """
     variance = best.problem.whitener.variance()
-    now, held_now, chosen = best, held_best, list(range(len(best.chosen)))
-
-    def predicted(e: Explanation) -> Held:
-        return back.predicted(e, held_now)
-
-    def subset(chosen: Sequence[int]) -> tuple[Explanation, Held]:
-        e = refit(best.bare, best.z[: best.first], shown, chosen, fresh_rounds(best))
-        return e, predicted(e)
 
     def missed(found: Held) -> float:
         return lost(found, held_best, held_before, variance)
+
+    thinner = _without_idle(best, shown, held_best, back, missed)
+    if thinner is None or len(thinner[0].names) >= MANY:
+        return best
+    now, held_now = thinner
+    nearly = now.cost + FORM * (before.cost - now.cost)
+    plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
+    for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
+        if missed(back.predicted(e, held_now)) < FORM:
+            return e
+    # Of as many effects the set that fits best, unless it predicts less.
+    fits = min((e for e in fitted if len(e.names) == len(now.names)), key=lambda e: e.cost, default=now)
+    if fits.cost < now.cost and lost(back.predicted(fits, held_now), held_now, held_before, variance) < NOTHING:
+        return fits
+    return now
+
+
+def _without_idle(
+    best: Explanation, shown: Picture, held_best: Held, back: HeldBack, missed: Callable[[Held], float]
+) -> tuple[Explanation, Held] | None:
+    """The best without effects that do little for held-out recordings; None where nothing plain will do.
+
+    Args:
+        missed: share of what the best removes of the held-out error that other errors there lack.
+    """
+    now, held_now, chosen = best, held_best, list(range(len(best.chosen)))
+
+    def subset(chosen: Sequence[int]) -> tuple[Explanation, Held]:
+        e = refit(best.bare, best.z[: best.first], shown, chosen, fresh_rounds(best))
+        return e, back.predicted(e, held_now)
 
     while len(chosen) > 1:
         without: dict[int, tuple[Explanation, Held]] = {}
@@ -136,7 +158,7 @@ def plainest_that_predicts(
             missing[i] = missed(without[i][1])
             if sum(m > NOTHING for m in missing.values()) >= MANY:
                 # Where nothing plain will do, what is small is not what the form of something large lacks.
-                return best
+                return None
         idle = [i for i in chosen if missing[i] < FORM]
         if not idle:
             break
@@ -146,18 +168,7 @@ def plainest_that_predicts(
             least = min(idle, key=lambda i: missing[i])
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
-    if len(now.names) >= MANY:
-        return best
-    nearly = now.cost + FORM * (before.cost - now.cost)
-    plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
-    for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
-        if missed(predicted(e)) < FORM:
-            return e
-    # Of as many effects the set that fits best, unless it predicts less.
-    fits = min((e for e in fitted if len(e.names) == len(now.names)), key=lambda e: e.cost, default=now)
-    if fits.cost < now.cost and lost(predicted(fits), held_now, held_before, variance) < NOTHING:
-        return fits
-    return now
+    return now, held_now
 
 
 class Beside:

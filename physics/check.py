@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twinbench.common.trial import about_to
-from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable, index_of
+from twinbench.physics.simulator import Array, Mechanism, Series, Simulator, Term, Variable, index_of
 
 _TRIAL_S = 10.0
 _TRIAL_SAMPLES = 50
@@ -45,60 +45,37 @@ def check_simulator(simulator: Simulator) -> None:
 
 
 def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
-    """See that the port exists, and call the term, the derivative or the series once.
+    """See that what it acts on exists, and call its functions once.
 
     Raises:
         ValueError: one line that names the mechanism and what is wrong with it.
     """
     who = f"mechanism {mechanism.name!r}"
-    kind, _, target = mechanism.port.partition(":")
-    ports = {
-        "balance": simulator.states,
-        "flux": simulator.fluxes,
-        "output": simulator.outputs,
-        "input": simulator.inputs,
-    }
-    if kind not in ports or not target:
-        raise ValueError(f"{who}: port {mechanism.port!r} must read {', '.join(f'{k}:NAME' for k in ports)}")
-    index_of(ports[kind], target, f"{who}: simulator {simulator.name!r} has no {kind}")
-    if mechanism.kind not in ("physics", "sensor", "input"):
-        raise ValueError(f"{who}: kind is {mechanism.kind!r}, must be physics, sensor or input")
-    if not mechanism.parameters:
-        raise ValueError(f"{who}: has no parameters; the first is its size")
-    if mechanism.term is not None and mechanism.series is not None:
-        raise ValueError(f"{who}: has a term and a series; give one")
-    if bool(mechanism.states) != (mechanism.derivative is not None):
-        raise ValueError(f"{who}: states and derivative go together; give both or neither")
-    if mechanism.initial is not None and not mechanism.states:
-        raise ValueError(f"{who}: has initial but no states; give both or leave it out")
-    if mechanism.series is not None:
-        if kind not in ("output", "input"):
-            raise ValueError(f"{who}: a series acts on an output or an input, not on {mechanism.port!r}")
-        time_s = np.linspace(0.0, _TRIAL_S, _TRIAL_SAMPLES)
-        values = np.full(_TRIAL_SAMPLES, ports[kind][[v.name for v in ports[kind]].index(target)].nominal)
-        trials = [(time_s, values, own) for (own,) in _points(mechanism.parameters)]
-        _call(mechanism.series, trials, values.tolist(), f"{who}: series(time_s, values, theta)")
-    elif mechanism.term is not None:
-        points = _points(
-            simulator.states + mechanism.states, simulator.inputs, simulator.parameters + mechanism.parameters
-        )
-        _call(mechanism.term, points, None, f"{who}: term(x, u, theta)")
-        if mechanism.derivative is not None:
-            _call(mechanism.derivative, points, mechanism.states, f"{who}: derivative(x, u, theta)")
-        if mechanism.initial is not None:
-            _call(mechanism.initial, points, mechanism.states, f"{who}: initial(x0, u0, theta)")
-    else:
-        for variable in mechanism.parameters:
-            index_of(
-                simulator.parameters,
-                variable.name,
-                f"{who}: has no term and no series, so its parameters are the simulator's; there is no",
-            )
-        if len(mechanism.absent) != len(mechanism.parameters):
-            raise ValueError(
-                f"{who}: absent has {len(mechanism.absent)} values for {len(mechanism.parameters)} "
-                "parameters; give the value of each that switches it off"
-            )
+    try:
+        at = mechanism.port.variable_of(simulator)
+    except ValueError as error:
+        raise ValueError(f"{who}: {error}") from None
+    match mechanism:
+        case Term():
+            _check_term(simulator, mechanism, who)
+        case Series():
+            time_s = np.linspace(0.0, _TRIAL_S, _TRIAL_SAMPLES)
+            values = np.full(_TRIAL_SAMPLES, at.nominal)
+            trials = [(time_s, values, own) for (own,) in _points(mechanism.parameters)]
+            _call(mechanism.series, trials, values.tolist(), f"{who}: series(time_s, values, theta)")
+        case _:
+            for variable in mechanism.parameters:
+                complaint = f"{who}: is an Amplitude, so its parameters are the simulator's; there is no"
+                index_of(simulator.parameters, variable.name, complaint)
+
+
+def _check_term(simulator: Simulator, mechanism: Term, who: str) -> None:
+    points = _points(simulator.states + mechanism.states, simulator.inputs, simulator.parameters + mechanism.parameters)
+    _call(mechanism.term, points, None, f"{who}: term(x, u, theta)")
+    if mechanism.derivative is not None:
+        _call(mechanism.derivative, points, mechanism.states, f"{who}: derivative(x, u, theta)")
+    if mechanism.initial is not None:
+        _call(mechanism.initial, points, mechanism.states, f"{who}: initial(x0, u0, theta)")
 
 
 def _check_records(simulator: Simulator, who: str) -> None:

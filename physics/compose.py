@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from twinbench.physics.native import executed, native
-from twinbench.physics.simulator import Array, Equation, Mechanism, Simulator, Variable, index_of
+from twinbench.physics.simulator import Amplitude, Array, Equation, Mechanism, Simulator, Term, Variable
 from twinbench.physics.source import Part, write
 
 
-def compose(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> Simulator:
+def compose(simulator: Simulator, mechanisms: Sequence[Term]) -> Simulator:
     """Append the mechanisms' parameters and states, and add their terms at their ports.
 
     The same call gives the same simulator, compiled once.
@@ -28,7 +28,7 @@ def compose(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> Simulator:
     mechanism whose first parameter is at its ``absent`` value. A simulator with fluxes keeps them.
 
     Raises:
-        ValueError: a port that does not exist, states without their derivative, a name that is there twice.
+        ValueError: a port that does not exist, a name that is there twice.
     """
     return _composed(simulator, tuple(mechanisms))
 
@@ -37,16 +37,19 @@ def with_mechanism(simulator: Simulator, mechanism: Mechanism) -> Simulator:
     """The same machine with a mechanism switched on at its nominal size; again a Simulator.
 
     Raises:
-        ValueError: as ``compose``, or amplitudes that the simulator does not have.
+        ValueError: as ``compose``, amplitudes that the simulator does not have, or a fault that no equation can hold.
     """
     named = replace(simulator, mechanisms=(*simulator.mechanisms, mechanism.name))
-    if mechanism.term is None:
-        return named.with_values(**{v.name: v.nominal for v in mechanism.parameters})
-    return compose(named, (mechanism,))
+    match mechanism:
+        case Term():
+            return compose(named, (mechanism,))
+        case Amplitude():
+            return named.with_values(**{v.name: v.nominal for v in mechanism.parameters})
+    raise ValueError(f"mechanism {mechanism.name!r}: needs whole records, so no equations can hold it")
 
 
 @functools.cache
-def _composed(simulator: Simulator, mechanisms: tuple[Mechanism, ...]) -> Simulator:
+def _composed(simulator: Simulator, mechanisms: tuple[Term, ...]) -> Simulator:
     parts = []
     n, m = len(simulator.states), len(simulator.parameters)
     for number, mechanism in enumerate(mechanisms):
@@ -89,7 +92,7 @@ def _initial(simulator: Simulator, parts: Sequence[Part], u0: Array, y0: Array, 
     return np.concatenate(whole)
 
 
-def _named_once(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> tuple[Variable, ...]:
+def _named_once(simulator: Simulator, mechanisms: Sequence[Term]) -> tuple[Variable, ...]:
     """All parameters; one whose name is taken gets its mechanism's name before it."""
     parameters = list(simulator.parameters)
     for mechanism in mechanisms:
@@ -100,20 +103,8 @@ def _named_once(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> tuple[
     return tuple(parameters)
 
 
-def _part(simulator: Simulator, mechanism: Mechanism, number: int, state: int, parameter: int) -> Part:
-    if mechanism.term is None or bool(mechanism.states) != (mechanism.derivative is not None):
-        raise ValueError(f"mechanism {mechanism.name!r}: a term is needed, and states with a derivative or neither")
-    kind, _, target = mechanism.port.partition(":")
-    ports = {
-        "balance": simulator.states,
-        "flux": simulator.fluxes,
-        "output": simulator.outputs,
-        "input": simulator.inputs,
-    }
-    if kind not in ports:
-        raise ValueError(f"mechanism {mechanism.name!r}: port {mechanism.port!r} is none of {', '.join(ports)}")
-    at = index_of(ports[kind], target, f"simulator {simulator.name!r} has no {kind}")
-    return Part(number, mechanism, kind, at, state, parameter)
+def _part(simulator: Simulator, mechanism: Term, number: int, state: int, parameter: int) -> Part:
+    return Part(number, mechanism, mechanism.port.index(simulator), state, parameter)
 
 
 def plain_rhs(simulator: Simulator) -> Equation:

@@ -108,7 +108,7 @@ def _mechanisms(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
     else:
         mechanisms = tuple({id(v): v for v in inside.values() if isinstance(v, Mechanism)}.values())
     if not mechanisms:
-        raise ValueError(f"{spec}: holds no Mechanism; write CATALOGUE = (Mechanism(...), ...)")
+        raise ValueError(f"{spec}: holds no Mechanism; write CATALOGUE = (Term(...), ...), or Amplitude or Series")
     return tuple(m for m in mechanisms if m.name not in simulator.mechanisms)
 
 
@@ -125,9 +125,7 @@ def check_catalogue(simulator: Simulator, mechanisms: Sequence[Mechanism]) -> No
             raise ValueError(f"mechanism {mechanism.name!r}: is there twice; rename one")
         names.add(mechanism.name)
         check_mechanism(simulator, mechanism)
-        if mechanism.term is None and mechanism.series is None:
-            continue  # amplitudes are the simulator's own parameters
-        for variable in mechanism.states + mechanism.parameters:
+        for variable in mechanism.brings:
             if variable.name in owners:
                 raise ValueError(
                     f"mechanism {mechanism.name!r}: its {variable.name!r} is also a name of "

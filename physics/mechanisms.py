@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from twinbench.physics.compressor import AMPLITUDES, CONSTANTS
-from twinbench.physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Amplitude, Port, Variable
 
 _VARIABLES = {v.name: v for v in CONSTANTS + AMPLITUDES}
 
 
-def _amplitude(name: str, port: str, parameter: str, absent: float, present: float, says: str) -> Mechanism:
+def _amplitude(name: str, port: str, parameter: str, absent: float, present: float, says: str) -> Amplitude:
     v = _VARIABLES[parameter]
     present_variable = Variable(v.name, v.unit, min(v.low, present), max(v.high, present), present, v.scale, v.says)
-    return Mechanism(name, says, port, (present_variable,), (absent,))
+    return Amplitude(name, says, Port.parse(port), (present_variable,), (absent,))
 
 
 CATALOGUE = (

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Equation = Callable[[Array, Array, Array], Array]
-"""``f(x, u, theta)`` in plain scalar NumPy style, so that numba can compile it.
-
-x (nx,), u (nu,) and theta (np,) are states, inputs and parameters in the order and the units of their Variables.
-"""
+"""``f(x, u, theta)`` in plain scalar NumPy style, so that numba can compile it."""
+PLACES = ("balance", "flux", "output", "input")
+"""What a mechanism can act on: a state's rate, a flux that several balances share, a reading, an input."""
 
 
 @dataclass(frozen=True)
@@ -50,56 +50,173 @@ class Variable:
 
 
 @dataclass(frozen=True)
+class Port:
+    """Where something acts on a simulator: a place of one of four kinds, and the variable that is there.
+
+    It reads ``balance:STATE``, ``flux:NAME``, ``output:NAME`` or ``input:NAME``.
+
+    Raises:
+        ValueError: one line; there is no such place, or no variable is named.
+    """
+
+    place: str
+    variable: str
+
+    def __post_init__(self) -> None:
+        if self.place not in PLACES or not self.variable:
+            raise ValueError(
+                f"port {str(self).rstrip(':')!r} must read {', '.join(f'{place}:NAME' for place in PLACES)}"
+            )
+
+    @classmethod
+    def parse(cls, text: str) -> Port:
+        """The port that reads so."""
+        place, _, variable = text.partition(":")
+        return cls(place, variable)
+
+    def __str__(self) -> str:
+        return f"{self.place}:{self.variable}"
+
+    def index(self, simulator: Simulator) -> int:
+        """Where its variable stands among those of its place.
+
+        Raises:
+            ValueError: the simulator has no such variable.
+        """
+        complaint = f"simulator {simulator.name!r} has no {self.place}"
+        return index_of(_variables_at(simulator, self.place), self.variable, complaint)
+
+    def variable_of(self, simulator: Simulator) -> Variable:
+        """The simulator's variable that is there; at a balance the state."""
+        return _variables_at(simulator, self.place)[self.index(simulator)]
+
+
+@dataclass(frozen=True, init=False)
 class Mechanism:
-    """Physics that a model can leave out.
-
-    It acts in one of four ways, told by ``port``, ``term`` and ``series``:
-
-    - ``balance:STATE``, ``output:NAME`` or ``input:NAME`` with a ``term``: added there;
-    - ``flux:NAME`` with a ``term``: added to a flux that several balances share;
-    - ``output:NAME`` or ``input:NAME`` with a ``series``: a fault of that sensor, which needs its
-      whole record (a delay, a stuck reading);
-    - any port with neither: the parameters are amplitudes inside the simulator's own
-      equations, ``absent`` when the mechanism is switched off.
+    """What a model can leave out: a ``Term``, an ``Amplitude`` or a ``Series``. It is never built itself.
 
     Attributes:
-        name: as commands and reports call it.
-        says: what it is, in one sentence.
-        port: where it acts, as above.
-        parameters: for a term or series its own, appended to the simulator's; for amplitudes those
-            of the simulator by name. The first is the size, others shape it (a threshold, an
-            exponent, a time constant). ``nominal`` is the typical value when the mechanism is present.
-        absent: the values that switch it off, in the order and the units of ``parameters``; for a term or
-            series that of the first parameter alone, 0 if left out.
-        states: the mechanism's own states (a lag, a second thermal mass), appended.
-        term: ``term(x, u, theta) -> float``, in the unit of what it is added to, per second at a balance. x (nx,) and
-            theta (np,) are the whole vectors, the mechanism's own entries last; u is (nu,). Each entry is in the
-            unit of its Variable.
-        derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if ``states``: their rates of change, each
-            in its state's unit per second.
-        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, each in its unit, if not at their
-            nominal values. x0 and theta as for the term, its own states still nominal.
-        series: ``series(time_s, values, theta) -> values``. time_s (N,) is in seconds, values (N,) in the
-            channel's unit, theta (n_own,) holds its own parameters in their units. At an output it gives what the
-            sensor makes of the clean reading, at an input what the machine got where ``values`` were recorded.
-        formula: the term for people, its parameters in braces: ``"-{b_Nms} omega"``.
+        port: where it acts; given as the text that ``Port`` describes, or as a ``Port``.
+        parameters: the first is the size, others shape it (a threshold, an exponent, a time constant). ``nominal`` is
+            the typical value when the mechanism is present.
+        absent: the values that switch it off, in the order of ``parameters``. Of a term or series that of the first
+            parameter is enough, and 0 if left out.
+        formula: the mechanism for people, its parameters in braces: ``"-{b_Nms} omega"``.
         kind: "physics", "sensor" or "input": what is to blame.
         contains: the name of a simpler mechanism that this one can become.
     """
 
     name: str
     says: str
-    port: str
+    port: Port
     parameters: tuple[Variable, ...]
     absent: tuple[float, ...] = ()
-    states: tuple[Variable, ...] = ()
-    term: Callable[[Array, Array, Array], float] | None = None
-    derivative: Equation | None = None
-    initial: Equation | None = None
-    series: Callable[[Array, Array, Array], Array] | None = None
-    formula: str = ""
-    kind: str = "physics"
-    contains: str = ""
+    formula: str = field(default="", kw_only=True)
+    kind: str = field(default="physics", kw_only=True)
+    contains: str = field(default="", kw_only=True)
+
+    def __init__(self, *args: Any, **given: Any) -> None:
+        name = given.get("name", args[0] if args else "")
+        acts = {"series": "Series", "term": "Term"}
+        write = next((kind for what, kind in acts.items() if given.get(what) is not None), "Amplitude")
+        raise TypeError(
+            f"mechanism {name!r}: write {write}(...) in place of Mechanism(...); a mechanism is a Term, an Amplitude "
+            "or a Series"
+        )
+
+    def __post_init__(self) -> None:
+        who = f"mechanism {self.name!r}"
+        if not isinstance(self.port, Port):
+            try:
+                object.__setattr__(self, "port", Port.parse(str(self.port)))
+            except ValueError as error:
+                raise ValueError(f"{who}: {error}") from None
+        if self.kind not in ("physics", "sensor", "input"):
+            raise ValueError(f"{who}: kind is {self.kind!r}, must be physics, sensor or input")
+        if not self.parameters:
+            raise ValueError(f"{who}: has no parameters; the first is its size")
+
+    @property
+    def off(self) -> float:
+        """The value of the first parameter that switches it off."""
+        return float(self.absent[0]) if self.absent else 0.0
+
+    @property
+    def brings(self) -> tuple[Variable, ...]:
+        """The variables that the simulator has not by itself: its own states, then its own parameters."""
+        return self.parameters
+
+
+@dataclass(frozen=True)
+class Term(Mechanism):
+    """A term that is added to a balance, a flux, an output or an input.
+
+    Its parameters and states are appended to the simulator's. A flux may be shared by several balances.
+
+    Attributes:
+        term: ``term(x, u, theta) -> float``. x and theta are the simulator's whole vectors, the mechanism's own
+            entries last. The term is in the port's units, at a balance in the state's unit per second.
+        states: the mechanism's own states (a lag, a second thermal mass).
+        derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if there are ``states``.
+        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, if not at their nominal
+            values. x0 and theta are as for the term, its own states still nominal.
+    """
+
+    term: Callable[[Array, Array, Array], float] = field(kw_only=True)
+    states: tuple[Variable, ...] = field(default=(), kw_only=True)
+    derivative: Equation | None = field(default=None, kw_only=True)
+    initial: Equation | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if bool(self.states) != (self.derivative is not None):
+            raise ValueError(f"mechanism {self.name!r}: states and derivative go together; give both or neither")
+        if self.initial is not None and not self.states:
+            raise ValueError(f"mechanism {self.name!r}: has initial but no states; give both or leave it out")
+
+    @property
+    def brings(self) -> tuple[Variable, ...]:
+        return self.states + self.parameters
+
+
+@dataclass(frozen=True)
+class Amplitude(Mechanism):
+    """Parameters inside the simulator's own equations, by name; ``absent`` has the value of each that switches it off.
+
+    The port says what it acts on.
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.absent) != len(self.parameters):
+            raise ValueError(
+                f"mechanism {self.name!r}: absent has {len(self.absent)} values for {len(self.parameters)} "
+                "parameters; give the value of each that switches it off"
+            )
+
+    @property
+    def brings(self) -> tuple[Variable, ...]:
+        return ()
+
+
+@dataclass(frozen=True)
+class Series(Mechanism):
+    """A fault of a sensor or an input, which needs its whole record (a delay, a stuck reading).
+
+    Attributes:
+        series: ``series(time_s, values, theta) -> values``. time_s and both values are (N,), theta holds its own
+            parameters alone. At an output it gives what the sensor makes of the clean reading, at an input what the
+            machine got where ``values`` were recorded.
+    """
+
+    series: Callable[[Array, Array, Array], Array] = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.port.place not in ("output", "input"):
+            raise ValueError(
+                f"mechanism {self.name!r}: a series acts on an output or an input, not on {str(self.port)!r}"
+            )
 
 
 @dataclass(frozen=True)
@@ -188,3 +305,12 @@ def index_of(variables: tuple[Variable, ...], name: str, complaint: str) -> int:
     if name not in names:
         raise ValueError(f"{complaint} {name!r}; it has: {', '.join(names)}")
     return names.index(name)
+
+
+def _variables_at(simulator: Simulator, place: str) -> tuple[Variable, ...]:
+    return {
+        "balance": simulator.states,
+        "flux": simulator.fluxes,
+        "output": simulator.outputs,
+        "input": simulator.inputs,
+    }[place]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from twinbench.physics.simulator import Mechanism, Simulator
+from twinbench.physics.simulator import Simulator, Term
 
 _HELPERS = '''
 def some(theta, at, absent):
@@ -32,8 +32,7 @@ class Part(NamedTuple):
     """Where one mechanism acts, and where its own states and parameters stand in the whole vectors."""
 
     number: int
-    mechanism: Mechanism
-    kind: str
+    mechanism: Term
     at: int
     state: int
     parameter: int
@@ -41,12 +40,11 @@ class Part(NamedTuple):
     @property
     def on(self) -> str:
         """Its first parameter is not at the value that switches it off."""
-        return f"theta[{self.parameter}] != {self.absent!r}"
+        return f"theta[{self.parameter}] != {self.mechanism.off!r}"
 
-    @property
-    def absent(self) -> float:
-        """Value of the first parameter that switches it off."""
-        return float(self.mechanism.absent[0]) if self.mechanism.absent else 0.0
+    def acts_on(self, place: str) -> bool:
+        """Is its port at such a place?"""
+        return self.mechanism.port.place == place
 
 
 def write(simulator: Simulator, parts: Sequence[Part], n_states: int) -> tuple[str, dict[str, Callable[..., Any]]]:
@@ -100,7 +98,8 @@ def write(simulator: Simulator, parts: Sequence[Part], n_states: int) -> tuple[s
         names[f"term_{part.number}"] = part.mechanism.term
         names[f"derivative_{part.number}"] = part.mechanism.derivative
     tables = [
-        f"{name}_at = np.array({[p.parameter for p in group]})\n{name}_absent = np.array({[p.absent for p in group]})\n"
+        f"{name}_at = np.array({[p.parameter for p in group]})\n"
+        f"{name}_absent = np.array({[p.mechanism.off for p in group]})\n"
         for group_of in groups.values()
         for name, group in group_of.items()
     ]
@@ -111,7 +110,7 @@ def _groups(parts: Sequence[Part], kind: str) -> dict[str, list[Part]]:
     """Those that act at a kind of port, by how many parameters they have; own states' rates go with the balances."""
     found: dict[str, list[Part]] = {}
     for part in parts:
-        if part.kind == kind or (kind == "balance" and part.mechanism.states):
+        if part.acts_on(kind) or (kind == "balance" and part.mechanism.states):
             found.setdefault(f"{kind}_{len(part.mechanism.parameters)}", []).append(part)
     return found
 
@@ -133,7 +132,7 @@ def _added(kind: str, groups: dict[str, list[Part]], n: int, m: int) -> str:
             if own.states:
                 lines.append(f"            s = behind(b, np.empty({n + len(own.states)}))")
                 lines += [f"            s[{n + j}] = x[{part.state + j}]" for j in range(len(own.states))]
-            if part.kind == kind:
+            if part.acts_on(kind):
                 lines.append(f"            {to}[{part.at}] += term_{k}({x}, {u}, q)")
             if kind == "balance" and own.states:
                 lines.append(f"            r_{k} = derivative_{k}(s, {u}, q)")

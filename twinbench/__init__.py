@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from twinbench.mismatch import diagnose
     from twinbench.mismatch.model import load_catalogue, load_simulator
     from twinbench.mismatch.recordings import read_recordings
-    from twinbench.physics.simulator import Mechanism, Simulator, Variable
+    from twinbench.physics.simulator import Amplitude, Mechanism, Series, Simulator, Term, Variable
 
 __all__ = [
-    "Estimator", "Mechanism", "Recording", "Sample", "Simulator", "Variable", "diagnose", "gaussian_state",
-    "load_catalogue", "load_simulator", "no_info", "read_recordings", "register",
+    "Amplitude", "Estimator", "Mechanism", "Recording", "Sample", "Series", "Simulator", "Term", "Variable",
+    "diagnose", "gaussian_state", "load_catalogue", "load_simulator", "no_info", "read_recordings", "register",
 ]  # fmt: skip
 
 _HOMES = {
-    "physics.simulator": ("Simulator", "Variable", "Mechanism"),
+    "physics.simulator": ("Simulator", "Variable", "Mechanism", "Term", "Amplitude", "Series"),
     "data.recording": ("Recording",),
     "methods.estimator": ("Estimator", "Sample", "gaussian_state", "no_info", "register"),
     "mismatch": ("diagnose",),

@@ -75,7 +75,7 @@ def _mechanisms(spec: str | None = None, trust: bool = False) -> list[dict[str, 
     return [
         {
             "name": m.name,
-            "port": m.port,
+            "port": str(m.port),
             "parameter": ", ".join(f"{v.name} = {v.nominal:g} {v.unit}" for v in m.parameters),
             "says": m.says,
         }

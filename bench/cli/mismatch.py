@@ -48,9 +48,10 @@ def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from shutil import get_terminal_size
 
-    from twinbench.mismatch.report.explain import explain
+    from twinbench.mismatch.report.explain import Request, explain
 
-    verdict = explain(a.simulator, a.recordings, a.hold_out, a.out, a.catalogue, a.map, a.trust, a.inputs)
+    asked = Request(a.simulator, a.recordings, a.hold_out, a.catalogue, a.map, a.trust, a.inputs)
+    verdict = explain(asked, a.out)
     # What was found is told before it is drawn: drawing takes a while, and may fail.
     from twinbench.mismatch.report.write import to_json, to_text, write_page
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,32 +18,39 @@ if TYPE_CHECKING:
     from twinbench.mismatch import Verdict
 
 
-def explain(
-    spec: str,
-    paths: Sequence[Path],
-    hold_out: Sequence[Path],
-    out: Path,
-    catalogue: str,
-    mapping: Sequence[str],
-    trust: bool = False,
-    inputs: str = "auto",
-) -> Verdict:
-    """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
+@dataclass(frozen=True)
+class Request:
+    """What a user wants to have explained, as given.
 
-    Args:
-        hold_out: recordings that nothing is learnt from.
+    Attributes:
+        spec: the simulator, as ``load_simulator`` takes it.
+        paths, hold_out: files of recordings to learn from, and of those that nothing is learnt from.
         catalogue: the file of a user's own mechanisms, or nothing.
+        mapping: which columns are which channels, each as COLUMN[UNIT]=CHANNEL.
         trust: run the Python that a ``model.toml`` names wherever it lies.
         inputs: between samples "held" or "linear"; "auto" is what a ``model.toml`` says, or else a fit.
+    """
+
+    spec: str
+    paths: Sequence[Path]
+    hold_out: Sequence[Path]
+    catalogue: str = ""
+    mapping: Sequence[str] = ()
+    trust: bool = False
+    inputs: str = "auto"
+
+
+def explain(asked: Request, out: Path) -> Verdict:
+    """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Raises:
         BadInput: the simulator, a recording or the catalogue cannot be used; nothing is written.
     """
-    given = load_model(spec, trust)
+    given = load_model(asked.spec, asked.trust)
     simulator = given.simulator
-    own = load_catalogue(catalogue, simulator) if catalogue else ()
-    recordings = read_recordings([*paths, *hold_out], simulator, mapping)
-    fitted, held_out = recordings[: len(paths)], recordings[len(paths) :]
+    own = load_catalogue(asked.catalogue, simulator) if asked.catalogue else ()
+    recordings = read_recordings([*asked.paths, *asked.hold_out], simulator, asked.mapping)
+    fitted, held_out = recordings[: len(asked.paths)], recordings[len(asked.paths) :]
     check_measured(recordings, simulator)
     check_excited(fitted, simulator)
     # Now that the input is good: the engine takes seconds to import.
@@ -60,10 +68,10 @@ def explain(
             catalogue=whole,
             progress=progress.report,
             faults=given.faults,
-            inputs=given.inputs if inputs == "auto" and given.inputs else inputs,
+            inputs=given.inputs if asked.inputs == "auto" and given.inputs else asked.inputs,
         )
         joined = verdict.diagnosis.joined.inputs
         said = joined if given.inputs or joined == "linear" else ""
-        model = model_toml(spec, simulator, verdict.mechanisms, verdict.values, out, catalogue, said)
+        model = model_toml(asked.spec, simulator, verdict.mechanisms, verdict.values, out, asked.catalogue, said)
         write_findings(verdict, model, out)
     return verdict

@@ -12,8 +12,9 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from twinbench.common.style import INK, MUTED, PAGE_MM, PAPER, canvas, styled
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.report.ranking import CHOSEN, REFUSED, RIVAL, TRIED, ranking
-from twinbench.mismatch.walk import Diagnosis
+from twinbench.physics.simulator import Port
 
 MOST_BARS = 12
 NAME_LENGTH = 64
@@ -28,11 +29,11 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 
 @styled
-def ports(shares: Sequence[tuple[str, float]]) -> Figure:
+def ports(shares: Sequence[tuple[Port, float]]) -> Figure:
     """One bar per port, likeliest on top."""
     figure = canvas(PAGE_MM, 14.0 + 6.5 * len(shares))
     axes = figure.subplots()
-    places = _bars(axes, [port for port, _ in shares], [100.0 * p for _, p in shares], [CHOSEN] * len(shares))
+    places = _bars(axes, [str(port) for port, _ in shares], [100.0 * p for _, p in shares], [CHOSEN] * len(shares))
     for y, (_, p) in zip(places, shares, strict=True):
         _label(axes, y, 100.0 * p, f"{100.0 * p:.0f} %")
     axes.set_xlim(0.0, 112.0)

@@ -16,7 +16,7 @@ from twinbench.mismatch.report.figure_fit import AFTER, BEFORE, time_unit
 from twinbench.mismatch.report.replays import Replay, level
 from twinbench.mismatch.verdict import Verdict
 from twinbench.mismatch.words import labelled, spoken
-from twinbench.physics.simulator import Array, Simulator
+from twinbench.physics.simulator import Array, Port, Simulator
 
 MOST_RECORDINGS = 4
 PIECES = 24
@@ -77,16 +77,9 @@ def _pieces(axes: Axes, replay: Replay, scale: float, sd: Array) -> None:
         axes.plot(middle, [level(replay.after[p], sd) for p in parts], **(AFTER_POINTS | {"markersize": 2.5}))
 
 
-def _force_unit(simulator: Simulator, port: str) -> str:
-    kind, _, name = port.partition(":")
-    groups = {
-        "balance": simulator.states,
-        "flux": simulator.fluxes,
-        "input": simulator.inputs,
-        "output": simulator.outputs,
-    }
-    unit = next(v.unit for v in groups[kind] if v.name == name)
-    return spoken(f"{bracketed(unit)}/s" if kind == "balance" else unit)
+def _force_unit(simulator: Simulator, port: Port) -> str:
+    unit = port.variable_of(simulator).unit
+    return spoken(f"{bracketed(unit)}/s" if port.place == "balance" else unit)
 
 
 @styled

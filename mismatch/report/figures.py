@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from matplotlib.figure import Figure
 
 from twinbench.common.page import Drawing
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.report.figure_fit import fit_over_time
 from twinbench.mismatch.report.figure_rank import explanations, ports
 from twinbench.mismatch.report.figure_where import over_regime, over_time
 from twinbench.mismatch.report.replays import Replay, deviation, most_telling, replays
 from twinbench.mismatch.verdict import Verdict
+from twinbench.physics.simulator import Array
 
 NOTHING_TO_LOCATE = "the residual is noise, so there is nothing to locate"
 
 
 def draw(verdict: Verdict) -> Iterator[Drawing]:
     """All figures of a verdict, one at a time; held-out recordings first."""
-    d, located = verdict.diagnosis, verdict.located
-    shown = replays(d)
-    sd = deviation(d)
+    shown, sd = replays(verdict.diagnosis), deviation(verdict.diagnosis)
+    yield from _fits(verdict.diagnosis, shown, sd)
+    yield from _where(verdict, shown, sd)
+    yield _explanations(verdict.diagnosis)
+
+
+def _fits(d: Diagnosis, shown: Sequence[Replay], sd: Array) -> Iterator[Drawing]:
+    """Before and after, on what was held out and where it learnt.
+
+    Args:
+        sd: (ny,) of the noise, in the outputs' units.
+    """
     for name, held_out in (("fit_held_out", True), ("fit_learnt", False)):
         title = "Before and after, " + ("held out" if held_out else "where it learnt")
         some = [r for r in shown if r.held_out == held_out]
@@ -36,6 +47,11 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
             partial(fit_over_time, replay, channels, d.simulator.outputs, sd, d.spikes) if channels else None,
             "no output was measured in it",
         )
+
+
+def _where(verdict: Verdict, shown: Sequence[Replay], sd: Array) -> Iterator[Drawing]:
+    """When, in which regime and at which port the two differ."""
+    d, located = verdict.diagnosis, verdict.located
     yield _drawn(
         "where_in_time",
         "When",
@@ -72,7 +88,10 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
         partial(ports, located.ports) if located else None,
         NOTHING_TO_LOCATE,
     )
-    yield _drawn(
+
+
+def _explanations(d: Diagnosis) -> Drawing:
+    return _drawn(
         "explanations",
         "Explanations fitted in full",
         "By what they gain over the calibrated simulator (twice the log-likelihood). The tick is what noise alone "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from twinbench.mismatch.walk import Diagnosis
+from twinbench.mismatch.diagnosis import Diagnosis
 
 CHOSEN, REFUSED, RIVAL, TRIED = "accepted", "best, but refused", "cannot be told from it", "tried"
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.tracks import Track
-from twinbench.mismatch.walk import Diagnosis
 from twinbench.physics.simulator import Array
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import OutputError
 from twinbench.mismatch.findings import Finding, Value
 from twinbench.mismatch.picture import typical
 from twinbench.mismatch.report.ranking import ranking
 from twinbench.mismatch.telling import smallest_seen
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.walk import Diagnosis
 from twinbench.mismatch.words import digits_worth, interval, number, spoken, typeset, with_unit
 
 SIGNIFICANT = 0.05
@@ -184,7 +184,7 @@ def _looked_for(d: Diagnosis) -> Listing:
             (
                 name,
                 c.mechanism.says,
-                c.mechanism.port,
+                str(c.mechanism.port),
                 with_unit(seen, v.unit) if not beyond else "hidden",
                 number(size) if not beyond else "–",
             )

@@ -95,7 +95,7 @@ def _facts(f: Finding) -> list[tuple[str, str]]:
     pairs = [
         ("kind", f.kind),
         ("term", typeset(f.term)),
-        ("port", f.port),
+        ("port", str(f.port or "")),
         ("probability", probable(f.probability) if f.term and f.mechanism else ""),
         ("where", typeset(f.regime)),
         ("cannot be told from", listed(f.candidates[1:]) if f.candidates else ""),

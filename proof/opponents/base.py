@@ -10,13 +10,15 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked
+from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.fit import Problem, Unknown, solve
 from twinbench.mismatch.machine import Candidate, Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.picture import Variant, switched
 from twinbench.mismatch.proof import held_out
-from twinbench.mismatch.walk import Diagnosis, examine
-from twinbench.physics.simulator import Array, Mechanism, Simulator
+from twinbench.mismatch.walk import examine
+from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 
 Progress = Callable[[str, float], None]
 
@@ -77,7 +79,7 @@ def calibrate(
     """
     key = (simulator, *((r.name, r.time_s.tobytes(), r.values.tobytes()) for r in (*recordings, *hold_out)))
     if key not in _LAST:
-        found = examine(simulator, recordings, hold_out, (), progress)
+        found = examine(Asked(simulator, recordings, hold_out, ()), progress)
         _LAST.clear()
         _LAST[key] = found
     return _LAST[key]
@@ -112,7 +114,7 @@ def check_folds(found: Diagnosis) -> None:
 def _calibrated(simulator: Simulator, mechanism: Mechanism) -> bool:
     """Is the mechanism only a parameter that calibration moves anyway?"""
     free = simulator.calibrate or tuple(v.name for v in simulator.parameters)
-    return mechanism.term is None and mechanism.series is None and any(v.name in free for v in mechanism.parameters)
+    return isinstance(mechanism, Amplitude) and any(v.name in free for v in mechanism.parameters)
 
 
 def told(
@@ -144,8 +146,8 @@ def finding(mechanism: Mechanism, size: float, low: float, high: float) -> dict[
         "kind": {"physics": "missing physics"}.get(mechanism.kind, "sensor fault"),
         "mechanism": mechanism.name,
         "indistinguishable_from": [],
-        "port": mechanism.port,
-        "ports": [{"port": mechanism.port, "probability": 1.0}],
+        "port": str(mechanism.port),
+        "ports": [{"port": str(mechanism.port), "probability": 1.0}],
         "since_s": None,
         "parameters": {mechanism.parameters[0].name: {"value": size, "low": low, "high": high}},
     }

@@ -15,13 +15,12 @@ import numpy as np
 from numba import njit, types
 
 from twinbench.mismatch.fit import STEP
-from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.picture import PROBE, Variant, switched, typical, variants
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.compile import compiled
 from twinbench.physics.integrate import MATRIX, simulate
 from twinbench.physics.jit import FUNCTION, VECTOR
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Series, Term
 from twinbench.proof.opponents.base import Calibrated
 
 _PRESENT = 1e-9
@@ -136,11 +135,11 @@ class _Recording:
         full[: len(theta)] = theta
         there = switched(self.machine, full, variant, share * typical(candidate))
         u = self.track.u
-        if mechanism.series is not None:
-            if not mechanism.port.startswith("input:"):
+        if isinstance(mechanism, Series):
+            if mechanism.port.place != "input":
                 return np.zeros_like(rate)
-            u = self._faulty(candidate, there)
-        if mechanism.states:
+            u = self._faulty(mechanism, there[list(candidate.at)])
+        elif isinstance(mechanism, Term) and mechanism.states:
             x = x.copy()
             own = len(self.machine.simulator.states)
             run = switched(self.machine, full, variant, _PRESENT * typical(candidate))
@@ -148,12 +147,11 @@ class _Recording:
         changed = self.rates(x, u, there[: len(theta)])
         return (changed - rate) / share
 
-    def _faulty(self, candidate: Candidate, theta: Array) -> Array:
-        name = candidate.mechanism.port.removeprefix("input:")
-        column = [v.name for v in self.machine.simulator.inputs].index(name)
+    def _faulty(self, fault: Series, own: Array) -> Array:
+        """The inputs (N, nu) that the machine got, of a fault with parameters (p,) of its own."""
+        column = fault.port.index(self.machine.simulator)
         u = self.track.u.copy()
-        assert candidate.mechanism.series is not None
-        u[:, column] = candidate.mechanism.series(self.track.time_s, u[:, column].copy(), theta[list(candidate.at)])
+        u[:, column] = fault.series(self.track.time_s, u[:, column].copy(), own)
         return u
 
 

@@ -36,12 +36,12 @@ LAG = Simulator(
 )
 """
 LOSS = """
-from twinbench.physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Term, Variable
 
 def term(x, u, theta):
     return theta[-1] * (290.0 - x[0])
 
-LOSS = Mechanism("loss", "heat is lost", "balance:T", (Variable("c_1_s", "1/s", 0.0, 1.0, 0.1),), term=term)
+LOSS = Term("loss", "heat is lost", "balance:T", (Variable("c_1_s", "1/s", 0.0, 1.0, 0.1),), term=term)
 """
 CHANGED = {
     "broken.py": LAG.replace("LAG = ", "LAG = undefined + "),

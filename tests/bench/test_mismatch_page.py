@@ -141,6 +141,6 @@ def test_a_figure_that_fails_loses_nothing_else(
 def test_the_port_figure_says_what_the_verdict_says(named: Verdict) -> None:
     assert named.located is not None
     port, weight = named.located.ports[0]
-    assert port == named.findings[0].port == "balance:T_C"
+    assert str(port) == str(named.findings[0].port) == "balance:T_C"
     assert weight > 0.5
     assert all(f.ports[0][0] == f.port for f in named.findings)

@@ -27,7 +27,7 @@ from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.verdict import conclude
 from twinbench.physics.compose import with_mechanism
 from twinbench.physics.integrate import simulate
-from twinbench.physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Simulator, Term, Variable
 
 FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "explanations"}
 NUMBER = (int, float)
@@ -74,7 +74,7 @@ OVEN = Simulator(
     output=output,
     initial=initial,
 )
-LOSS = Mechanism(
+LOSS = Term(
     "wall_loss<1>",
     "heat goes through the wall & out",
     "balance:T_C",

@@ -105,7 +105,7 @@ def check_readable(case: Given, said: dict[str, Any]) -> None:
     catalogue = {m.name: m for m in case.catalogue}
     for f in said["findings"]:
         if f["mechanism"]:
-            assert f["port"] == catalogue[f["mechanism"]].port
+            assert f["port"] == str(catalogue[f["mechanism"]].port)
             ((name, fitted),) = f["parameters"].items()
             assert name == catalogue[f["mechanism"]].parameters[0].name
             assert fitted["low"] <= fitted["value"] <= fitted["high"]
@@ -219,7 +219,7 @@ def test_each_ablation_leaves_one_guard_out() -> None:
     for guard in dataclasses.fields(Guards):
         name = f"no_{guard.name}"
         assert ENGINES[name] == f"twinbench.proof.opponents.ablations:{name}"
-        assert getattr(ablations, name).keywords["guards"] == dataclasses.replace(Guards(), **{guard.name: False})
+        assert getattr(ablations, name).args == (dataclasses.replace(Guards(), **{guard.name: False}),)
     assert len(ENGINES) == len(MAIN) + len(OPPONENTS) + len(dataclasses.fields(Guards))
 
 

@@ -34,14 +34,14 @@ TANK = Simulator(
 )
 """
 SPILL = """
-from twinbench.physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Term, Variable
 
 
 def term(x, u, theta):
     return -theta[-2] * max(0.0, x[0] - theta[-1])
 
 
-SPILL = Mechanism(
+SPILL = Term(
     "spill", "the tank spills over its rim", "balance:level_m",
     (Variable("spill_1_s", "1/s", 0.0, 10.0, 0.3), Variable("rim_m", "m", 0.0, 2.0, 0.6)),
     term=term,

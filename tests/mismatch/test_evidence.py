@@ -23,6 +23,7 @@ from twinbench.mismatch.evidence import (
 from twinbench.mismatch.proof import Held, Worse, worse_outputs
 from twinbench.mismatch.rivals import NEAR
 from twinbench.mismatch.weigh import refusal
+from twinbench.physics.simulator import Port
 
 DRY = "coulomb_friction@omega_rad_s"
 
@@ -85,8 +86,8 @@ def test_the_accepted_effect_was_weighed_against_the_nearest_other(friction):
 
 
 def test_the_first_port_is_never_against_the_verdict(friction):
-    assert friction.located.ports[0][0] == "balance:omega_rad_s"
-    assert dict(friction.located.ports).get("output:speed_rad_s", 0.0) < 0.1
+    assert friction.located.ports[0][0] == Port("balance", "omega_rad_s")
+    assert dict(friction.located.ports).get(Port("output", "speed_rad_s"), 0.0) < 0.1
 
 
 def test_errors_are_told_output_by_output_with_their_noise(friction):
@@ -149,7 +150,7 @@ def test_what_differs_by_chance_alone_spoils_nothing():
 
 def test_a_spoilt_output_makes_the_verdict_refuse(friction, monkeypatch):
     assert friction.diagnosis.worse == ()
-    monkeypatch.setattr("twinbench.mismatch.walk.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
+    monkeypatch.setattr("twinbench.mismatch.stage_prove.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
     fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
     verdict = diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
     assert verdict.verdict == "unexplained"

@@ -14,10 +14,10 @@ from scipy.signal import lfilter
 from twinbench.data.recording import Recording
 from twinbench.mismatch import diagnose
 from twinbench.mismatch.joining import how_joined
-from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.model import load_model
 from twinbench.mismatch.replay import replay
-from twinbench.mismatch.report.explain import explain
+from twinbench.mismatch.report.explain import Request, explain
 from twinbench.mismatch.series import lag_reading
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.simulator import Simulator
@@ -67,9 +67,9 @@ def test_a_run_is_the_exact_solution_of_its_kind_of_input(lines):
     machine.settle_step([track], np.array([1e-3]))
     x0 = machine.start(track)
     x0[0] = track.u[0, 0] if lines else 0.0
-    readings = machine.run(track, machine.theta, x0)
+    readings = machine.run(Setting(track, machine.theta, x0))
     assert np.sqrt(np.mean((track.y - readings)[20:] ** 2)) == pytest.approx(NOISE_V, rel=0.08)
-    other = machine.run(prepare([driven("run", 1, lines)], circuit(), linear=not lines)[0], machine.theta, x0)
+    other = machine.run(Setting(prepare([driven("run", 1, lines)], circuit(), linear=not lines)[0], machine.theta, x0))
     assert np.sqrt(np.mean((track.y - other)[20:] ** 2)) > 10.0 * NOISE_V
 
 
@@ -78,8 +78,8 @@ def test_block_means_under_lines_are_those_of_a_run_sample_by_sample():
     machine = Machine(MOTOR, ())
     machine.settle_step([track], np.array([1.0, 0.5, 0.5]))
     x0 = machine.start(track)
-    fine = track.block_means(machine.run(track, machine.theta, x0))
-    coarse = machine.run(track, machine.theta, x0, blocks=True)
+    fine = track.block_means(machine.run(Setting(track, machine.theta, x0)))
+    coarse = machine.run(Setting(track, machine.theta, x0), blocks=True)
     assert coarse.shape == track.means.shape
     assert (np.sqrt(np.nanmean((coarse - fine) ** 2, axis=0)) < 0.05 * np.nanstd(fine, axis=0)).all()
 
@@ -123,11 +123,11 @@ def test_a_mended_simulator_keeps_how_its_inputs_go(tmp_path, monkeypatch):
             tmp_path / f"{name}.csv", index=False
         )
     spec, out = str(tmp_path / "circuit.py"), tmp_path / "found"
-    explain(spec, [tmp_path / "a.csv"], [tmp_path / "b.csv"], out, "", ())
+    explain(Request(spec, [tmp_path / "a.csv"], [tmp_path / "b.csv"]), out)
     assert load_model(str(out / "model.toml")).inputs == "linear"
     (written,) = replay(str(out / "model.toml"), [tmp_path / "b.csv"], tmp_path, (), "csv")
     left = pd.read_csv(written)["out_V"] - pd.read_csv(tmp_path / "b.csv")["out_V"]
     assert np.sqrt(np.mean(left[20:] ** 2)) < 1.2 * NOISE_V
-    again = explain(str(out / "model.toml"), [tmp_path / "a.csv"], [tmp_path / "b.csv"], tmp_path / "again", "", ())
+    again = explain(Request(str(out / "model.toml"), [tmp_path / "a.csv"], [tmp_path / "b.csv"]), tmp_path / "again")
     assert again.diagnosis.joined.by == "user"
     assert 'inputs = "linear"' in Path(tmp_path / "again" / "model.toml").read_text()

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from twinbench.data.recording import Recording
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown, solve
-from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.many import completed
 from twinbench.mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from twinbench.mismatch.picture import RARE, Picture, Variant
@@ -23,6 +23,7 @@ from twinbench.mismatch.search import PENALTY, best_sets, local_search, wander
 from twinbench.mismatch.tracks import held, prepare
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.simulator import Port
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_the_machine_runs_as_the_simulator_does(machine, track):
     x0 = machine.start(track)
     machine.step_s = 0.04
     _, expected = simulate(MOTOR, track.u[None], x0, dt_s=0.08, substeps=2)
-    np.testing.assert_allclose(machine.run(track, machine.theta, x0), expected[0], rtol=1e-9)
+    np.testing.assert_allclose(machine.run(Setting(track, machine.theta, x0)), expected[0], rtol=1e-9)
 
 
 def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(machine):
@@ -47,8 +48,8 @@ def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(
     assert slow.coarse.samples.tolist() == [5] * 600
     machine.settle_step([slow], np.array([1.0, 0.5, 0.5]))
     x0 = machine.start(slow)
-    fine = slow.block_means(machine.run(slow, machine.theta, x0))
-    coarse = machine.run(slow, machine.theta, x0, blocks=True)
+    fine = slow.block_means(machine.run(Setting(slow, machine.theta, x0)))
+    coarse = machine.run(Setting(slow, machine.theta, x0), blocks=True)
     assert (np.sqrt(np.nanmean((coarse - fine) ** 2, axis=0)) < 0.05 * np.nanstd(fine, axis=0)).all()
     problem = Problem(machine, [slow], (), Whitener(np.zeros((3, 0)), np.ones(3)), [x0])
     np.testing.assert_allclose(problem.refined(problem.z0).residual(0, problem.z0), slow.means - fine, atol=1e-9)
@@ -56,16 +57,16 @@ def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(
 
 def test_a_force_is_a_rate_of_its_balance(machine, track):
     theta = machine.theta.copy()
-    theta[machine.force_at["balance:T_winding_K"]] = 0.1
-    with_force = machine.run(track, theta, machine.start(track))
-    without = machine.run(track, machine.theta, machine.start(track))
+    theta[machine.force_at[Port("balance", "T_winding_K")]] = 0.1
+    with_force = machine.run(Setting(track, theta, machine.start(track)))
+    without = machine.run(Setting(track, machine.theta, machine.start(track)))
     assert (with_force - without)[1, 2] == pytest.approx(0.1 * 0.08, rel=0.02)
 
 
 def test_a_divergence_ends_in_nan(machine, track):
     theta = machine.theta.copy()
     theta[MOTOR.index("L_H")] = -1e-3
-    y = machine.run(track, theta, machine.start(track))
+    y = machine.run(Setting(track, theta, machine.start(track)))
     assert np.isfinite(y[0]).all()
     assert np.isnan(y[-1]).all()
 
@@ -123,7 +124,7 @@ def test_the_fit_finds_the_parameters_of_another_simulation(machine, track):
     theta = machine.theta.copy()
     for name, value in true.items():
         theta[MOTOR.index(name)] = value
-    y = machine.run(track, theta, machine.start(track))
+    y = machine.run(Setting(track, theta, machine.start(track)))
     clean = replace(track, y=y, means=track.block_means(y))
     unknowns = tuple(
         Unknown(n, "parameter", MOTOR.index(n), 0.0, 5.0, v.nominal, np.inf, v.scale)
@@ -191,7 +192,7 @@ def test_what_is_likely_beside_so_many_effects_must_earn_less(monkeypatch, found
     r = np.zeros(of)
     r[:found], r[found] = np.sqrt(1000.0), np.sqrt(worth)
     shown = pictured(np.eye(of), r)
-    physics = [SimpleNamespace(mechanism=SimpleNamespace(port="balance:x", series=None)) for _ in range(of)]
+    physics = [SimpleNamespace(mechanism=SimpleNamespace(port=Port("balance", "x"))) for _ in range(of)]
     machine = SimpleNamespace(candidates=physics)
     problem = SimpleNamespace(machine=machine)
     best = SimpleNamespace(
@@ -230,9 +231,9 @@ def test_a_known_fault_is_there_without_being_asked_for(track):
         theta[list(candidate.at)] = candidate.typical
     x0 = machine.start(track)
     for blocks in (False, True):
-        expected = asked.run(track, theta, x0, blocks=blocks)
-        np.testing.assert_array_equal(machine.run(track, machine.theta, x0, blocks=blocks), expected)
-        assert np.abs(expected - asked.run(track, asked.theta, x0, blocks=blocks)).max() > 0.0
+        expected = asked.run(Setting(track, theta, x0), blocks=blocks)
+        np.testing.assert_array_equal(machine.run(Setting(track, machine.theta, x0), blocks=blocks), expected)
+        assert np.abs(expected - asked.run(Setting(track, asked.theta, x0), blocks=blocks)).max() > 0.0
 
 
 def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample():
@@ -245,8 +246,8 @@ def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample
     machine.settle_step([track], np.array([0.01, 0.5, 0.001]))
     x0 = machine.start(track)
     x0[0] += 0.2
-    fine = track.block_means(machine.run(track, machine.theta, x0))
-    coarse = machine.run(track, machine.theta, x0, blocks=True)
+    fine = track.block_means(machine.run(Setting(track, machine.theta, x0)))
+    coarse = machine.run(Setting(track, machine.theta, x0), blocks=True)
     assert track.coarse.samples[0] == 18
     assert (np.abs(coarse - fine) < np.array([0.01, 0.5, 0.001])).all()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tank_files import TANK, tank_table, write_python, write_recording
 
-from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.model import load_simulator
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.tracks import prepare
@@ -23,7 +23,7 @@ def test_what_cannot_be_compiled_gives_the_same(tmp_path, blocks, states):
         simulator = load_simulator(write_python(tmp_path, text, name))
         (track,) = prepare(read_recordings([path], simulator), simulator)
         machine = Machine(simulator, ())
-        return machine.clean(track, machine.theta, machine.start(track), blocks=blocks, states=states)
+        return machine.clean(Setting(track, machine.theta, machine.start(track)), blocks=blocks, states=states)
 
     with pytest.warns(RuntimeWarning, match="plain Python"):
         plain = runs("SEEN = []\n" + PLAIN, "plain.py")

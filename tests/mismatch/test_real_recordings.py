@@ -70,7 +70,7 @@ def test_of_the_tight_chamber_nothing_is_missing():
 def test_the_train_loses_air_and_heat():
     verdict = verdict_on("train_compressor")
     assert verdict.verdict == "missing physics"
-    ports = {f.port for f in verdict.findings}
+    ports = {str(f.port) for f in verdict.findings}
     assert ports & {"balance:p_bar", "balance:T_degC"}
     for channel, bound in (("reservoirs_bar", 0.5), ("T_oil_C", 0.8)):
         before, after = held_out("train_compressor", channel)

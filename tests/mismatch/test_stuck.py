@@ -29,7 +29,7 @@ def test_it_is_named_dated_and_its_readings_bend_nothing_else():
     assert verdict.verdict == "sensor fault"
     (finding,) = verdict.findings
     assert finding.mechanism == "sensor_stuck@speed_rad_s"
-    assert finding.port == "output:speed_rad_s"
+    assert str(finding.port) == "output:speed_rad_s"
     assert finding.since_s == pytest.approx(70.0, abs=4.0)
     assert verdict.says.startswith("The sensor of speed_rad_s stands still: on held out the RMS error of ")
     assert "s of run 2" in verdict.points[0]

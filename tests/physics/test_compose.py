@@ -20,7 +20,7 @@ from twinbench.physics.compose import compose, plain_rhs
 from twinbench.physics.fingerprint import Untold, fingerprint
 from twinbench.physics.integrate import simulate
 from twinbench.physics.jit import USER_FILE
-from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Array, Simulator, Term, Variable
 
 
 def variable(name: str, nominal: float = 0.0) -> Variable:
@@ -73,14 +73,14 @@ def at_first_level(x0, u0, theta):
     return np.array([x0[0] + theta[-2]])
 
 
-BIAS = Mechanism("bias", "", "output:level1", (variable("bias", 0.2),), term=offset)
-SPILL = Mechanism("spill", "", "balance:h2", (variable("c", 0.6), variable("rim", 0.5)), term=spill)
-SLOW = Mechanism("slow", "", "output:level2", (variable("share", 0.3), variable("tau_s", 4.0)), states=(variable("z"),),
+BIAS = Term("bias", "", "output:level1", (variable("bias", 0.2),), term=offset)
+SPILL = Term("spill", "", "balance:h2", (variable("c", 0.6), variable("rim", 0.5)), term=spill)
+SLOW = Term("slow", "", "output:level2", (variable("share", 0.3), variable("tau_s", 4.0)), states=(variable("z"),),
                  term=lagged, derivative=lag, initial=at_first_level)  # fmt: skip
-LEAK = Mechanism("leak", "", "flux:between", (variable("leak", 0.05),), (-math.inf,), term=offset)
-MASS = Mechanism("mass", "", "balance:h1", (variable("a", 0.7), variable("tau2_s", 9.0)), states=(variable("m"),),
+LEAK = Term("leak", "", "flux:between", (variable("leak", 0.05),), (-math.inf,), term=offset)
+MASS = Term("mass", "", "balance:h1", (variable("a", 0.7), variable("tau2_s", 9.0)), states=(variable("m"),),
                  term=lagged, derivative=lag)  # fmt: skip
-EXTRA = Mechanism("extra", "", "input:q", (variable("dq", 0.15),), term=offset)
+EXTRA = Term("extra", "", "input:q", (variable("dq", 0.15),), term=offset)
 ALL = (BIAS, SPILL, SLOW, LEAK, MASS, EXTRA)
 
 
@@ -134,7 +134,7 @@ def test_nothing_on_is_the_simulator_itself_to_the_last_bit():
 def test_a_mended_simulator_still_has_its_fluxes_and_takes_terms_there():
     mended = compose(TANKS, (SPILL, LEAK, EXTRA))
     assert mended.fluxes == TANKS.fluxes
-    choke = Mechanism("choke", "", "flux:outflow", (variable("choke", -0.07),), term=offset)
+    choke = Term("choke", "", "flux:outflow", (variable("choke", -0.07),), term=offset)
     twice, once = compose(mended, (choke, MASS)), compose(TANKS, (SPILL, LEAK, EXTRA, choke, MASS))
     assert twice.fluxes == TANKS.fluxes
     assert [v.name for v in twice.parameters] == [v.name for v in once.parameters]
@@ -219,7 +219,7 @@ def test_what_cannot_be_told_is_not_kept_but_runs():
 MACHINE = """
 import math
 import numpy as np
-from twinbench.physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Term, Simulator, Variable
 
 def variable(name, nominal):
     return Variable(name, "1", -10.0, 10.0, nominal)
@@ -242,7 +242,7 @@ LINES
     return term
 
 CATALOGUE = tuple(
-    Mechanism(f"series{n}", "", "balance:x", (variable(f"size{n}", 1.0),), term=series(n)) for n in (SIZES)
+    Term(f"series{n}", "", "balance:x", (variable(f"size{n}", 1.0),), term=series(n)) for n in (SIZES)
 )
 """
 LINES = "\n".join(f"            s += math.sin(i * x[0] + {k}.0) / i - math.tanh(s * i) % 0.{k}" for k in range(1, 40))

@@ -32,12 +32,12 @@ TANK = Simulator(
 )
 """
 LEAK = """
-from twinbench.physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Amplitude, Mechanism, Series, Term, Variable
 
 def leak(x, u, theta):
     return -theta[-1] * x[0]
 
-LEAK = Mechanism(
+LEAK = Term(
     name="leak", says="it leaks", port="balance:a", parameters=(Variable("c", "1/s", 0.0, 1.0, 0.1),), term=leak
 )
 """
@@ -188,21 +188,28 @@ def test_a_catalogue_from_a_file(tmp_path, form):
         ("theta[-1] * x[0]", "theta[-1] * x", "returns an array of shape (2,), must return one number"),
         ("theta[-1] * x[0]", 'float("nan")', "returns nan at the nominal values"),
         ("term=leak", "term=leak, states=(Variable('s', '1', 0, 1, 0),)", "states and derivative go together"),
-        ("term=leak", "", "its parameters are the simulator's; there is no 'c'; it has: k"),
-        ("term=leak", "series=lambda t, y, p: y", "a series acts on an output or an input, not on 'balance:a'"),
+        (
+            "LEAK = Term(",
+            "LEAK = Mechanism(",
+            "line 7: fails to import: TypeError: mechanism 'leak': write Term(",
+        ),
+        ("LEAK = Term(", "LEAK = Amplitude(absent=(0.0,), ", "unexpected keyword argument 'term'"),
+        ('c", "1/s", 0.0, 1.0, 0.1),), term=leak', 'c", "1/s", 0.0, 1.0, 0.1),), absent=(0.0,)', "argument: 'term'"),
+        ("term=leak", "", "missing 1 required keyword-only argument: 'term'"),
+        ("term=leak", "term=leak, series=leak", "unexpected keyword argument 'series'"),
         ('Variable("c"', 'Variable("k"', "its 'k' is also a name of simulator 'tank'; rename one"),
         (
             "LEAK = ",
-            "TWIN = Mechanism('leak', '', 'balance:b', (Variable('d', '', 0, 1, 0),), term=leak)\nLEAK = ",
+            "TWIN = Term('leak', '', 'balance:b', (Variable('d', '', 0, 1, 0),), term=leak)\nLEAK = ",
             "mechanism 'leak': is there twice",
         ),
         (
             "LEAK = ",
-            "TWIN = Mechanism('twin', '', 'balance:b', (Variable('c', '', 0, 1, 0),), term=leak)\nLEAK = ",
+            "TWIN = Term('twin', '', 'balance:b', (Variable('c', '', 0, 1, 0),), term=leak)\nLEAK = ",
             "its 'c' is also a name of mechanism 'twin'",
         ),
-        ("LEAK = Mechanism", "LEAK = dict", "holds no Mechanism"),
-        ("import Mechanism", "import Mechanismus", "line 2: fails to import: ImportError"),
+        ("LEAK = Term", "LEAK = dict", "holds no Mechanism"),
+        ("import Amplitude", "import Amplitudes", "line 2: fails to import: ImportError"),
         ("term=leak", "term=leak, kind='magic'", "kind is 'magic', must be physics, sensor or input"),
     ],
 )
@@ -213,8 +220,15 @@ def test_a_catalogue_that_does_not_fit(tmp_path, old, new, says):
 
 
 def test_a_fault_that_loses_samples(tmp_path):
-    text = LEAK.replace("balance:a", "output:h").replace("term=leak", "series=lambda t, y, p: y[1:]")
+    text = LEAK.replace("balance:a", "output:h").replace("LEAK = Term", "LEAK = Series")
+    text = text.replace("term=leak", "series=lambda t, y, p: y[1:]")
     with pytest.raises(ValueError, match=r"returns an array of shape \(49,\), must return 50 numbers"):
+        load_catalogue(write(tmp_path, text, "leak.py"), load_simulator(write(tmp_path, TANK)))
+
+
+def test_an_amplitude_of_no_parameter_of_the_simulator(tmp_path):
+    text = LEAK.replace("LEAK = Term", "LEAK = Amplitude").replace("term=leak", "absent=(0.0,)")
+    with pytest.raises(ValueError, match=r"so its parameters are the simulator's; there is no 'c'; it has: k"):
         load_catalogue(write(tmp_path, text, "leak.py"), load_simulator(write(tmp_path, TANK)))
 
 

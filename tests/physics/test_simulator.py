@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,7 +15,7 @@ from twinbench.physics.compose import with_mechanism
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import advance, simulate
 from twinbench.physics.mechanisms import CATALOGUE
-from twinbench.physics.simulator import Mechanism, Simulator, Variable
+from twinbench.physics.simulator import Amplitude, Mechanism, Port, Series, Simulator, Term, Variable
 
 
 def variable(name: str, nominal: float = 0.0) -> Variable:
@@ -42,6 +44,7 @@ SPRING = Simulator(
     output=position,
     initial=at_rest,
 )
+LATE = Series("late", "", "output:pos_m", (variable("delay", 0.1),), series=lambda t, y, p: y)
 
 
 def tank_flux(x, u, theta):
@@ -131,7 +134,7 @@ def cubic(x, u, theta):
 
 
 def test_a_balance_term_appends_its_parameter():
-    stiffens = Mechanism("hardening", "the spring stiffens", "balance:v_m_s", (variable("k3", 2.0),), term=cubic)
+    stiffens = Term("hardening", "the spring stiffens", "balance:v_m_s", (variable("k3", 2.0),), term=cubic)
     hard = with_mechanism(SPRING, stiffens)
     assert [v.name for v in hard.parameters] == ["k", "d", "k3"]
     assert hard.mechanisms == ("hardening",)
@@ -147,7 +150,7 @@ def test_a_flux_term_acts_on_every_balance_that_shares_it():
     def choke(x, u, theta):
         return -theta[2]
 
-    choked = Mechanism("choke", "less flows between", "flux:between", (variable("c", 0.1),), term=choke)
+    choked = Term("choke", "less flows between", "flux:between", (variable("c", 0.1),), term=choke)
     leak = with_mechanism(TANKS, choked)
     x, u = np.array([1.0, 0.5]), np.array([0.3])
     plain = compiled(TANKS).rhs(x, u, TANKS.theta())
@@ -158,8 +161,8 @@ def test_input_and_output_terms_and_two_mechanisms_together():
     def offset(x, u, theta):
         return theta[-1]
 
-    pushed = with_mechanism(SPRING, Mechanism("push", "", "input:F_N", (variable("dF", 0.5),), term=offset))
-    both = with_mechanism(pushed, Mechanism("zero", "", "output:pos_m", (variable("dy", 0.25),), term=offset))
+    pushed = with_mechanism(SPRING, Term("push", "", "input:F_N", (variable("dF", 0.5),), term=offset))
+    both = with_mechanism(pushed, Term("zero", "", "output:pos_m", (variable("dy", 0.25),), term=offset))
     x, u = np.array([0.7, 0.2]), np.array([0.1])
     assert compiled(both).rhs(x, u, both.theta()) == pytest.approx(spring_rhs(x, u + 0.5, SPRING.theta()))
     assert compiled(both).output(x, u, both.theta()) == pytest.approx([0.95])
@@ -173,7 +176,7 @@ def test_a_mechanism_can_bring_its_own_state():
     def lag(x, u, theta):
         return np.array([(x[1] - x[2]) / 0.5])
 
-    drag = Mechanism(
+    drag = Term(
         "late_drag", "", "balance:v_m_s", (variable("c", 1.5),), states=(variable("lag"),), term=lagged, derivative=lag
     )
     late = with_mechanism(SPRING, drag)
@@ -198,8 +201,15 @@ def test_every_catalogued_amplitude_is_the_plant_when_absent():
     ("make", "message"),
     [
         (lambda: SPRING.with_values(q=1.0), "has no parameter 'q'"),
-        (lambda: with_mechanism(SPRING, Mechanism("m", "", "balance:z", (), term=cubic)), "has no balance 'z'"),
-        (lambda: with_mechanism(SPRING, Mechanism("m", "", "door:z", (), term=cubic)), "port 'door:z'"),
+        (
+            lambda: with_mechanism(SPRING, Term("m", "", "balance:z", (variable("c", 1.0),), term=cubic)),
+            "has no balance 'z'",
+        ),
+        (lambda: Term("m", "", "door:z", (variable("c", 1.0),), term=cubic), "mechanism 'm': port 'door:z' must read"),
+        (lambda: Port("balance", ""), "port 'balance' must read balance:NAME, flux:NAME, output:NAME, input:NAME"),
+        (lambda: Term("m", "", "balance:z", (), term=cubic), "has no parameters; the first is its size"),
+        (lambda: Amplitude("m", "", "balance:z", (variable("c", 1.0),)), "absent has 0 values for 1 parameters"),
+        (lambda: with_mechanism(SPRING, LATE), "mechanism 'late': needs whole records, so no equations can hold it"),
         (lambda: Variable("x", "1", 0.0, 1.0, 2.0), "outside"),
         (lambda: simulate(SPRING, np.zeros((1, 5, 2)), np.zeros(2)), "u has 2 columns"),
         (lambda: simulate(SPRING, np.zeros((1, 5, 1)), np.zeros(2), substeps=0), "substeps"),
@@ -210,6 +220,24 @@ def test_every_catalogued_amplitude_is_the_plant_when_absent():
 def test_a_wrong_description_is_refused_in_words(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+@pytest.mark.parametrize(
+    ("given", "kind"),
+    [({"term": cubic}, "Term"), ({"series": lambda t, y, p: y}, "Series"), ({"absent": (0.0,)}, "Amplitude")],
+)
+def test_a_mechanism_of_no_kind_is_refused_and_the_kind_is_named(given, kind):
+    line = rf"mechanism 'm': write {kind}\(...\) in place of Mechanism\(...\); a mechanism is a Term, an Amplitude or a"
+    with pytest.raises(TypeError, match=line):
+        Mechanism(name="m", says="", port="balance:z", parameters=(variable("c", 1.0),), **given)
+
+
+def test_a_port_reads_as_it_is_written_and_finds_its_variable():
+    late = Port.parse("output:pos_m")
+    assert (late.place, late.variable, str(late)) == ("output", "pos_m", "output:pos_m")
+    assert LATE.port == late
+    assert late.variable_of(SPRING) is SPRING.outputs[late.index(SPRING)]
+    assert replace(LATE, port="input:F_N").port == Port("input", "F_N")
 
 
 @settings(max_examples=30, deadline=None)

@@ -1,0 +1,109 @@
+"""First stage: the recordings and the simulator made ready for each other, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twinbench.common.errors import BadInput
+from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked, Progress
+from twinbench.mismatch.calibrate import block_noise, is_parameter
+from twinbench.mismatch.joining import AUTO, LINEAR, Joined, how_joined
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.model import whole_catalogue
+from twinbench.mismatch.tracks import Track, prepare
+from twinbench.physics.simulator import Array
+
+SHORTEST_BLOCKS = 30
+SPLIT = 0.7
+"""Share of a single recording that is learnt from when none is held out."""
+
+
+@dataclass(frozen=True)
+class Audited:
+    """What the other stages work on.
+
+    Attributes:
+        tracks, held: recordings to learn from, and those held back.
+        floor: (ny,) noise of block means, in the outputs' units.
+        period_s: median time between samples.
+        joined: how inputs go between samples.
+        coarse: a remark if the machine could not be integrated finely enough; else empty.
+    """
+
+    machine: Machine
+    tracks: list[Track]
+    held: list[Track]
+    floor: Array
+    period_s: float
+    joined: Joined
+    coarse: str
+
+
+def audited(asked: Asked, progress: Progress) -> Audited:
+    """Split the recordings, put everything that may be missing into one machine, and settle how it is run.
+
+    Raises:
+        BadInput: a recording that is too short, or a simulator that diverges.
+    """
+    progress("audit", 0.0)
+    simulator = asked.simulator
+    recordings, hold_out = _split(asked.recordings, asked.hold_out)
+    period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in recordings])))
+    machine = _machine(asked, period_s)
+    tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
+    machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
+    _check_length([*tracks, *held])
+    progress("audit", 0.3)
+    try:
+        joined = (
+            how_joined(machine, tracks, lambda share: progress("audit", 0.3 + 0.6 * share))
+            if asked.inputs == AUTO
+            else Joined(asked.inputs, "user")
+        )
+        if joined.inputs == LINEAR:
+            tracks, held = ([replace(t, linear=True) for t in some] for some in (tracks, held))
+        floor = block_noise(tracks, simulator)
+        coarse = machine.settle_step(tracks, floor)
+    except ValueError as error:
+        raise BadInput(str(error)) from error
+    progress("audit", 1.0)
+    return Audited(machine, tracks, held, floor, period_s, joined, coarse)
+
+
+def _machine(asked: Asked, period_s: float) -> Machine:
+    """The simulator with all candidates. What calibration moves anyway, and sensors that stand still, are none."""
+    simulator, known = asked.simulator, {m.name for m in asked.faults}
+    listed = whole_catalogue(simulator, (), period_s) if asked.catalogue is None else tuple(asked.catalogue)
+    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
+    return Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
+
+
+def _check_length(tracks: Sequence[Track]) -> None:
+    for track in tracks:
+        if len(track.starts) < SHORTEST_BLOCKS:
+            raise BadInput(
+                f"recording {track.name}: {len(track.time_s)} samples are too few to learn from; record at least "
+                f"{SHORTEST_BLOCKS}"
+            )
+
+
+def _split(
+    recordings: Sequence[Recording], hold_out: Sequence[Recording]
+) -> tuple[Sequence[Recording], Sequence[Recording]]:
+    if hold_out:
+        return recordings, hold_out
+    if len(recordings) > 1:
+        return recordings[:-1], recordings[-1:]
+    (only,) = recordings
+    cut = int(SPLIT * len(only.time_s))
+    return [_piece(only, slice(0, cut), "")], [_piece(only, slice(cut, None), " (end)")]
+
+
+def _piece(recording: Recording, rows: slice, suffix: str) -> Recording:
+    return replace(
+        recording, name=recording.name + suffix, time_s=recording.time_s[rows], values=recording.values[rows]
+    )

@@ -1,0 +1,82 @@
+"""Second stage: the simulator as it came, fitted; and readings set aside that say nothing of the machine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from twinbench.mismatch.asked import Progress
+from twinbench.mismatch.calibrate import calibrated, own_unknowns
+from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.noise import levels
+from twinbench.mismatch.proof import Held, held_out
+from twinbench.mismatch.stage_audit import Audited
+from twinbench.mismatch.stuck import Stuck, find_stuck, without
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The calibrated simulator.
+
+    Attributes:
+        problem, z, cost: the fit; z is (K,).
+        tracks, held: the recordings without the readings of sensors that stand still.
+        own: unknowns that each held-out recording has for itself.
+        held_first: how the calibrated simulator does on the held-out recordings; None without any.
+        stuck: the sensors that stand still.
+    """
+
+    problem: Problem
+    z: Array
+    cost: float
+    tracks: list[Track]
+    held: list[Track]
+    own: tuple[Unknown, ...]
+    held_first: Held | None
+    stuck: list[Stuck]
+
+
+def calibration(audited: Audited, progress: Progress) -> Calibration:
+    """Fit the parameters, with spikes that the simulator follows put back, and stuck sensors found."""
+    progress("calibrate", 0.0)
+    machine, tracks, floor = audited.machine, audited.tracks, audited.floor
+    problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 * share))
+    followed = _with_followed_spikes(problem, z)
+    if any(a is not b for a, b in zip(followed, tracks, strict=True)):
+        tracks = followed
+        problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 + 0.2 * share))
+    stuck: list[Stuck] = []
+    if found := find_stuck(tracks, problem.residuals(z), floor):
+        problem, z, cost = calibrated(machine, without(tracks, found), floor)
+        # Where it begins shows best against a fit that has not seen it.
+        whole = replace(problem, tracks=tracks, offsets=()).refined(z)
+        stuck = find_stuck(tracks, whole.residuals(z), floor) or found
+        tracks = without(tracks, stuck)
+        problem, z, cost = calibrated(machine, tracks, floor)
+    progress("calibrate", 0.8)
+    own = own_unknowns(machine.simulator, audited.held)
+    held_first = held_out(problem, z, audited.held, own) if audited.held else None
+    held, stuck_held = _held_back(audited, held_first, problem.residuals(z))
+    return Calibration(problem, z, cost, tracks, held, own, held_first, [*stuck, *stuck_held])
+
+
+def _held_back(audited: Audited, first: Held | None, residuals: list[Array]) -> tuple[list[Track], list[Stuck]]:
+    """The held-out recordings as the calibrated simulator shows them, and their sensors that stand still.
+
+    Args:
+        residuals: of the fitted recordings, (B, ny) each; the held-out recordings' noise is measured by theirs.
+    """
+    if first is None:
+        return audited.held, []
+    held = [t.followed(readings) for t, readings in zip(audited.held, first.readings, strict=True)]
+    found = find_stuck(held, first.residuals, audited.floor)
+    if found:
+        held = without(held, found)
+    noise = levels(residuals, first.residuals)
+    return [replace(t, level=level) for t, level in zip(held, noise, strict=True)], found
+
+
+def _with_followed_spikes(problem: Problem, z: Array) -> list[Track]:
+    """The recordings with those spikes put back that the calibrated simulator follows."""
+    return [t.followed(problem.readings(r, z)) if t.spikes else t for r, t in enumerate(problem.tracks)]
