@@ -99,15 +99,28 @@ class Problem:
         return np.array([u.mean for u in self.unknowns])
 
     def readings(self, r: int, z: Array) -> Array:
-        """Simulated readings (N, ny) of recording r, sample by sample."""
+        """Simulated readings (N, ny) of recording r, sample by sample.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         return self.machine.run(self._setting(r, z, self.tracks[r].fine))
 
     def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Simulated block means (B, ny) of recording r before the sensors' faults."""
+        """Simulated block means (B, ny) of recording r before the sensors' faults.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
+        """
         return self.machine.clean(self._setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
 
     def states(self, r: int, z: Array) -> Array:
-        """Simulated states (B, nx) of recording r, candidates' own last."""
+        """Simulated states (B, nx) of recording r, candidates' own last.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         return self.machine.clean(self._setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
     def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:

@@ -20,7 +20,8 @@ class Calibration:
     """The calibrated simulator.
 
     Attributes:
-        problem, z, cost: the fit; z is (K,).
+        problem, cost: the fit.
+        z: (K,) where the problem's unknowns stand, each in its own unit.
         tracks, held: the recordings without the readings of sensors that stand still.
         own: unknowns that each held-out recording has for itself.
         held_first: how the calibrated simulator does on the held-out recordings; None without any.

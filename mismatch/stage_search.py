@@ -63,7 +63,7 @@ class Search:
 
     Attributes:
         choices: all variants of all candidates.
-        floor: (ny,) least noise of block means.
+        floor: (ny,) least noise of block means, in the outputs' units.
     """
 
     choices: Sequence[Variant]

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Equation = Callable[[Array, Array, Array], Array]
-"""``f(x, u, theta)`` in plain scalar NumPy style, so that numba can compile it."""
+"""``f(x, u, theta)`` in plain scalar NumPy style, so that numba can compile it.
+
+x (nx,), u (nu,) and theta (np,) are states, inputs and parameters in the order and the units of their Variables.
+"""
 PLACES = ("balance", "flux", "output", "input")
 """What a mechanism can act on: a state's rate, a flux that several balances share, a reading, an input."""
 
@@ -96,6 +99,8 @@ class Mechanism:
     """What a model can leave out: a ``Term``, an ``Amplitude`` or a ``Series``. It is never built itself.
 
     Attributes:
+        name: as verdicts, tables and files call it.
+        says: what it is, in words.
         port: where it acts; given as the text that ``Port`` describes, or as a ``Port``.
         parameters: the first is the size, others shape it (a threshold, an exponent, a time constant). ``nominal`` is
             the typical value when the mechanism is present.
@@ -154,12 +159,13 @@ class Term(Mechanism):
     Its parameters and states are appended to the simulator's. A flux may be shared by several balances.
 
     Attributes:
-        term: ``term(x, u, theta) -> float``. x and theta are the simulator's whole vectors, the mechanism's own
-            entries last. The term is in the port's units, at a balance in the state's unit per second.
+        term: ``term(x, u, theta) -> float``. x (nx,) and theta (np,) are the simulator's whole vectors, the
+            mechanism's own entries last. The term is in the port's units, at a balance in the state's unit per second.
         states: the mechanism's own states (a lag, a second thermal mass).
-        derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if there are ``states``.
-        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, if not at their nominal
-            values. x0 and theta are as for the term, its own states still nominal.
+        derivative: ``derivative(x, u, theta) -> (n_own_states,)``, in those states' units per second; needed if there
+            are ``states``.
+        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, in their units, if not at their
+            nominal values. x0 and theta are as for the term, its own states still nominal.
     """
 
     term: Callable[[Array, Array, Array], float] = field(kw_only=True)
@@ -206,7 +212,7 @@ class Series(Mechanism):
     Attributes:
         series: ``series(time_s, values, theta) -> values``. time_s and both values are (N,), theta holds its own
             parameters alone. At an output it gives what the sensor makes of the clean reading, at an input what the
-            machine got where ``values`` were recorded.
+            machine got where ``values`` were recorded. time_s is in seconds, values are in the channel's unit.
     """
 
     series: Callable[[Array, Array, Array], Array] = field(kw_only=True)

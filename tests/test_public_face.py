@@ -137,7 +137,7 @@ def test_the_reference_shows_the_help_of_every_command() -> None:
     assert headings == ["twinbench", *(f"twinbench {name}" for name in COMMANDS)]
 
 
-@pytest.mark.parametrize("name", ["Simulator", "Mechanism"])
+@pytest.mark.parametrize("name", ["Simulator", "Term", "Series"])
 def test_every_equation_that_a_user_writes_states_its_shapes_and_units(name: str) -> None:
     target = package()[name].final_target
     known = told(target, "attributes")
