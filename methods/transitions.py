@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.physics.compressor import PLANT
+from twinbench.physics.compressor import PLANT, X
 from twinbench.physics.health import HIGH, LOW, SPAN
 from twinbench.physics.integrate import advance
 
@@ -79,7 +79,7 @@ def draw_transitions(
     if perturbed:
         near = rng.random(count)[:, None] < 0.4
         x[:, : len(STATES)] += np.where(near, 0.15, 1.0) * STATE_SPREAD * rng.normal(size=(count, len(STATES)))
-        x[:, 4] = np.maximum(x[:, 4], 0.1)
+        x[:, X.flow_memory] = np.maximum(x[:, X.flow_memory], 0.1)
         size = np.where(near, 0.15, 1.0) * 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
         anywhere = rng.uniform(HEALTH_LOW, HEALTH_HIGH, size=(count, len(HEALTH)))
         theta = np.where(rng.random(count)[:, None] < 0.5, anywhere, theta + size)

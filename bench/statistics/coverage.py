@@ -15,6 +15,7 @@ from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.bootstrap import LEVEL, interval, resample_weights
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
+from twinbench.physics.compressor import U, Y
 
 SETTLE_S = 60.0
 """The regime ``health_during`` lasts this long past the change, or a step would have none."""
@@ -51,8 +52,8 @@ def regimes(time_s: Array, truth: Truth, changes: list[tuple[float, float] | Non
     Args:
         changes: start and end of each sequence's health change, seconds; None where it has none.
     """
-    speed = truth.inputs[..., 2]
-    ratio = truth.outputs[..., 0] / truth.inputs[..., 0]
+    speed = truth.inputs[..., U.N_rpm]
+    ratio = truth.outputs[..., Y.p_dis_bar] / truth.inputs[..., U.p_suc_bar]
     masks = {"all": np.ones(speed.shape, dtype=bool)}
     for name, values in (("speed", speed), ("ratio", ratio)):
         first, second = np.quantile(values, [1 / 3, 2 / 3])

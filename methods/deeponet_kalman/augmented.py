@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import Array
+from twinbench.data.batch import STATE, Array
 from twinbench.methods.deeponet_kalman.records import record
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
@@ -63,13 +63,18 @@ from twinbench.methods.probe import probe_lag
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import map_one
 
-PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
-T_DIS, BIAS = 2, ZETA + 4
+PROBE = N_STATES
+ZETA = PROBE + 1
+NOISE = ZETA + N_HEALTH
+ERROR = NOISE + N_OUTPUTS
+SIZE = ERROR + N_STATES
+"""Where the parts of z begin, and how many entries it has."""
+GAS, FLOW, BIAS = STATE.T_gas_K, STATE.flow_memory, NOISE - 1
 ACTING = ZETA + N_HEALTH
 """Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
-SHIFTS = (1, BIAS, 4)
+SHIFTS = (STATE.p_exh_bar, BIAS, FLOW)
 """Entries of z that a shift of each output is put down to: pressure, bias, flow."""
-SLOW = (3, *range(ZETA, NOISE), *range(ERROR, SIZE))
+SLOW = (STATE.T_wall_K, *range(ZETA, NOISE), *range(ERROR, SIZE))
 """Entries of z that change over minutes: the wall, health, the slow errors. They stay while the query is not known."""
 WANDERING = 3.0
 """What the states move by in a tick meanwhile, in training increments."""
@@ -138,8 +143,8 @@ def _condition(model, z, condition):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _move(model, z, scaled, part):  # type: ignore[no-untyped-def]
     """Eq. (6) in place: states by the operator, probe by its lag, noise and slow error by their memory."""
-    share, _ = probe_lag(z[4])
-    z[PROBE] += part * share * (z[2] - z[PROBE])
+    share, _ = probe_lag(z[FLOW])
+    z[PROBE] += part * share * (z[GAS] - z[PROBE])
     for i in range(N_STATES):
         z[i] += part * (scaled[i] * model.increment[i] + z[ERROR + i])
         z[ERROR + i] += part * (model.error_keep - 1.0) * z[ERROR + i]
@@ -160,10 +165,10 @@ def _transition(model, z, jacobian, trusted, part, F):  # type: ignore[no-untype
             F[i, ZETA + j] = part * trusted * jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
         F[i, ERROR + i] = part
         F[ERROR + i, ERROR + i] += part * (model.error_keep - 1.0)
-    share, slope = probe_lag(z[4])
+    share, slope = probe_lag(z[FLOW])
     F[PROBE, PROBE] -= part * share
-    F[PROBE, 2] = part * share
-    F[PROBE, 4] = part * slope * (z[2] - z[PROBE])
+    F[PROBE, GAS] = part * share
+    F[PROBE, FLOW] = part * slope * (z[GAS] - z[PROBE])
     for i in range(N_OUTPUTS):
         F[NOISE + i, NOISE + i] += part * (model.noise_keep[i] - 1.0)
 
@@ -232,7 +237,7 @@ def predict_mean(w, model, base, z, t):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def readings(z, bias_K, out):  # type: ignore[no-untyped-def]
     """Noise-free readings into ``out`` (3,), order OUTPUTS."""
-    out[0], out[1], out[2] = z[1], z[PROBE] + bias_K, M_REF_KG_S * z[4]
+    out[0], out[1], out[2] = z[STATE.p_exh_bar], z[PROBE] + bias_K, M_REF_KG_S * z[FLOW]
 
 
 @njit(cache=True, error_model="numpy")
@@ -244,10 +249,10 @@ def _observe(model, safety, z, measured, white_sd, coloured_sd, t):  # type: ign
             t.H[i, j] = 0.0
         for j in range(N_OUTPUTS):
             t.R[i, j] = 0.0
-    t.H[0, 1] = 1.0
+    t.H[0, STATE.p_exh_bar] = 1.0
     t.H[1, PROBE] = 1.0
     t.H[1, BIAS] = slope
-    t.H[2, 4] = M_REF_KG_S
+    t.H[2, FLOW] = M_REF_KG_S
     readings(z, bias_K, t.innovation)
     for i in range(N_OUTPUTS):
         t.H[i, NOISE + i] = coloured_sd[i]
@@ -259,7 +264,7 @@ def _observe(model, safety, z, measured, white_sd, coloured_sd, t):  # type: ign
 @njit(cache=True, error_model="numpy")
 def _bounded_states(model, z):  # type: ignore[no-untyped-def]
     """Flow positive, health within its coordinates, in place."""
-    z[4] = max(z[4], 0.05)
+    z[FLOW] = max(z[FLOW], 0.05)
     for i in range(N_HEALTH):
         z[ZETA + i] = min(max(z[ZETA + i], model.zeta_low[i]), model.zeta_high[i])
 
@@ -350,7 +355,7 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
     bias_K, _ = map_one(N_HEALTH - 1, z[BIAS])
     if settings.steps and follow_steps(safety, counts[UPDATES], t.innovation, t.S, t.H, SHIFTS, z, P, ZETA):
         now_K, _ = map_one(N_HEALTH - 1, z[BIAS])
-        for i in (T_DIS, PROBE):  # what the bias does not explain any more is temperature
+        for i in (GAS, PROBE):  # what the bias does not explain any more is temperature
             z[i] += bias_K - now_K
         for c in range(N_OUTPUTS):
             if safety.steps.out[c] > 0:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.deeponet_kalman.augmentation import augmented
 from twinbench.methods.deeponet_kalman.stream import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
@@ -79,9 +79,9 @@ def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
         x, x_next: (B, 5) states in physical units.
         suction: (B, 2) suction pressure in bar and temperature in K.
     """
-    flow = torch.relu(-x_next[:, 4])
-    cold = torch.relu(suction[:, 1] - x_next[:, 2]) / 10.0
-    ratio = x_next[:, 1] / suction[:, 0]
+    flow = torch.relu(-x_next[:, STATE.flow_memory])
+    cold = torch.relu(suction[:, 1] - x_next[:, STATE.T_gas_K]) / 10.0
+    ratio = x_next[:, STATE.p_exh_bar] / suction[:, 0]
     beyond = torch.relu(ratio - RATIO_LIMITS[1]) + torch.relu(RATIO_LIMITS[0] - ratio)
     return (flow.square() + cold.square() + beyond.square()).mean()
 

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S
 from twinbench.methods.deeponet_kalman.records import one_record, record
 from twinbench.methods.operator import (
     HEAD_OF_STATE,
@@ -237,7 +237,7 @@ def push(w, s, t, sample, mask, query):  # type: ignore[no-untyped-def]
     """
     for c in range(N_CHANNELS):
         sample[c] = min(max(sample[c], -LIMIT), LIMIT)
-    temperature = sample[5]
+    temperature = sample[CHANNEL.T_dis_K]
     times = 1
     if s.ticks[0] == 0:
         times = s.values.shape[0]
