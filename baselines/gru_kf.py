@@ -72,7 +72,7 @@ class GRUKalman(Estimator):
         from torch.nn import functional
 
         from twinbench.baselines.recurrent import SlowFast
-        from twinbench.baselines.sequences import fit_sequences, read_out
+        from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
 
@@ -91,9 +91,8 @@ class GRUKalman(Estimator):
 
         # The reading of one tick answers for the next.
         target = ((z[:, 1:] - mean) / scale).astype(np.float32)
-        losses = fit_sequences(
-            network, read[:, :-1], target, loss, rng, config["iterations"], config["batch"], config["learning_rate"]
-        )
+        schedule = Schedule(config["iterations"], config["batch"], config["learning_rate"])
+        losses = fit_sequences(network, read[:, :-1], target, loss, rng, schedule)
         own = features.run(front_end.standardise(front_end.run(validation.measured)[0]))
         ticks, out = read_out(network, own[:, :-1], every=5)
         error = (_targets(validation)[:, ticks + 1] - mean) / scale - out[..., :SIZE]

@@ -67,7 +67,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         from torch.nn import functional
 
         from twinbench.baselines.recurrent import SlowFast
-        from twinbench.baselines.sequences import fit_sequences, read_out
+        from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
 
@@ -92,9 +92,8 @@ class LSTMRecursiveLeastSquares(Estimator):
             return functional.smooth_l1_loss((terms * powers).sum(-1), wanted[..., :N_TARGETS], beta=0.1)
 
         target = np.concatenate([(x - mean) / scale, zeta[..., :N_ZETA] / ZETA_SCALE], axis=-1).astype(np.float32)
-        losses = fit_sequences(
-            network, read, target, loss, rng, config["iterations"], config["batch"], config["learning_rate"]
-        )
+        schedule = Schedule(config["iterations"], config["batch"], config["learning_rate"])
+        losses = fit_sequences(network, read, target, loss, rng, schedule)
         ticks, out = read_out(network, read_of(validation), every=5)
         x_held, zeta_held = (part[:, ticks] for part in _targets(validation))
         terms = out.reshape(*out.shape[:2], N_TARGETS, 1 + 2 * N_ZETA)

@@ -84,9 +84,7 @@ class PINNUnscentedKalman(Estimator):
 
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import adamw, seeded, weights_of
-        from twinbench.methods.transitions import draw_transitions
-        from twinbench.physics.integrate import advance
-        from twinbench.physics.nominal import NOMINAL
+        from twinbench.methods.transitions import Sampling, draw_transitions
 
         config = self.config
         rng, _ = seeded(seed)
@@ -97,20 +95,13 @@ class PINNUnscentedKalman(Estimator):
         mean, scale = read.mean(axis=0), read.std(axis=0)
         mean[-N_ZETA:], scale[-N_ZETA:] = 0.0, ZETA_SCALE
         step = moves.increment.std(axis=0)
-        # Collocation: other states and health still, where only the nominal balances answer.
-        apart = rng.permutation(len(read))
-        x = moves.x + 0.5 * (moves.x[apart] - moves.x)
-        theta = moves.theta[apart]
-        hidden = train.truth.states[moves.sequence, moves.sample, N_X:]
-        u = train.truth.inputs[moves.sequence, moves.sample]
-        nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, HEALTH, theta)
-        elsewhere = np.concatenate([x, read[:, N_X:-N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
+        elsewhere, nominal = _collocation(train, moves, read, rng)
 
         def tensor(a: Array) -> torch.Tensor:
             return torch.from_numpy(a.astype(np.float32))
 
         inputs, wanted = tensor((read - mean) / scale), tensor(moves.increment / step)
-        beyond, balance = tensor((elsewhere - mean) / scale), tensor((nominal[:, :N_X] - x) / step)
+        beyond, balance = tensor((elsewhere - mean) / scale), tensor(nominal / step)
         width = config["hidden"]
         network = nn.Sequential(
             nn.Linear(read.shape[1], width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, N_X)
@@ -125,7 +116,7 @@ class PINNUnscentedKalman(Estimator):
             return fit + config["physics"] * functional.smooth_l1_loss(out[len(rows) :], balance[few], beta=0.2)
 
         losses = adamw(network, loss, config["iterations"], config["learning_rate"])
-        held = draw_transitions(validation, 20_000, rng, perturbed=False)
+        held = draw_transitions(validation, 20_000, rng, Sampling(perturbed=False))
         states = train.truth.states[..., : N_X + 1].reshape(-1, N_X + 1)[::50]
         self.arrays = {
             **weights_of(network),
@@ -271,6 +262,29 @@ def _network_input(batch: Batch, moves: Any) -> Array:
     at = (moves.sequence, moves.sample)
     valve = batch.truth.states[*at, VALVE]
     return np.concatenate([moves.x, batch.truth.inputs[at], valve[:, None], to_zeta(moves.theta)[:, :N_ZETA]], axis=1)
+
+
+def _collocation(batch: Batch, moves: Any, read: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Other states and health, where only the nominal balances answer.
+
+    Args:
+        read: (M, 13) what the network reads of the transitions themselves.
+
+    Returns:
+        What it reads there, (M, 13), and the increments (M, 5) that the nominal model gives.
+    """
+    from twinbench.physics.integrate import Varying, advance
+    from twinbench.physics.nominal import NOMINAL
+
+    assert batch.truth is not None
+    apart = rng.permutation(len(read))
+    x = moves.x + 0.5 * (moves.x[apart] - moves.x)
+    theta = moves.theta[apart]
+    hidden = batch.truth.states[moves.sequence, moves.sample, N_X:]
+    u = batch.truth.inputs[moves.sequence, moves.sample]
+    nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, Varying(HEALTH, theta))
+    elsewhere = np.concatenate([x, read[:, N_X:-N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
+    return elsewhere, nominal[:, :N_X] - x
 
 
 @njit(cache=True, error_model="numpy")

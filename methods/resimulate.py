@@ -16,7 +16,7 @@ from twinbench.data.scenario import RATIO_LIMITS
 from twinbench.methods.transitions import HEALTH_HIGH, HEALTH_LOW
 from twinbench.physics.compressor import PLANT, U, Y
 from twinbench.physics.health import HEALTHY
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.steady import steady_state, valve_for
 
 _LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
@@ -35,7 +35,7 @@ def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
         u = _recombined(train.truth, rng)
         health = np.stack([_path(samples, rng) for _ in range(batch)])
         x0 = np.stack([steady_state(PLANT, row) for row in u[:, 0]])
-        x, y = simulate(PLANT, u, x0, varying=HEALTH, values=health)
+        x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
         measured = np.stack([corrupt(u[b], y[b], Corruption(), rng) for b in range(batch)])
         names = tuple(f"{name}-again-{copy}" for name in train.names)
         parts.append(Batch(names, train.time_s, measured, Truth(x, health, y, u)))

@@ -121,7 +121,7 @@ class DeepONetKalman(Estimator):
         from twinbench.methods.operator import Operator
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
-        from twinbench.methods.transitions import draw_transitions, plant_slopes
+        from twinbench.methods.transitions import Sampling, draw_transitions, plant_slopes
 
         config = self.config
         rng, _ = seeded(seed)
@@ -129,16 +129,8 @@ class DeepONetKalman(Estimator):
         front_end = FrontEnd.fit(train)
         window = config["window"]
         source = WindowSource.fit(train, front_end, window)
-        transitions = draw_transitions(
-            train,
-            config["transitions"],
-            rng,
-            window,
-            HORIZONS_S,
-            config["each"],
-            config["counterfactual"],
-            config["stratified"],
-        )
+        how = Sampling(window, HORIZONS_S, config["each"], config["counterfactual"], config["stratified"])
+        transitions = draw_transitions(train, config["transitions"], rng, how)
         scales = Scales.fit(transitions)
         operator = Operator(window=window)
         recipe = Recipe(**{field.name: config[field.name] for field in dataclasses.fields(Recipe)})

@@ -15,7 +15,7 @@ from twinbench.methods.deeponet_kalman.stream import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw
-from twinbench.methods.transitions import Slopes, Transitions, draw_transitions, plant_sensitivities
+from twinbench.methods.transitions import Sampling, Slopes, Transitions, draw_transitions, plant_sensitivities
 from twinbench.physics.health import d_theta_d_zeta, to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
@@ -282,7 +282,7 @@ def audit(
     residual = _along_the_recordings(operator, source, validation, scales)
     slow = residual.mean(axis=1, keepdims=True)
     quick = (residual - slow).reshape(-1, len(STATES))
-    probe = draw_transitions(validation, count // 4, rng, source.window)
+    probe = draw_transitions(validation, count // 4, rng, Sampling(source.window))
     F, G = plant_sensitivities(validation, probe)
     step = 0.02
     J_x, J_theta = np.empty_like(F), np.empty_like(G)
