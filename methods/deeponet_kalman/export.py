@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from twinbench.data.batch import CHANNEL, HEALTH, SAMPLE_PERIOD_S, STATE, Array
-from twinbench.methods.deeponet_kalman.augmented import ERROR, FLOW, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.layout import N_CONDITION, ZETA_SCALE
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-from twinbench.methods.deeponet_kalman.stream import LIMIT, N_CONDITION, ZETA_SCALE
+from twinbench.methods.deeponet_kalman.model import ERROR, FLOW, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.stream import LIMIT
 from twinbench.methods.operator import (
     HEAD_OF_STATE,
     KERNEL,

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.methods.deeponet_kalman.augmented import ERROR, NOISE, SIZE, ZETA, Model
 from twinbench.methods.deeponet_kalman.cycle import (
     KEEP,
     SAID,
@@ -20,8 +19,9 @@ from twinbench.methods.deeponet_kalman.cycle import (
     twin_record,
     update,
 )
+from twinbench.methods.deeponet_kalman.layout import pack
+from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, SIZE, ZETA, Model
 from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, Envelope, Settings, empty_safety
-from twinbench.methods.deeponet_kalman.stream import pack
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import THRESHOLD, FrontEnd
 from twinbench.methods.kalman import linear_filter

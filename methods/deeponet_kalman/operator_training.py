@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from twinbench.data.batch import SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.deeponet_kalman.augmentation import augmented
-from twinbench.methods.deeponet_kalman.stream import ZETA_SCALE
+from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw

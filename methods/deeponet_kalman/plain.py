@@ -10,22 +10,11 @@ import numpy as np
 import torch
 
 from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, STATE, Array
-from twinbench.methods.deeponet_kalman.augmented import (
-    BIAS,
-    ERROR,
-    FLOW,
-    GAS,
-    LATE,
-    NOISE,
-    PROBE,
-    SHIFTS,
-    SIZE,
-    SLOW,
-    WANDERING,
-    ZETA,
-)
+from twinbench.methods.deeponet_kalman.augmented import LATE, SHIFTS, SLOW, WANDERING
 from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
+from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
@@ -53,7 +42,7 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     watch,
 )
 from twinbench.methods.deeponet_kalman.steps import follow_steps, free_to_return, note_way
-from twinbench.methods.deeponet_kalman.stream import LIMIT, ZETA_SCALE
+from twinbench.methods.deeponet_kalman.stream import LIMIT
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import (
     FLAG_FROZEN,
