@@ -22,7 +22,7 @@ from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.noise import coloured_keep, health_walk_var, output_sd
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
-from twinbench.physics.compressor import M_REF_KG_S, PLANT, P, X
+from twinbench.physics.compressor import M_REF_KG_S, PLANT, X
 from twinbench.physics.health import ZETA_LIMIT, to_theta, to_zeta
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
@@ -34,7 +34,7 @@ NOISE = PROBE + 1
 SIZE = NOISE + N_NOISE
 """Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it."""
 N_MOVED = 1 + 2 * BIAS
-VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[P.tau_v_s]))
+VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
 ZETA_SCALE = 4.0
 KEEP = np.r_[0:N_X, ZETA:PROBE]
 CLIP_SD = 6.0

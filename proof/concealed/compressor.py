@@ -43,7 +43,7 @@ _STATES = (
 P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _filter_flow(dp, mu, p):  # type: ignore[no-untyped-def]
     """Flow through the filter: quadratic loss; fouling adds one that grows a little slower."""
     b = 1.5e5 * (1.0 + p[P.fouling] * mu**-0.1)
@@ -52,7 +52,7 @@ def _filter_flow(dp, mu, p):  # type: ignore[no-untyped-def]
     return -m_in if dp < 0.0 else m_in
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _filled(ratio, N, p):  # type: ignore[no-untyped-def]
     """Share of the swept volume that is filled at a pressure ratio and a speed in rpm."""
     late = p[P.flutter] * 0.03 * math.log1p(math.exp((N / 1400.0 - 1.0) / 0.03))
@@ -61,7 +61,7 @@ def _filled(ratio, N, p):  # type: ignore[no-untyped-def]
     return 1.0 - expanded - p[P.clearance] * (ratio**0.79 - 1.0) - late - bump
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _efficiency(ratio, rel, p):  # type: ignore[no-untyped-def]
     """Of the compression, at a pressure ratio and at speed over 1350 rpm."""
     n = p[P.exponent]
@@ -69,7 +69,7 @@ def _efficiency(ratio, rel, p):  # type: ignore[no-untyped-def]
     return p[P.efficiency] * (0.925 - p[P.off_design] * away - p[P.speed_loss] * 0.5625 * rel**n)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _outflow_factor(r):  # type: ignore[no-untyped-def]
     """Flow function of the throttle at header pressure over exhaust pressure."""
     if r >= 0.5283:
@@ -77,7 +77,7 @@ def _outflow_factor(r):  # type: ignore[no-untyped-def]
     return 0.6847
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _exhaust_rates(T_g, p_e, R, kept, net, p, dx):  # type: ignore[no-untyped-def]
     """The exhaust volume's part of ``dx``, from the flow (kg/s) and the energy (W) that stay in it."""
     cv, V = _CP - _R, p[P.V_exh_m3]
