@@ -15,7 +15,7 @@ import numpy as np
 
 from twinbench.baselines import features
 from twinbench.baselines.features import FeatureMemory
-from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import update_all
@@ -25,7 +25,11 @@ from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
-PRESSURE, FLOW, PROBE, ZETA, SIZE = 1, 4, 5, 6, 11
+PRESSURE, FLOW = STATE.p_exh_bar, STATE.flow_memory
+PROBE = len(STATES)
+ZETA = PROBE + 1
+SIZE = ZETA + len(HEALTH)
+"""Where the parts of z stand, and how many entries it has."""
 KEEP = np.r_[0 : len(STATES), ZETA:SIZE]
 N_IN = len(INPUTS)
 LONGEST_S = 60.0

@@ -19,7 +19,7 @@ import numpy as np
 from twinbench.baselines import features
 from twinbench.baselines.features import FeatureMemory
 from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
-from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import linear_filter, update_all
@@ -28,10 +28,14 @@ from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
-GAS, PROBE, ZETA, SIZE = 2, 5, 6, 11
-CHANNELS_READ = 7
+PRESSURE, GAS, FLOW = STATE.p_exh_bar, STATE.T_gas_K, STATE.flow_memory
+PROBE = len(STATES)
+ZETA = PROBE + 1
+SIZE = ZETA + len(HEALTH)
+"""Where the parts of z stand, and how many entries it has."""
+CHANNELS_READ = len(CHANNELS)
 KEEP = np.r_[0 : len(STATES), ZETA:SIZE]
-SEEN = np.isin(np.arange(SIZE), [0, 1, 2, 4, PROBE])
+SEEN = np.isin(np.arange(SIZE), [STATE.p_int_bar, PRESSURE, GAS, FLOW, PROBE])
 TOGETHER = SEEN[:, None] == SEEN
 """(11, 11) bool: errors whose covariance is kept."""
 LOG_SD = (-6.0, 3.0)
@@ -68,7 +72,7 @@ class GRUKalman(Estimator):
         from torch.nn import functional
 
         from twinbench.baselines.recurrent import SlowFast
-        from twinbench.baselines.sequences import fit_sequences, read_out
+        from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
 
@@ -87,9 +91,8 @@ class GRUKalman(Estimator):
 
         # The reading of one tick answers for the next.
         target = ((z[:, 1:] - mean) / scale).astype(np.float32)
-        losses = fit_sequences(
-            network, read[:, :-1], target, loss, rng, config["iterations"], config["batch"], config["learning_rate"]
-        )
+        schedule = Schedule(config["iterations"], config["batch"], config["learning_rate"])
+        losses = fit_sequences(network, read[:, :-1], target, loss, rng, schedule)
         own = features.run(front_end.standardise(front_end.run(validation.measured)[0]))
         ticks, out = read_out(network, own[:, :-1], every=5)
         error = (_targets(validation)[:, ticks + 1] - mean) / scale - out[..., :SIZE]
@@ -149,8 +152,8 @@ class GRUKalman(Estimator):
         z = _bounded(g + sd * e)
         innovation = np.where(clean.accepted, clean.filled, np.nan)[:, 4:] - _readings(z)
         H = np.zeros((len(z), 3, SIZE))
-        H[:, 0, 1] = H[:, 1, PROBE] = 1.0
-        H[:, 2, 4] = M_REF_KG_S
+        H[:, 0, PRESSURE] = H[:, 1, PROBE] = 1.0
+        H[:, 2, FLOW] = M_REF_KG_S
         H *= sd[:, None]
         white, coloured = output_sd(clean.filled)
         R = np.zeros((len(z), 3, 3))
@@ -217,7 +220,7 @@ def _targets(batch: Batch) -> Array:
 
 
 def _readings(z: Array) -> Array:
-    return np.stack([z[:, 1], z[:, PROBE], M_REF_KG_S * z[:, 4]], axis=-1)
+    return np.stack([z[:, PRESSURE], z[:, PROBE], M_REF_KG_S * z[:, FLOW]], axis=-1)
 
 
 def _reported(z: Array, P: Array, memory: tuple[np.ndarray, ...]) -> State:
@@ -234,5 +237,5 @@ def _bounded(z: Array) -> Array:
     """Health within its coordinates, flow positive."""
     z = z.copy()
     z[:, ZETA:] = np.clip(z[:, ZETA:], -ZETA_LIMIT, ZETA_LIMIT)
-    z[:, 4] = np.maximum(z[:, 4], 0.05)
+    z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
     return z

@@ -18,7 +18,7 @@ import numpy as np
 from twinbench.baselines import features
 from twinbench.baselines.features import FeatureMemory
 from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
-from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.noise import coloured_tau_s, output_sd
@@ -29,7 +29,7 @@ from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 N_TARGETS = len(STATES) + 1  # the probe's temperature too
 N_ZETA = len(HEALTH) - 1  # the sensor's bias does not move the machine
 N_FITTED = len(HEALTH) + 2  # zeta, and the offsets of pressure and flow
-PRESSURE, PROBE, FLOW = 1, 5, 4
+PRESSURE, PROBE, FLOW = STATE.p_exh_bar, len(STATES), STATE.flow_memory
 ZETA_SCALE = 4.0
 CLIP_SD = 6.0
 LAG_S = 1.0
@@ -67,7 +67,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         from torch.nn import functional
 
         from twinbench.baselines.recurrent import SlowFast
-        from twinbench.baselines.sequences import fit_sequences, read_out
+        from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
 
@@ -92,9 +92,8 @@ class LSTMRecursiveLeastSquares(Estimator):
             return functional.smooth_l1_loss((terms * powers).sum(-1), wanted[..., :N_TARGETS], beta=0.1)
 
         target = np.concatenate([(x - mean) / scale, zeta[..., :N_ZETA] / ZETA_SCALE], axis=-1).astype(np.float32)
-        losses = fit_sequences(
-            network, read, target, loss, rng, config["iterations"], config["batch"], config["learning_rate"]
-        )
+        schedule = Schedule(config["iterations"], config["batch"], config["learning_rate"])
+        losses = fit_sequences(network, read, target, loss, rng, schedule)
         ticks, out = read_out(network, read_of(validation), every=5)
         x_held, zeta_held = (part[:, ticks] for part in _targets(validation))
         terms = out.reshape(*out.shape[:2], N_TARGETS, 1 + 2 * N_ZETA)
@@ -253,9 +252,9 @@ def _combined(terms: Array, zeta: Array) -> tuple[Array, Array]:
 def _readings(x: Array, slope: Array, fitted: Array) -> tuple[Array, Array]:
     """Readings (B, 3) and their slopes to what is fitted (B, 3, 7)."""
     theta, of_zeta = theta_and_slope(fitted[:, : len(HEALTH)])
-    y = np.stack([x[:, PRESSURE], x[:, PROBE] + theta[:, 4], M_REF_KG_S * x[:, FLOW]], axis=-1)
+    y = np.stack([x[:, PRESSURE], x[:, PROBE] + theta[:, len(HEALTH) - 1], M_REF_KG_S * x[:, FLOW]], axis=-1)
     H = slope[:, [PRESSURE, PROBE, FLOW]] * np.array([1.0, 1.0, M_REF_KG_S])[:, None]
-    H[:, 1, len(HEALTH) - 1] = of_zeta[:, 4]
+    H[:, 1, len(HEALTH) - 1] = of_zeta[:, len(HEALTH) - 1]
     return y, H
 
 

@@ -106,7 +106,10 @@ def linearise(rhs, model, z, u, u_sd, health, slope):  # type: ignore[no-untyped
 
 @njit(cache=True, error_model="numpy")
 def measure(output, model, z, u, measured, health, slope, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
-    """Innovation (3,), NaN where missing, H (3, n) and R (3, 3) for the outputs ``measured`` (3,)."""
+    """Innovation (3,), NaN where missing, H (3, n) and R (3, 3) for the outputs ``measured`` (3,).
+
+    The function takes plain arrays because it is compiled.
+    """
     nx, n = model.step.size, z.size
     theta = _with_health(model, health)
     x = z[:nx].copy()

@@ -11,7 +11,7 @@ from twinbench.baselines.model_ekf import ModelEKF
 from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
 from twinbench.methods.estimator import register
 from twinbench.methods.frontend import FrontEnd
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.nominal import NOMINAL, RECALIBRATED
 from twinbench.physics.simulator import Simulator
 
@@ -69,7 +69,7 @@ def recalibrate(simulator: Simulator, train: Batch, minutes: float) -> Array:
 
     def residuals(log_factors: Array) -> Array:
         machine = rescaled(simulator, np.exp(log_factors))
-        _, y = simulate(machine, inputs, start, substeps=1, varying=HEALTH, values=health)
+        _, y = simulate(machine, inputs, start, substeps=1, varying=Varying(HEALTH, health))
         gap = (y - filled[..., 4:])[:, every] / sd
         return np.where(accepted[:, every, 4:], gap, 0.0).reshape(-1, len(OUTPUTS)).ravel()
 

@@ -16,17 +16,22 @@ from numba import njit
 
 from twinbench.baselines.filterpy_filters import ukf_predict, ukf_update
 from twinbench.baselines.unscented import correct, linear_filter, moments, sigma_points, weights
-from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import HEALTH, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.noise import coloured_keep, health_walk_var, output_sd
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
-from twinbench.physics.compressor import M_REF_KG_S, PLANT
+from twinbench.physics.compressor import M_REF_KG_S, PLANT, X
 from twinbench.physics.health import ZETA_LIMIT, to_theta, to_zeta
 
-N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, 3
-ZETA, BIAS, PROBE, NOISE, SIZE = 5, 9, 10, 11, 14
+N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
+PRESSURE, GAS, FLOW = STATE.p_exh_bar, STATE.T_gas_K, STATE.flow_memory
+ZETA = N_X
+BIAS = ZETA + N_ZETA
+PROBE = BIAS + 1
+NOISE = PROBE + 1
+SIZE = NOISE + N_NOISE
 """Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it."""
 N_MOVED = 1 + 2 * BIAS
 VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
@@ -35,7 +40,7 @@ KEEP = np.r_[0:N_X, ZETA:PROBE]
 CLIP_SD = 6.0
 ALPHA = 0.5
 W_MEAN, W_COV = weights(SIZE, ALPHA)
-VALVE = [v.name for v in PLANT.states].index("valve_pos")
+VALVE = X.valve_pos
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3])
 """Process noise of the states per square root of a second, before ``state_walk``; that of the EKFs."""
 
@@ -79,9 +84,7 @@ class PINNUnscentedKalman(Estimator):
 
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import adamw, seeded, weights_of
-        from twinbench.methods.transitions import draw_transitions
-        from twinbench.physics.integrate import advance
-        from twinbench.physics.nominal import NOMINAL
+        from twinbench.methods.transitions import Sampling, draw_transitions
 
         config = self.config
         rng, _ = seeded(seed)
@@ -92,20 +95,13 @@ class PINNUnscentedKalman(Estimator):
         mean, scale = read.mean(axis=0), read.std(axis=0)
         mean[-N_ZETA:], scale[-N_ZETA:] = 0.0, ZETA_SCALE
         step = moves.increment.std(axis=0)
-        # Collocation: other states and health still, where only the nominal balances answer.
-        apart = rng.permutation(len(read))
-        x = moves.x + 0.5 * (moves.x[apart] - moves.x)
-        theta = moves.theta[apart]
-        hidden = train.truth.states[moves.sequence, moves.sample, N_X:]
-        u = train.truth.inputs[moves.sequence, moves.sample]
-        nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, HEALTH, theta)
-        elsewhere = np.concatenate([x, read[:, N_X:-N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
+        elsewhere, nominal = _collocation(train, moves, read, rng)
 
         def tensor(a: Array) -> torch.Tensor:
             return torch.from_numpy(a.astype(np.float32))
 
         inputs, wanted = tensor((read - mean) / scale), tensor(moves.increment / step)
-        beyond, balance = tensor((elsewhere - mean) / scale), tensor((nominal[:, :N_X] - x) / step)
+        beyond, balance = tensor((elsewhere - mean) / scale), tensor(nominal / step)
         width = config["hidden"]
         network = nn.Sequential(
             nn.Linear(read.shape[1], width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, N_X)
@@ -120,7 +116,7 @@ class PINNUnscentedKalman(Estimator):
             return fit + config["physics"] * functional.smooth_l1_loss(out[len(rows) :], balance[few], beta=0.2)
 
         losses = adamw(network, loss, config["iterations"], config["learning_rate"])
-        held = draw_transitions(validation, 20_000, rng, perturbed=False)
+        held = draw_transitions(validation, 20_000, rng, Sampling(perturbed=False))
         states = train.truth.states[..., : N_X + 1].reshape(-1, N_X + 1)[::50]
         self.arrays = {
             **weights_of(network),
@@ -173,7 +169,7 @@ class PINNUnscentedKalman(Estimator):
         measured = np.where(clean.accepted[:, outputs], clean.filled[:, outputs], np.nan)
         one_tick = self._tick_filterpy if self.config["implementation"] == "filterpy" else self._tick
         z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
-        z[:, 4] = np.maximum(z[:, 4], 0.05)
+        z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
         z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], -ZETA_LIMIT, ZETA_LIMIT)
         command = clean.filled[:, len(INPUTS) - 1 : len(INPUTS)]
         valve = np.where(started[:, None], VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1], command)
@@ -189,8 +185,8 @@ class PINNUnscentedKalman(Estimator):
         out = np.empty((*inputs.shape[:2], 3))
         for k in range(inputs.shape[1]):
             z = self._moved(z[:, None], u)[:, 0]
-            z[:, 4] = np.maximum(z[:, 4], 0.05)
-            out[:, k] = np.stack([z[:, 1], z[:, PROBE] + bias_K, M_REF_KG_S * z[:, 4]], axis=-1)
+            z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
+            out[:, k] = np.stack([z[:, PRESSURE], z[:, PROBE] + bias_K, M_REF_KG_S * z[:, FLOW]], axis=-1)
             valve = VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1]
             u = np.concatenate([inputs[:, k], valve], axis=1)
         return out
@@ -268,13 +264,36 @@ def _network_input(batch: Batch, moves: Any) -> Array:
     return np.concatenate([moves.x, batch.truth.inputs[at], valve[:, None], to_zeta(moves.theta)[:, :N_ZETA]], axis=1)
 
 
+def _collocation(batch: Batch, moves: Any, read: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Other states and health, where only the nominal balances answer.
+
+    Args:
+        read: (M, 13) what the network reads of the transitions themselves.
+
+    Returns:
+        What it reads there, (M, 13), and the increments (M, 5) that the nominal model gives.
+    """
+    from twinbench.physics.integrate import Varying, advance
+    from twinbench.physics.nominal import NOMINAL
+
+    assert batch.truth is not None
+    apart = rng.permutation(len(read))
+    x = moves.x + 0.5 * (moves.x[apart] - moves.x)
+    theta = moves.theta[apart]
+    hidden = batch.truth.states[moves.sequence, moves.sample, N_X:]
+    u = batch.truth.inputs[moves.sequence, moves.sample]
+    nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, Varying(HEALTH, theta))
+    elsewhere = np.concatenate([x, read[:, N_X:-N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
+    return elsewhere, nominal[:, :N_X] - x
+
+
 @njit(cache=True, error_model="numpy")
 def _move_rest(before, after, keep):  # type: ignore[no-untyped-def]
     """The probe follows the gas, the coloured noise fades; in place on ``after``."""
     for b in range(before.shape[0]):
         for k in range(before.shape[1]):
-            share, _ = probe_lag(before[b, k, 4])
-            after[b, k, PROBE] += share * (before[b, k, 2] - before[b, k, PROBE])
+            share, _ = probe_lag(before[b, k, FLOW])
+            after[b, k, PROBE] += share * (before[b, k, GAS] - before[b, k, PROBE])
             for i in range(N_NOISE):
                 after[b, k, NOISE + i] *= keep[i]
 
@@ -282,5 +301,5 @@ def _move_rest(before, after, keep):  # type: ignore[no-untyped-def]
 def _readings(points: Array, coloured: Array) -> Array:
     """(B, K, 3) of points (B, K, 14), with the coloured part of the noise, sd (B, 3)."""
     bias_K = to_theta(points[..., ZETA:PROBE])[..., -1]
-    y = np.stack([points[..., 1], points[..., PROBE] + bias_K, M_REF_KG_S * points[..., 4]], axis=-1)
+    y = np.stack([points[..., PRESSURE], points[..., PROBE] + bias_K, M_REF_KG_S * points[..., FLOW]], axis=-1)
     return y + coloured[:, None] * points[..., NOISE:]

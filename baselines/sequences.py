@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -19,17 +20,23 @@ READOUTS = 2
 Loss = Callable[[Tensor, Tensor], Tensor]
 
 
+class Schedule(NamedTuple):
+    """How long a network is trained, on how many sequences at a time, and how fast."""
+
+    iterations: int
+    batch: int
+    learning_rate: float
+
+
 def fit_sequences(
     network: SlowFast,
     read: np.ndarray,
     target: np.ndarray,
     loss: Loss,
     rng: np.random.Generator,
-    iterations: int,
-    batch: int,
-    learning_rate: float,
+    schedule: Schedule,
 ) -> list[float]:
-    """Walk ``batch`` sequences at a time from beginning to end, stretch after stretch.
+    """Walk some sequences at a time from beginning to end, stretch after stretch.
 
     Args:
         read: (B, N, F) float32, standardised, what the network reads at each tick.
@@ -37,7 +44,7 @@ def fit_sequences(
         loss: of predictions (..., outputs) and targets (..., T).
     """
     usable = read.shape[1] // TICKS_PER_STEP
-    steps = min(STEPS, usable)
+    steps, batch = min(STEPS, usable), schedule.batch
     sequence = rng.integers(len(read), size=batch)
     at = steps * rng.integers(usable // steps, size=batch)
     carried = network.blank(batch)
@@ -59,7 +66,7 @@ def fit_sequences(
         at[:] += steps
         return loss(predicted, torch.from_numpy(target[rows[..., None], spread]))
 
-    return adamw(network, one, iterations, learning_rate)
+    return adamw(network, one, schedule.iterations, schedule.learning_rate)
 
 
 def read_out(network: SlowFast, read: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:

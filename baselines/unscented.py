@@ -58,7 +58,7 @@ def moments(points, w_mean, w_cov, Q):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  # type: ignore[no-untyped-def]
-    """Correct by the measurements that are there.
+    """Correct by the measurements that are there. The function takes plain arrays because it is compiled.
 
     Args:
         z: (B, n) prior mean, each in the filter's own coordinate.

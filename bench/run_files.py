@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,50 @@ from twinbench.common.store import Store, write_atomically, write_text
 from twinbench.common.versions import code_version, provenance
 
 SCORES = ["estimator", "seed", "sequence", "metric", "value"]
+
+
+@dataclass(frozen=True)
+class Ran:
+    """What a run has done, for the files that it leaves.
+
+    Attributes:
+        todo: all its cells.
+        learners, runs: of them the ones that were trained and evaluated, for those that share what they made.
+        good: those with estimates.
+        failed: those without, or without something else, and why.
+        tables: scores, one table for each of ``good``.
+        takes, trials: what was tried in the scenes and under harder conditions.
+        timings: latency of those that were timed.
+        walls: seconds by stage.
+        unchanged: estimators that an earlier run trained and evaluated as they are.
+    """
+
+    profile: Profile
+    command: str
+    todo: list[Cell]
+    learners: list[Cell]
+    runs: list[Cell]
+    good: list[Cell]
+    failed: list[Outcome]
+    tables: list[pd.DataFrame]
+    takes: list[Take]
+    trials: list[Trial]
+    timings: pd.DataFrame
+    walls: dict[str, float]
+    unchanged: set[str]
+
+
+def write(out: Path, before: Earlier, store: Store, ran: Ran) -> None:
+    """All files of a run, the manifest last."""
+    stale = {c.estimator for c in ran.todo} - ran.unchanged
+    names = cells.load_split(store, ran.todo[0].data).test.names
+    write_scores(out, before, ran.tables, ran.failed, names)
+    write_failures(out, before, ran.failed, ran.todo)
+    write_cost(out, before, store, ran)
+    robust = write_robustness(out, before, store, ran.trials, stale)
+    write_latency(out, before, ran.timings, stale)
+    write_regimes(out, before, ran.todo)
+    write_manifest(out, before, ran, robust)
 
 
 def write_scores(
@@ -49,14 +93,14 @@ def write_failures(out: Path, before: Earlier, failed: list[Outcome], todo: Iter
     write_csv(out / "failures.csv", _added(before.rows("failures.csv", {c.estimator for c in todo}), own))
 
 
-def write_cost(
-    out: Path, before: Earlier, store: Store, learners: list[Cell], good: list[Cell], todo: Iterable[Cell]
-) -> None:
+def write_cost(out: Path, before: Earlier, store: Store, ran: Ran) -> None:
     """``cost.csv``: the processor time of each training and evaluation, whenever that was."""
-    rows = [(c.estimator, c.seed, "fit", cells.cpu_s(store, "fit", c.fit)) for c in learners]
+    lost = {o.cell for o in ran.failed}
+    good = [c for c in ran.runs if c not in lost]
+    rows = [(c.estimator, c.seed, "fit", cells.cpu_s(store, "fit", c.fit)) for c in ran.learners]
     rows += [(c.estimator, c.seed, "estimate", cells.cpu_s(store, "estimate", c.estimates)) for c in good]
     own = pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])
-    write_csv(out / "cost.csv", _added(before.rows("cost.csv", {c.estimator for c in todo}), own))
+    write_csv(out / "cost.csv", _added(before.rows("cost.csv", {c.estimator for c in ran.todo}), own))
 
 
 def write_latency(out: Path, before: Earlier, timings: pd.DataFrame, stale: set[str]) -> None:
@@ -86,39 +130,18 @@ def write_regimes(out: Path, before: Earlier, todo: Iterable[Cell]) -> None:
         (out / "tables" / "regimes.csv").unlink(missing_ok=True)
 
 
-def write_manifest(
-    out: Path,
-    before: Earlier,
-    profile: Profile,
-    todo: list[Cell],
-    unchanged: set[str],
-    good: list[Cell],
-    takes: list[Take],
-    robust: bool,
-    command: str,
-    walls: dict[str, float],
-) -> None:
+def write_manifest(out: Path, before: Earlier, ran: Ran, robust: bool) -> None:
     """``manifest.json``, last: what it does not name has not been finished."""
-    about = provenance()
-    names = {c.estimator for c in todo}
-    now = made_by(about, command)
-    made: dict[str, Any] = before.others(names)
-    for name in sorted(names):
-        # Who was trained and evaluated by an earlier run keeps that run's name.
-        by = {key: before.made[name][key] for key in now} if name in unchanged else now
-        keys = [c.estimates for c in sorted(good, key=lambda c: c.seed) if c.estimator == name]
-        filmed = [[t.scene, t.key] for t in takes if t.cell.estimator == name]
-        if not takes and name in unchanged:
-            filmed = before.made[name]["takes"]
-        made[name] = {**by, "estimates": list(dict.fromkeys(keys)), "takes": filmed}
+    about, takes, todo = provenance(), ran.takes, ran.todo
+    made = _made(before, ran, made_by(about, ran.command))
     whole = ordered(name for name in made if not is_ablation(name))
     kept = [made[name] for name in whole]
     recordings = takes[0].recordings if takes else before.manifest.get("scenes", {}).get("recordings")
     all_takes = [take for m in made.values() for take in m["takes"]]
     manifest = {
-        "command": command,
-        "profile": asdict(profile),
-        "seeds": list(profile.seeds),
+        "command": ran.command,
+        "profile": asdict(ran.profile),
+        "seeds": list(ran.profile.seeds),
         "estimators": whole,
         "ablations": sorted(name for name in made if is_ablation(name)),
         "specs": _of(made, before.manifest.get("specs", {})) | {c.estimator: c.spec for c in todo},
@@ -128,11 +151,26 @@ def write_manifest(
         "data_key": todo[0].data,
         "estimates_keys": list(dict.fromkeys(key for m in kept for key in m["estimates"])),
         **about,
-        "wall_s": walls,
+        "wall_s": ran.walls,
         "robustness": robust,
         "scenes": {"recordings": recordings, "takes": all_takes} if all_takes else {},
     }
     write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+
+
+def _made(before: Earlier, ran: Ran, now: Mapping[str, Any]) -> dict[str, Any]:
+    """By estimator, who made its rows and where its estimates are; ``now`` says it of this run."""
+    names = {c.estimator for c in ran.todo}
+    made: dict[str, Any] = before.others(names)
+    for name in sorted(names):
+        # Who was trained and evaluated by an earlier run keeps that run's name.
+        by = {key: before.made[name][key] for key in now} if name in ran.unchanged else now
+        keys = [c.estimates for c in sorted(ran.good, key=lambda c: c.seed) if c.estimator == name]
+        filmed = [[t.scene, t.key] for t in ran.takes if t.cell.estimator == name]
+        if not ran.takes and name in ran.unchanged:
+            filmed = before.made[name]["takes"]
+        made[name] = {**by, "estimates": list(dict.fromkeys(keys)), "takes": filmed}
+    return made
 
 
 def write_csv(path: Path, table: pd.DataFrame) -> None:

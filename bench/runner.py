@@ -8,7 +8,7 @@ import operator
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -48,97 +48,134 @@ class Finished(NamedTuple):
     comparison: Table
 
 
+@dataclass(frozen=True)
+class Wanted:
+    """What of a profile is to be run.
+
+    Attributes:
+        only: the estimators to run; all if left out. All of them begin a new comparison where that in the folder is of
+            other recordings.
+        ablations: each of them without each of its parts, too.
+        harder: under the conditions of ``data.disturb``, too.
+        resume: finished cells of an earlier run are kept.
+    """
+
+    only: tuple[str, ...] = ()
+    ablations: bool = False
+    harder: bool = False
+    resume: bool = True
+
+
+@dataclass(frozen=True)
+class Backend:
+    """Where the cells run: in processes of this machine ("local"), or on the cluster of a Dask scheduler ("dask")."""
+
+    name: str = "local"
+    scheduler: str = ""
+
+    @property
+    def local(self) -> bool:
+        return self.name == "local"
+
+
 def run(
     profile: Profile,
     out: Path,
-    only: tuple[str, ...] = (),
-    ablations: bool = False,
-    harder: bool = False,
-    resume: bool = True,
-    backend: str = "local",
-    scheduler: str = "",
+    wanted: Wanted = Wanted(),
+    backend: Backend = Backend(),
     command: str = "",
     console: Console | None = None,
 ) -> Finished:
-    """Run a profile into ``out``, beside what is there.
-
-    Rows of estimators that are not run stay. Finished cells of an earlier run are kept unless ``resume`` is False.
-
-    Args:
-        only: the estimators to run; all if left out. All of them begin a new comparison where that in ``out`` is of
-            other recordings.
-        ablations: run each of them without each of its parts, too.
-        harder: run them under the conditions of ``data.disturb``, too.
+    """Run a profile into ``out``, beside what is there. Rows of estimators that are not run stay.
 
     Raises:
-        BadInput: an unknown estimator or setting, a folder that cannot be written to, or ``only`` some estimators
+        BadInput: an unknown estimator or setting, a folder that cannot be written to, or some estimators alone
             for a folder with a comparison on other recordings.
     """
     console = console or Console(stderr=True)
     store = Store(out / "store")
-    todo = plan(profile, only, ablations)
-    before = _before(out, profile, todo[0].data, bool(only), resume)
-    walls: dict[str, float] = {}
-    with _workers(backend, scheduler, len(todo)) as processes:
+    todo = plan(profile, wanted.only, wanted.ablations)
+    before = _before(out, profile, todo[0].data, bool(wanted.only), wanted.resume)
+    with _workers(backend, len(todo)) as processes:
         check_writable(out)
         sweep(out)
-        if not resume:
-            _forget(store, profile, todo if only else None)
+        if not wanted.resume:
+            _forget(store, profile, todo if wanted.only else None)
         _say_plan(console, profile, todo, store, out, before)
         with Progress(console) as progress:
+            stages = _Stages(progress, processes, backend.local)
+            ran = _chain(stages, store, profile, todo, wanted.harder)
+    ran = replace(ran, command=command, unchanged=before.unchanged(todo) if wanted.resume else set())
+    run_files.write(out, before, store, ran)
+    return Finished(ran.failed, write_report(out))
 
-            def stage(name: str, work: Any, *arguments: Any) -> list[Any]:
-                """``work`` on each of the last argument's items, as they finish."""
-                *common, items = arguments
-                start = time.perf_counter()
-                results = []
-                with progress.stage(name, len(items)) as going:
-                    for result in side_by_side(work, [(*common, i) for i in items], processes, backend == "local"):
-                        results.append(result)
-                        going.step()
-                        if isinstance(result, Outcome):
-                            log.info(
-                                "%s: %s, seed %d: %s",
-                                name,
-                                result.cell.estimator,
-                                result.cell.seed,
-                                result.reason or "done",
-                            )
-                walls[name] = round(time.perf_counter() - start, 2)
-                return results
 
-            stage("simulate", cells.ensure_data, store, profile, [todo[0].data])
-            # Cells that differ in what works online share their training; seeds of who draws nothing share all.
-            learners = _once(todo, FIT)
-            failed = _failures(stage("train", cells.fit, store, profile, learners), todo, FIT)
-            ready = _without(todo, failed)
-            runs = _once(ready, ESTIMATES)
-            failed += _failures(stage("estimate", cells.estimate, store, profile, runs), ready, ESTIMATES)
-            good = _without(ready, failed)
-            tables = stage("score", _score, store, good)
-            takes = scenes.takes(good, profile) if profile.scenes else []
-            if takes:
-                stage("simulate scenes", scenes.ensure_recordings, store, profile, [takes[0].recordings])
-                failed += [o for o in stage("scenes", scenes.attempt, store, takes) if o.reason]
-            trials = robustness.trials(good, profile) if harder else []
-            if trials:
-                failed += [o for o in stage("robustness", robustness.attempt, store, profile, trials) if o.reason]
-            # Serial, after everything else: timings are never taken beside other work.
-            start = time.perf_counter()
-            first = cells.of_first_seed(good, profile)
-            timings, untimed = latency.measure(store, profile.latency.updates, first, progress)
-            walls["latency"] = round(time.perf_counter() - start, 2)
-    failed = sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed))
-    unchanged = before.unchanged(todo) if resume else set()
-    stale = {c.estimator for c in todo} - unchanged
-    run_files.write_scores(out, before, tables, failed, cells.load_split(store, todo[0].data).test.names)
-    run_files.write_failures(out, before, failed, todo)
-    run_files.write_cost(out, before, store, learners, _without(runs, failed), todo)
-    robust = run_files.write_robustness(out, before, store, trials, stale)
-    run_files.write_latency(out, before, timings, stale)
-    run_files.write_regimes(out, before, todo)
-    run_files.write_manifest(out, before, profile, todo, unchanged, good, takes, robust, command, walls)
-    return Finished(failed, write_report(out))
+@dataclass
+class _Stages:
+    """The parts of a run, each over all its items, and the seconds that each took."""
+
+    progress: Progress
+    processes: int
+    local: bool
+    walls: dict[str, float] = field(default_factory=dict)
+
+    def over(self, name: str, work: Any, *arguments: Any) -> list[Any]:
+        """``work`` on each of the last argument's items, as they finish."""
+        *common, items = arguments
+        results = []
+        with self.timed(name), self.progress.stage(name, len(items)) as going:
+            for result in side_by_side(work, [(*common, i) for i in items], self.processes, self.local):
+                results.append(result)
+                going.step()
+                if isinstance(result, Outcome):
+                    cell = result.cell
+                    log.info("%s: %s, seed %d: %s", name, cell.estimator, cell.seed, result.reason or "done")
+        return results
+
+    @contextlib.contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """Keep what the block took."""
+        start = time.perf_counter()
+        yield
+        self.walls[name] = round(time.perf_counter() - start, 2)
+
+
+def _chain(stages: _Stages, store: Store, profile: Profile, todo: list[Cell], harder: bool) -> run_files.Ran:
+    """Data, training, estimates, scores, scenes, harder conditions, latency."""
+    stages.over("simulate", cells.ensure_data, store, profile, [todo[0].data])
+    # Cells that differ in what works online share their training; seeds of who draws nothing share all.
+    learners = _once(todo, FIT)
+    failed = _failures(stages.over("train", cells.fit, store, profile, learners), todo, FIT)
+    ready = _without(todo, failed)
+    runs = _once(ready, ESTIMATES)
+    failed += _failures(stages.over("estimate", cells.estimate, store, profile, runs), ready, ESTIMATES)
+    good = _without(ready, failed)
+    tables = stages.over("score", _score, store, good)
+    takes = scenes.takes(good, profile) if profile.scenes else []
+    if takes:
+        stages.over("simulate scenes", scenes.ensure_recordings, store, profile, [takes[0].recordings])
+        failed += [o for o in stages.over("scenes", scenes.attempt, store, takes) if o.reason]
+    trials = robustness.trials(good, profile) if harder else []
+    if trials:
+        failed += [o for o in stages.over("robustness", robustness.attempt, store, profile, trials) if o.reason]
+    with stages.timed("latency"):  # serial, after everything else: timings are never taken beside other work
+        first = cells.of_first_seed(good, profile)
+        timings, untimed = latency.measure(store, profile.latency.updates, first, stages.progress)
+    return run_files.Ran(
+        profile=profile,
+        command="",
+        todo=todo,
+        learners=learners,
+        runs=runs,
+        good=good,
+        failed=sorted(failed + untimed, key=lambda o: (o.cell.estimator, o.cell.seed)),
+        tables=tables,
+        takes=takes,
+        trials=trials,
+        timings=timings,
+        walls=stages.walls,
+        unchanged=set(),
+    )
 
 
 def _before(out: Path, profile: Profile, data_key: str, some: bool, resume: bool) -> Earlier:
@@ -249,23 +286,25 @@ def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store
 
 
 @contextlib.contextmanager
-def _workers(backend: str, scheduler: str, most: int) -> Iterator[int]:
+def _workers(backend: Backend, most: int) -> Iterator[int]:
     """joblib's own processes, no more than ``most``, or those of a Dask cluster; yields how many for joblib."""
-    if backend == "local":
+    if backend.local:
         with warnings.catch_warnings(), joblib.parallel_config(backend="loky"):
             # loky starts a process anew once it holds much memory. Loaded sequences do that; nothing is lost.
             warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
             yield min(cores(), most)
         return
-    if not scheduler:
+    if not backend.scheduler:
         raise BadInput("--backend dask needs --scheduler ADDRESS, for example tcp://10.0.0.5:8786")
     try:
         from distributed import Client
 
-        client = Client(scheduler, timeout="10s")
+        client = Client(backend.scheduler, timeout="10s")
     except ImportError as error:
         raise BadInput("--backend dask needs Dask; install it with: pip install 'twinbench[dask]'") from error
     except (OSError, ValueError) as error:
-        raise BadInput(f"no Dask scheduler answers at {scheduler!r}; check the address and that it runs") from error
+        raise BadInput(
+            f"no Dask scheduler answers at {backend.scheduler!r}; check the address and that it runs"
+        ) from error
     with client, joblib.parallel_config(backend="dask"):
         yield -1

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from twinbench.physics.places import places
+
 Array = NDArray[np.float64]
 
 INPUTS = ("p_suc_bar", "T_suc_K", "N_rpm", "valve")
@@ -15,6 +17,8 @@ CHANNELS = INPUTS + OUTPUTS
 STATES = ("p_int_bar", "p_exh_bar", "T_gas_K", "T_wall_K", "flow_memory")
 HEALTH = ("capacity", "efficiency", "leakage", "heat_transfer", "T_bias_K")
 ESTIMATED = STATES + HEALTH
+STATE, CHANNEL, ESTIMATE = places(STATES), places(CHANNELS), places(ESTIMATED)
+"""Where states, channels and estimated quantities stand, by name; inputs stand first among the channels."""
 SAMPLE_PERIOD_S = 0.05
 
 

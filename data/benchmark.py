@@ -12,7 +12,7 @@ from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.data.scenario import KINDS, Scenario, draw, latin_hypercube, stream
 from twinbench.physics.compressor import PLANT
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.steady import steady_state
 
 PARTS = ("train", "validation", "test")
@@ -97,7 +97,7 @@ def run(scenarios: tuple[Scenario, ...], warmup_minutes: float, level: Corruptio
     u = np.stack([s.inputs() for s in scenarios])
     health = np.stack([s.health() for s in scenarios])
     x0 = np.stack([_nearly_settled(row) for row in u[:, 0]])
-    x, y = simulate(PLANT, u, x0, varying=HEALTH, values=health)
+    x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
     measured = np.stack(
         [corrupt(u[b], y[b], level, stream(s.seed, s.name, "sensors")) for b, s in enumerate(scenarios)]
     )

@@ -124,7 +124,7 @@ def draw(
     if worn_start:
         wear = rng.random(5) * np.where(np.isin(HEALTH, changing), 0.5, 1.0)
         start += wear * (WORN - HEALTHY)
-        start[4] = rng.uniform(-6.0, 6.0)
+        start[HEALTH.index("T_bias_K")] = rng.uniform(-6.0, 6.0)
     changes = tuple(_change(p, start, mix[HEALTH.index(p)], warm, seconds, rng) for p in changing)
     return Scenario(
         name=name,

@@ -100,7 +100,7 @@ def _median(a, n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # type: ignore[no-untyped-def]
-    """Advance one machine by one tick, in place.
+    """Advance one machine by one tick, in place. The function takes plain arrays because it is compiled.
 
     Args:
         m: its Memory, without the leading axis.

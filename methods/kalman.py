@@ -62,7 +62,10 @@ def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def gain_into(P, innovation, H, R, K, S, HP, L, X):  # type: ignore[no-untyped-def]
-    """``gain`` written into K and S; HP (m, n), which keeps ``H P``, L (m, m) and X (m, n) are scratch. Returns NIS."""
+    """``gain`` written into K and S; HP (m, n), which keeps ``H P``, L (m, m) and X (m, n) are scratch. Returns NIS.
+
+    The function takes plain arrays because it is compiled.
+    """
     n, m_all = P.shape[0], innovation.size
     for a in range(m_all):
         for j in range(n):

@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.physics.compressor import PLANT
+from twinbench.physics.compressor import PLANT, P
 
-TAU_PROBE_S = float(PLANT.theta()[PLANT.index("tau_T_s")])
-TAU_PROBE_X = float(PLANT.theta()[PLANT.index("tau_T_x")])
+TAU_PROBE_S = float(PLANT.theta()[P.tau_T_s])
+TAU_PROBE_X = float(PLANT.theta()[P.tau_T_x])
 
 
 @njit(cache=True, error_model="numpy")

@@ -14,9 +14,9 @@ from twinbench.data.batch import HEALTH, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.data.scenario import RATIO_LIMITS
 from twinbench.methods.transitions import HEALTH_HIGH, HEALTH_LOW
-from twinbench.physics.compressor import PLANT
+from twinbench.physics.compressor import PLANT, U, Y
 from twinbench.physics.health import HEALTHY
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.steady import steady_state, valve_for
 
 _LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
@@ -35,7 +35,7 @@ def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
         u = _recombined(train.truth, rng)
         health = np.stack([_path(samples, rng) for _ in range(batch)])
         x0 = np.stack([steady_state(PLANT, row) for row in u[:, 0]])
-        x, y = simulate(PLANT, u, x0, varying=HEALTH, values=health)
+        x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
         measured = np.stack([corrupt(u[b], y[b], Corruption(), rng) for b in range(batch)])
         names = tuple(f"{name}-again-{copy}" for name in train.names)
         parts.append(Batch(names, train.time_s, measured, Truth(x, health, y, u)))
@@ -45,9 +45,11 @@ def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
 def _recombined(truth: Truth, rng: np.random.Generator) -> Array:
     """(B, N, 4) inputs: each of suction pressure, suction temperature, speed and ratio from any of the sequences."""
     p_suc, T_suc, N, ratio = (rng.permutation(len(truth.inputs)) for _ in range(4))
-    ratios = (truth.outputs[..., 0] / truth.inputs[..., 0])[ratio]
-    u = np.stack([truth.inputs[p_suc, :, 0], truth.inputs[T_suc, :, 1], truth.inputs[N, :, 2], ratios], axis=-1)
-    u[..., 3] = np.clip(valve_for(u[..., 2], np.clip(ratios, *RATIO_LIMITS)), *VALVE_LIMITS)
+    ratios = (truth.outputs[..., Y.p_dis_bar] / truth.inputs[..., U.p_suc_bar])[ratio]
+    u = truth.inputs.copy()
+    for column, drawn in ((U.p_suc_bar, p_suc), (U.T_suc_K, T_suc), (U.N_rpm, N)):
+        u[..., column] = truth.inputs[drawn, :, column]
+    u[..., U.valve] = np.clip(valve_for(u[..., U.N_rpm], np.clip(ratios, *RATIO_LIMITS)), *VALVE_LIMITS)
     return u
 
 

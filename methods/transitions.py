@@ -8,15 +8,16 @@ window stays as it was. Part of the offline training data, and so open to every 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.physics.compressor import PLANT
+from twinbench.physics.compressor import PLANT, X
 from twinbench.physics.health import HIGH, LOW, SPAN
-from twinbench.physics.integrate import advance
+from twinbench.physics.integrate import Varying, advance
 
 STATE_SPREAD = np.array([0.006, 0.06, 6.0, 8.0, 0.04])
 """sd of the state perturbations: bar, bar, K, K, 1."""
@@ -53,47 +54,48 @@ class Transitions(NamedTuple):
         return self.x_next - self.x
 
 
-def draw_transitions(
-    train: Batch,
-    count: int,
-    rng: np.random.Generator,
-    history: int = 64,
-    dt_s: tuple[float, ...] = (SAMPLE_PERIOD_S,),
-    each: int = 1,
-    perturbed: bool = True,
-    stratified: bool = False,
-) -> Transitions:
-    """Draw transitions from simulated sequences; the plant's hidden states and true inputs are kept.
+@dataclass(frozen=True)
+class Sampling:
+    """How transitions are drawn.
 
-    Args:
-        train: sequences with truth.
+    Attributes:
         history: samples that must precede each drawn one.
-        count: how many; ``each`` of them share a window.
         dt_s: horizons, drawn with equal chance.
+        each: so many transitions share a window.
         perturbed: False gives the recording's own transitions (the negative control).
         stratified: windows by transient severity, as the paper has it; else uniformly.
     """
+
+    history: int = 64
+    dt_s: tuple[float, ...] = (SAMPLE_PERIOD_S,)
+    each: int = 1
+    perturbed: bool = True
+    stratified: bool = False
+
+
+def draw_transitions(train: Batch, count: int, rng: np.random.Generator, how: Sampling = Sampling()) -> Transitions:
+    """Draw so many transitions from sequences with truth; the plant's hidden states and true inputs are kept."""
     truth = train.truth
     if truth is None:
         raise ValueError("transitions need sequences with truth, these have none")
     batch, samples = train.measured.shape[:2]
-    windows = -(-count // each)
-    if stratified:
-        drawn = _by_severity(truth.inputs, history, windows, rng)
+    windows = -(-count // how.each)
+    if how.stratified:
+        drawn = _by_severity(truth.inputs, how.history, windows, rng)
     else:
-        drawn = rng.integers(batch, size=windows), rng.integers(history, samples - 1, size=windows)
-    sequence, sample = (np.repeat(which, each)[:count] for which in drawn)
+        drawn = rng.integers(batch, size=windows), rng.integers(how.history, samples - 1, size=windows)
+    sequence, sample = (np.repeat(which, how.each)[:count] for which in drawn)
     x = truth.states[sequence, sample].copy()
     theta = truth.health[sequence, sample].copy()
-    if perturbed:
+    if how.perturbed:
         near = rng.random(count)[:, None] < 0.4
         x[:, : len(STATES)] += np.where(near, 0.15, 1.0) * STATE_SPREAD * rng.normal(size=(count, len(STATES)))
-        x[:, 4] = np.maximum(x[:, 4], 0.1)
+        x[:, X.flow_memory] = np.maximum(x[:, X.flow_memory], 0.1)
         size = np.where(near, 0.15, 1.0) * 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
         anywhere = rng.uniform(HEALTH_LOW, HEALTH_HIGH, size=(count, len(HEALTH)))
         theta = np.where(rng.random(count)[:, None] < 0.5, anywhere, theta + size)
         theta = np.clip(theta, np.maximum(LOW, HEALTH_LOW), np.minimum(HIGH, HEALTH_HIGH))
-    horizons = rng.choice(np.array(dt_s), size=count)
+    horizons = rng.choice(np.array(how.dt_s), size=count)
     n = len(STATES)
     x_next = _plant(x, truth.inputs[sequence, sample], theta, horizons)
     return Transitions(sequence, sample, x[:, :n], theta, horizons, x_next)
@@ -117,7 +119,9 @@ def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
     for horizon in np.unique(dt_s):
         rows = dt_s == horizon
         substeps = max(1, round(2 * horizon / SAMPLE_PERIOD_S))
-        after[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, HEALTH, theta[rows])[:, : len(STATES)]
+        after[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, Varying(HEALTH, theta[rows]))[
+            :, : len(STATES)
+        ]
     return after
 
 
@@ -136,7 +140,7 @@ def plant_sensitivities(train: Batch, transitions: Transitions, step: float = 1e
 
     def plant(x: Array, theta: Array) -> Array:
         full = np.concatenate([x, hidden], axis=1)
-        return advance(PLANT, full, u, dt_s, 2, HEALTH, theta)[:, : len(STATES)]
+        return advance(PLANT, full, u, dt_s, 2, Varying(HEALTH, theta))[:, : len(STATES)]
 
     F = np.empty((len(u), len(STATES), len(STATES)))
     G = np.empty((len(u), len(STATES), len(HEALTH)))

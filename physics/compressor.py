@@ -13,7 +13,9 @@ import math
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 
+from twinbench.physics.places import places
 from twinbench.physics.simulator import Array, Simulator, Variable
 
 R_DRY = 287.05  # J/(kg K), air
@@ -125,110 +127,124 @@ FLUXES = (
     Variable("Q_amb_W", "W", -1e5, 1e5, 0.0, 500.0, "heat from the discharge line to ambient"),
 )
 """What flows between the balances; a mechanism can act on any of them."""
+P, X, U, Y, F = (places(v.name for v in group) for group in (PARAMETERS, STATES, INPUTS, OUTPUTS, FLUXES))
+"""Where parameters, states, inputs, outputs and fluxes stand in their vectors, by name."""
+
+
+# Helpers stay callable in plain Python, where ``bench.latency.peers`` takes the equations as they are written.
+@register_jitable(error_model="numpy", inline="always")
+def _filter_flow(dp, theta):  # type: ignore[no-untyped-def]
+    """Mass flow through inlet filter and pipe under a pressure difference in Pa: dp = a m + b m |m|."""
+    a, b = theta[P.a_in], theta[P.b_in]
+    return math.copysign((math.sqrt(a * a + 4.0 * b * abs(dp)) - a) / (2.0 * b), dp)
+
+
+@register_jitable(error_model="numpy", inline="always")
+def _mixed_K(m_in, T_s, m_rec, T_g):  # type: ignore[no-untyped-def]
+    """Temperature of the intake volume: fresh gas, and what the recycle valve lets back."""
+    if m_rec > 0.0:
+        inflow = max(m_in, 0.0)
+        return (inflow * T_s + m_rec * T_g) / (inflow + m_rec)
+    return T_s
+
+
+@register_jitable(error_model="numpy", inline="always")
+def _outflow_factor(r):  # type: ignore[no-untyped-def]
+    """Flow function of the throttle at header pressure over exhaust pressure: choked, subsonic, none."""
+    if r < 0.5283:
+        return 0.6847
+    if r < 1.0:
+        return math.sqrt(2.0 * GAMMA / (GAMMA - 1.0) * (r ** (2.0 / GAMMA) - r ** ((GAMMA + 1.0) / GAMMA)))
+    return 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def flux(x, u, theta):  # type: ignore[no-untyped-def]
     """Mass and energy flows (14,), order FLUXES; pressures in bar outside, in Pa inside."""
-    p_i, p_e, T_g, T_w, v_a, T_h = x[0] * BAR, x[1] * BAR, x[2], x[3], x[6], x[7]
-    mu = max(x[4], MU_MIN)
-    p_s, T_s = u[0] * BAR, u[1]
-    capacity, efficiency, leakage, heat_transfer = theta[0], theta[1], theta[2], theta[3]
-    V_d, clearance, n_exp, eta_0, UA_gw, UA_c = theta[5], theta[6], theta[7], theta[8], theta[9], theta[10]
-    T_c, P_f, a_in, b_in = theta[12], theta[13], theta[15], theta[16]
-    CdA_max, R_v, p_h, UA_ha, T_amb = theta[18], theta[19], theta[21], theta[24], theta[26]
-    K_s, K_d, eps_0, eps_x, lam_L, UA_x = theta[27], theta[28], theta[29], theta[30], theta[31], theta[32]
-    eta_2, eta_N, UA_h, flutter, leak_N = theta[33], theta[34], theta[35], theta[38], theta[39]
-    A_ext, A_rec, UA_amb, humidity, slip = theta[40], theta[41], theta[42], theta[46], theta[47]
-    R = R_DRY * (1.0 + humidity)
-    N = u[2] * (1.0 - slip * (mu - 1.0))
+    p_i, p_e = x[X.p_int_bar] * BAR, x[X.p_exh_bar] * BAR
+    T_g, T_w, T_h = x[X.T_gas_K], x[X.T_wall_K], x[X.T_head_K]
+    mu = max(x[X.flow_memory], MU_MIN)
+    R = R_DRY * (1.0 + theta[P.humidity])
+    N = u[U.N_rpm] * (1.0 - theta[P.slip] * (mu - 1.0))
     speed_2 = (N / 1800.0) ** 2
     m = M_REF_KG_S * mu
     log_mu = math.log(mu)
-
-    # Inlet filter and pipe: dp = a m + b m |m|.
-    dp = p_s - p_i
-    m_in = math.copysign((math.sqrt(a_in * a_in + 4.0 * b_in * abs(dp)) - a_in) / (2.0 * b_in), dp)
+    m_in = _filter_flow(u[U.p_suc_bar] * BAR - p_i, theta)
 
     # Leaks out of the exhaust volume, choked.
     choked = 0.6847 * p_e / math.sqrt(R * T_g) * 1e-6
-    m_ext, m_rec = A_ext * choked, A_rec * choked
-    T_im = T_s
-    if m_rec > 0.0:
-        inflow = max(m_in, 0.0)
-        T_im = (inflow * T_s + m_rec * T_g) / (inflow + m_rec)
+    m_ext, m_rec = theta[P.A_ext_mm2] * choked, theta[P.A_rec_mm2] * choked
+    T_im = _mixed_K(m_in, u[U.T_suc_K], m_rec, T_g)
 
     # Suction gas: preheated by the wall, re-heated by the internal leak.
-    T_pre = T_im + eps_0 * math.exp(-eps_x * log_mu) * (T_w - T_im)
-    m_L = leakage * V_d * N_REF_REV_S * (p_e - p_i) / (R * T_g) * (1.0 + leak_N * (N / 1350.0 - 1.0))
-    T_1 = T_pre + lam_L * m_L / (m + m_L) * (T_g - T_pre)
+    T_pre = T_im + theta[P.eps_0] * math.exp(-theta[P.eps_x] * log_mu) * (T_w - T_im)
+    m_L = theta[P.leakage] * theta[P.V_d_m3] * N_REF_REV_S * (p_e - p_i) / (R * T_g)
+    m_L *= 1.0 + theta[P.leak_N] * (N / 1350.0 - 1.0)
+    T_1 = T_pre + theta[P.lam_L] * m_L / (m + m_L) * (T_g - T_pre)
 
     # Valve losses, volumetric efficiency, demanded flow.
-    psi_s = min(K_s * speed_2 * 300.0 / T_1, 0.4)
-    psi_d = K_d * speed_2 * 450.0 / T_g
+    psi_s = min(theta[P.K_s] * speed_2 * 300.0 / T_1, 0.4)
+    psi_d = theta[P.K_d] * speed_2 * 450.0 / T_g
     ratio = p_e * (1.0 + psi_d) / (p_i * (1.0 - psi_s))
     log_ratio = math.log(max(ratio, 1e-3))
-    eta_v = 1.0 - clearance * (math.exp(log_ratio / n_exp) - 1.0) - flutter * max(0.0, N / 1400.0 - 1.0)
-    drawn = capacity * p_i * (1.0 - psi_s) / (R * T_1) * V_d * N / 60.0 * max(eta_v, 0.05)
+    late = theta[P.flutter] * max(0.0, N / 1400.0 - 1.0)
+    eta_v = 1.0 - theta[P.clearance] * (math.exp(log_ratio / theta[P.n_exp]) - 1.0) - late
+    drawn = theta[P.capacity] * p_i * (1.0 - psi_s) / (R * T_1) * theta[P.V_d_m3] * N / 60.0 * max(eta_v, 0.05)
 
     # Compression and heat given to the wall.
-    eta = max(efficiency * (eta_0 - eta_2 * (ratio - 2.8) ** 2 - eta_N * speed_2), 0.3)
-    T_d = T_1 * (1.0 + (math.exp(log_ratio * (GAMMA - 1.0) / GAMMA) - 1.0) / eta)
-    kept = math.exp(-heat_transfer * UA_gw * math.exp(UA_x * log_mu) / (m * CP))
+    eta = theta[P.eta_0] - theta[P.eta_2] * (ratio - 2.8) ** 2 - theta[P.eta_N] * speed_2
+    T_d = T_1 * (1.0 + (math.exp(log_ratio * (GAMMA - 1.0) / GAMMA) - 1.0) / max(theta[P.efficiency] * eta, 0.3))
+    UA_gw = theta[P.heat_transfer] * theta[P.UA_gw_W_K] * math.exp(theta[P.UA_x] * log_mu)
 
-    # Throttle to the header.
-    r = p_h / p_e
-    if r < 0.5283:
-        phi = 0.6847
-    elif r < 1.0:
-        phi = math.sqrt(2.0 * GAMMA / (GAMMA - 1.0) * (r ** (2.0 / GAMMA) - r ** ((GAMMA + 1.0) / GAMMA)))
-    else:
-        phi = 0.0
-
-    f = np.empty(14)
-    f[0] = m_in
-    f[1] = max(drawn - m_L, 1e-3)
-    f[2] = CdA_max * R_v ** (v_a - 1.0) * p_e / math.sqrt(R * T_g) * phi
-    f[3] = m_ext
-    f[4] = m_rec
-    f[5] = T_im
-    f[6] = m * CP * (T_d - T_pre)
-    f[7] = m * CP * (T_d - T_w) * (1.0 - kept)
-    f[8] = m * CP * (T_pre - T_im)
-    f[9] = P_f * speed_2**0.75
-    f[10] = UA_c * (T_w - T_c)
-    f[11] = UA_h * (T_g - T_h)
-    f[12] = UA_ha * (T_h - T_amb)
-    f[13] = UA_amb * (T_g - T_amb)
+    CdA = theta[P.CdA_max_m2] * theta[P.R_v] ** (x[X.valve_pos] - 1.0)
+    f = np.empty(len(F))
+    f[F.m_in_kg_s] = m_in
+    f[F.m_demand_kg_s] = max(drawn - m_L, 1e-3)
+    f[F.m_out_kg_s] = CdA * p_e / math.sqrt(R * T_g) * _outflow_factor(theta[P.p_head_Pa] / p_e)
+    f[F.m_ext_kg_s] = m_ext
+    f[F.m_rec_kg_s] = m_rec
+    f[F.T_im_K] = T_im
+    f[F.W_W] = m * CP * (T_d - T_pre)
+    f[F.Q_gw_W] = m * CP * (T_d - T_w) * (1.0 - math.exp(-UA_gw / (m * CP)))
+    f[F.Q_pre_W] = m * CP * (T_pre - T_im)
+    f[F.Q_f_W] = theta[P.P_f_W] * speed_2**0.75
+    f[F.Q_c_W] = theta[P.UA_c_W_K] * (T_w - theta[P.T_c_K])
+    f[F.Q_h_W] = theta[P.UA_h_W_K] * (T_g - T_h)
+    f[F.Q_ha_W] = theta[P.UA_ha_W_K] * (T_h - theta[P.T_amb_K])
+    f[F.Q_amb_W] = theta[P.UA_amb_W_K] * (T_g - theta[P.T_amb_K])
     return f
 
 
 @njit(cache=True, error_model="numpy")
 def balance(x, u, theta, f):  # type: ignore[no-untyped-def]
     """Rates of change (8,) from the flows: exact open-system balances of the exhaust volume."""
-    p_e, T_g, v = x[1] * BAR, x[2], u[3]
-    mu = max(x[4], MU_MIN)
-    C_w, V_i, V_e, tau_v, tau_m = theta[11], theta[14], theta[17], theta[20], theta[22]
-    tau_T, C_h, tau_T_x, iso = theta[23], theta[25], theta[36], theta[37]
-    R = R_DRY * (1.0 + theta[46])
+    p_e, T_g = x[X.p_exh_bar] * BAR, x[X.T_gas_K]
+    mu = max(x[X.flow_memory], MU_MIN)
+    V_e = theta[P.V_exh_m3]
+    R = R_DRY * (1.0 + theta[P.humidity])
     m = M_REF_KG_S * mu
-    m_in, m_demand, m_out, m_ext, m_rec, T_im, W = f[0], f[1], f[2], f[3], f[4], f[5], f[6]
-    Q_gw, Q_pre, Q_f, Q_c, Q_h, Q_ha, Q_amb = f[7], f[8], f[9], f[10], f[11], f[12], f[13]
-    m_off = m_out + m_ext + m_rec
-    enthalpy_in = m * CP * T_im + Q_pre + W - Q_gw
-    net = enthalpy_in - m_off * CP * T_g - Q_h - Q_amb
+    # All is read before anything is written: compiled code is a tenth faster so.
+    m_in, m_demand, m_rec, T_im = f[F.m_in_kg_s], f[F.m_demand_kg_s], f[F.m_rec_kg_s], f[F.T_im_K]
+    Q_gw, Q_pre, Q_f, Q_c, Q_h, Q_ha = f[F.Q_gw_W], f[F.Q_pre_W], f[F.Q_f_W], f[F.Q_c_W], f[F.Q_h_W], f[F.Q_ha_W]
+    T_probe, valve, command = x[X.T_probe_K], x[X.valve_pos], u[U.valve]
+    V_i, C_w, C_h, iso = theta[P.V_int_m3], theta[P.C_w_J_K], theta[P.C_h_J_K], theta[P.iso]
+    tau_m, tau_v = theta[P.tau_m_s], theta[P.tau_v_s]
+    m_off = f[F.m_out_kg_s] + f[F.m_ext_kg_s] + m_rec
+    enthalpy_in = m * CP * T_im + Q_pre + f[F.W_W] - Q_gw
+    net = enthalpy_in - m_off * CP * T_g - Q_h - f[F.Q_amb_W]
     dp_exact = net * R / (V_e * CV)
     dp_isothermal = R * T_g / V_e * (m - m_off)
+    tau_T = theta[P.tau_T_s] * math.exp(-theta[P.tau_T_x] * math.log(mu))
 
-    dx = np.empty(8)
-    dx[0] = R * T_im / V_i * (m_in - m + m_rec) / BAR
-    dx[1] = (dp_exact + iso * (dp_isothermal - dp_exact)) / BAR
-    dx[2] = R * T_g / (p_e * V_e * CV) * (net - (m - m_off) * CV * T_g)
-    dx[3] = (Q_gw + Q_f - Q_pre - Q_c) / C_w
-    dx[4] = (m_demand / M_REF_KG_S - mu) / tau_m
-    dx[5] = (T_g - x[5]) / (tau_T * math.exp(-tau_T_x * math.log(mu)))
-    dx[6] = (v - x[6]) / tau_v
-    dx[7] = (Q_h - Q_ha) / C_h
+    dx = np.empty(len(X))
+    dx[X.p_int_bar] = R * T_im / V_i * (m_in - m + m_rec) / BAR
+    dx[X.p_exh_bar] = (dp_exact + iso * (dp_isothermal - dp_exact)) / BAR
+    dx[X.T_gas_K] = R * T_g / (p_e * V_e * CV) * (net - (m - m_off) * CV * T_g)
+    dx[X.T_wall_K] = (Q_gw + Q_f - Q_pre - Q_c) / C_w
+    dx[X.flow_memory] = (m_demand / M_REF_KG_S - mu) / tau_m
+    dx[X.T_probe_K] = (T_g - T_probe) / tau_T
+    dx[X.valve_pos] = (command - valve) / tau_v
+    dx[X.T_head_K] = (Q_h - Q_ha) / C_h
     return dx
 
 
@@ -244,35 +260,28 @@ def rhs(x: Array, u: Array, theta: Array) -> Array:
 
 
 def output(x: Array, u: Array, theta: Array) -> Array:
-    """What the sensors read, before noise.
-
-    Args:
-        x: (8,) in the states' units, order STATES.
-        u: (4,) in the inputs' units, order INPUTS.
-        theta: (48,) in the parameters' units, order PARAMETERS.
-    """
-    stem, gain, pulsation = theta[43], theta[44], theta[45]
-    mu = max(x[4], MU_MIN)
-    y = np.empty(3)
-    y[0] = x[1]
-    y[1] = x[5] - stem * (x[5] - x[3]) + theta[4]
-    y[2] = M_REF_KG_S * mu * (1.0 + gain) * (1.0 + pulsation / mu)
+    """What the sensors read, before noise."""
+    mu = max(x[X.flow_memory], MU_MIN)
+    probe = x[X.T_probe_K]
+    y = np.empty(len(Y))
+    y[Y.p_dis_bar] = x[X.p_exh_bar]
+    y[Y.T_dis_K] = probe - theta[P.stem] * (probe - x[X.T_wall_K]) + theta[P.T_bias_K]
+    y[Y.m_flow_kg_s] = M_REF_KG_S * mu * (1.0 + theta[P.flow_gain]) * (1.0 + theta[P.pulsation] / mu)
     return y
 
 
 def initial(u0: Array, y0: Array, theta: Array) -> Array:
-    """A warm machine at the first reading.
-
-    Args:
-        u0: (4,) first inputs in their units, order INPUTS.
-        y0: (3,) first readings in their units, order OUTPUTS.
-        theta: (48,) in the parameters' units, order PARAMETERS.
-    """
-    T_g = y0[1] - theta[4]
-    mu = max(y0[2] / M_REF_KG_S, 0.05)
-    T_w = theta[12] + 0.35 * (T_g - theta[12])
-    T_h = theta[26] + 0.6 * (T_g - theta[26])
-    return np.array([0.985 * u0[0], y0[0], T_g, T_w, mu, T_g, u0[3], T_h])
+    """A warm machine at the first reading."""
+    T_g = y0[Y.T_dis_K] - theta[P.T_bias_K]
+    x = np.empty(len(X))
+    x[X.p_int_bar] = 0.985 * u0[U.p_suc_bar]
+    x[X.p_exh_bar] = y0[Y.p_dis_bar]
+    x[X.T_gas_K] = x[X.T_probe_K] = T_g
+    x[X.T_wall_K] = theta[P.T_c_K] + 0.35 * (T_g - theta[P.T_c_K])
+    x[X.flow_memory] = max(y0[Y.m_flow_kg_s] / M_REF_KG_S, 0.05)
+    x[X.valve_pos] = u0[U.valve]
+    x[X.T_head_K] = theta[P.T_amb_K] + 0.6 * (T_g - theta[P.T_amb_K])
+    return x
 
 
 PLANT = Simulator(

@@ -70,8 +70,8 @@ def _told(value: Any, seen: list[Any]) -> Iterator[bytes]:
         yield from _told(value.co_consts, seen)
     elif type(value) in _PLAIN:
         yield repr(value).encode()
-    elif type(value) is tuple:
-        yield str(len(value)).encode()
+    elif isinstance(value, tuple) and (type(value) is tuple or hasattr(value, "_fields")):
+        yield repr((len(value), getattr(value, "_fields", ()))).encode()
         for item in value:
             yield from _told(item, seen)
     elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -10,6 +11,14 @@ from numba import njit, types
 from twinbench.physics.compile import compiled
 from twinbench.physics.jit import FUNCTION, VECTOR
 from twinbench.physics.simulator import Array, Simulator
+
+
+class Varying(NamedTuple):
+    """Parameters that change in time, and their values: (B, N, V) over sequences, (M, V) over machines."""
+
+    names: Sequence[str]
+    values: Array
+
 
 MATRIX = types.Array(types.float64, 2, "C")
 INDICES = types.Array(types.int64, 1, "C")
@@ -73,8 +82,7 @@ def simulate(
     theta: Array | None = None,
     dt_s: float = 0.05,
     substeps: int = 2,
-    varying: Sequence[str] = (),
-    values: Array | None = None,
+    varying: Varying | None = None,
 ) -> tuple[Array, Array]:
     """Run B sequences of N samples.
 
@@ -85,8 +93,7 @@ def simulate(
         theta: (np,) or (B, np), each in its parameter's unit; the simulator's nominal values if left out.
         dt_s: sample period.
         substeps: RK4 steps in one sample period.
-        varying: names of parameters that change in time.
-        values: (B, N, n_varying), what those parameters are, each in its unit.
+        varying: what of theta changes in time, its values (B, N, V).
 
     Returns:
         x (B, N, nx) and y (B, N, ny), both at the sample instants.
@@ -100,12 +107,9 @@ def simulate(
     start = np.broadcast_to(np.asarray(x0, dtype=np.float64), (batch, len(simulator.states)))
     base = simulator.theta() if theta is None else np.asarray(theta, dtype=np.float64)
     thetas = np.broadcast_to(base, (batch, len(simulator.parameters)))
-    if values is None:
-        values = np.empty((batch, samples, 0))
-    values = np.ascontiguousarray(values, dtype=np.float64)
-    if values.shape != (batch, samples, len(varying)):
-        raise ValueError(f"values has shape {values.shape}, expected {(batch, samples, len(varying))}")
-    indices = np.array([simulator.index(name) for name in varying], dtype=np.int64)
+    indices, values = _placed(simulator, varying or Varying((), np.empty((batch, samples, 0))))
+    if values.shape != (batch, samples, len(indices)):
+        raise ValueError(f"values has shape {values.shape}, expected {(batch, samples, len(indices))}")
     equations = compiled(simulator)
     run = _run if equations.native else _run_python
     x = np.empty((batch, samples, len(simulator.states)))
@@ -127,6 +131,12 @@ def simulate(
     return x, y
 
 
+def _placed(simulator: Simulator, varying: Varying) -> tuple[np.ndarray, Array]:
+    """Where the parameters stand in theta, (V,), and their values as compiled code takes them."""
+    indices = np.array([simulator.index(name) for name in varying.names], dtype=np.int64)
+    return indices, np.ascontiguousarray(varying.values, dtype=np.float64)
+
+
 @njit(
     types.void(FUNCTION, MATRIX, MATRIX, VECTOR, INDICES, MATRIX, types.float64, types.int64, MATRIX),
     cache=True,
@@ -146,24 +156,12 @@ def advance(
     u: Array,
     dt_s: float,
     substeps: int = 2,
-    varying: Sequence[str] = (),
-    values: Array | None = None,
+    varying: Varying | None = None,
 ) -> Array:
-    """One step of M independent machines: x (M, nx), u (M, nu), values (M, len(varying)) -> (M, nx).
-
-    Args:
-        x: (M, nx), each state in its unit.
-        u: (M, nu) inputs in their units.
-        dt_s: how long the step lasts.
-        substeps: RK4 steps in it.
-        varying: names of parameters that differ between the machines.
-        values: (M, n_varying), what those are, each in its unit.
-    """
+    """One step of M independent machines: x (M, nx), u (M, nu) -> (M, nx)."""
     equations = compiled(simulator)
-    if values is None:
-        values = np.empty((len(x), 0))
     out = np.empty((len(x), len(simulator.states)))
-    indices = np.array([simulator.index(name) for name in varying], dtype=np.int64)
+    indices, values = _placed(simulator, varying or Varying((), np.empty((len(x), 0))))
     step = _advance if equations.native else _advance.py_func
     step(
         equations.rhs,
@@ -171,7 +169,7 @@ def advance(
         np.ascontiguousarray(u, dtype=np.float64),
         simulator.theta(),
         indices,
-        np.ascontiguousarray(values, dtype=np.float64),
+        values,
         dt_s,
         substeps,
         out,

@@ -9,7 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.optimize import root
 
 from twinbench.physics.compile import compiled
-from twinbench.physics.compressor import PLANT
+from twinbench.physics.compressor import PLANT, U, X
 from twinbench.physics.integrate import simulate
 from twinbench.physics.simulator import Array, Simulator
 
@@ -70,13 +70,14 @@ def _valve_at(N_rpm: float, pressure_ratio: float) -> float:
 
     def balances(z: Array) -> Array:
         x = z * scale
-        inputs = np.array([u[0], u[1], u[2], x[6]])  # the valve stands where it is told
-        x[1] = p_exh
+        inputs = u.copy()
+        inputs[U.valve] = x[X.valve_pos]  # the valve stands where it is told
+        x[X.p_exh_bar] = p_exh
         dx = rhs(x, inputs, theta) / scale
-        dx[6] = z[1] - p_exh / scale[1]  # the freed row keeps the unused unknown in place
+        dx[X.valve_pos] = z[X.p_exh_bar] - p_exh / scale[X.p_exh_bar]  # the freed row keeps the unused unknown in place
         return dx
 
     solution = root(balances, guess / scale, tol=1e-10)
     if not solution.success:
         raise ValueError(f"no valve position gives ratio {pressure_ratio} at {N_rpm} rpm")
-    return float(solution.x[6] * scale[6])
+    return float(solution.x[X.valve_pos] * scale[X.valve_pos])

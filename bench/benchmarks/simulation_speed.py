@@ -35,7 +35,7 @@ from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array  # noqa: E402
 from twinbench.data.benchmark import design, simulate_benchmark  # noqa: E402
 from twinbench.physics.compile import compiled  # noqa: E402
 from twinbench.physics.compressor import PLANT, balance, flux  # noqa: E402
-from twinbench.physics.integrate import simulate  # noqa: E402
+from twinbench.physics.integrate import Varying, simulate  # noqa: E402
 from twinbench.physics.steady import steady_state  # noqa: E402
 
 SEQUENCES = ("test-00", "test-02", "test-03", "test-06")  # capacity, heat transfer, bias, leakage
@@ -118,7 +118,7 @@ def contest(peer: Callable[..., Array], samples: int) -> dict[str, Any]:
         parts = zip(x0, u[:, :rows], values[:, :rows], strict=True)
         return np.stack([call(rhs, *part, method, rtol) for part in parts])
 
-    ours = partial(simulate, PLANT, u, x0, varying=HEALTH, values=values)
+    ours = partial(simulate, PLANT, u, x0, varying=Varying(HEALTH, values))
     exact = theirs(sample_by_sample, "DOP853", 1e-11)
     wanted = float(np.abs((ours()[0] - exact) / SCALE).max())
     methods: list[dict[str, Any]] = []

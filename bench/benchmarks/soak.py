@@ -60,7 +60,10 @@ def _sound(P, C):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def soak(weights, twin, memory, said, t, readings, lag_s, C):  # type: ignore[no-untyped-def]
-    """Update by each of readings (N, 7). Returns how many updates left anything unsound."""
+    """Update by each of readings (N, 7). Returns how many updates left anything unsound.
+
+    The function takes plain arrays because it is compiled.
+    """
     unsound = 0
     for k in range(readings.shape[0]):
         update(weights, twin, memory, readings[k : k + 1], lag_s[k : k + 1], said, t)

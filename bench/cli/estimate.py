@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import tell
+from twinbench.bench.cli.parser import add_map, add_recordings, add_training
 
 ESTIMATE = """columns, a reading each 0.05 s (20 Hz, as in training), empty where missing:
   time_s       s      time, increasing
@@ -29,11 +30,10 @@ EXAMPLE = "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'P
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("estimator", metavar="NAME")
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    add_recordings(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
-    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
-    parser.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
-    parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    add_training(parser)
+    add_map(parser)
     parser.add_argument(
         "--force", action="store_true", help="write estimates that are not usable, too; the exit status stays 3"
     )

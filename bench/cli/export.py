@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import tell_files
+from twinbench.bench.cli.parser import add_training
 
 SAYS = "write a trained DeepONet-Kalman as an ONNX graph and arrays, for machines without this package"
 EXAMPLE = (
@@ -22,8 +23,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="deeponet_kalman (default) or one of its ablations",
     )
-    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
-    parser.add_argument("--results", type=Path, metavar="DIR", help="the run it comes from (results/<profile>)")
+    add_training(parser)
 
 
 def run(a: argparse.Namespace) -> int:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, rows_of, tell
+from twinbench.bench.cli.parser import add_draws
 
 SAYS = "let mismatch mend the nominal model on drawn plants that differ from it in eleven ways"
 EXAMPLE = (
@@ -15,9 +15,7 @@ EXAMPLE = (
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--draws", type=int, default=2, metavar="N", help="how many plants (default: 2)")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
-    parser.add_argument("--out", type=Path, default=Path("results/flagship"), metavar="DIR")
+    add_draws(parser, "--draws", 2, "how many plants", "results/flagship")
     parser.add_argument("--told", action="store_true", help="also ask an engine that is told the effects' names")
 
 

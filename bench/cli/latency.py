@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, failed_cells, rows_of, tell
+from twinbench.bench.cli.parser import add_training
 
 SAYS = "time one online update of trained estimators and of their peers, on one core"
 EXAMPLE = (
@@ -16,8 +17,7 @@ EXAMPLE = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--estimator", nargs="+", default=(), metavar="NAME", help="(default: all that are trained)")
-    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
-    parser.add_argument("--results", type=Path, metavar="DIR", help="the run they come from (results/<profile>)")
+    add_training(parser, "they come")
     parser.add_argument("--updates", type=int, default=2000, metavar="N", help="of each, back to back (default: 2000)")
     parser.add_argument(
         "--ticks", type=int, default=200, metavar="N", help="of each, at 20 Hz; 0: none (default: 200, ten seconds)"
@@ -31,7 +31,7 @@ def run(a: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from twinbench.bench.latency.suite import run
+    from twinbench.bench.latency.suite import Counts, run
     from twinbench.bench.report.table_formats import to_text
     from twinbench.common.errors import BadInput
 
@@ -41,7 +41,8 @@ def run(a: argparse.Namespace) -> int:
     command = command_line()
     out = a.out or Path("results/latency")
     console = Console(stderr=True)
-    table, failed = run(a.profile, a.results, list(a.estimator), a.updates, a.ticks, out, command, console)
+    counts = Counts(a.updates, a.ticks)
+    table, failed = run(a.profile, a.results, list(a.estimator), counts, out, command, console)
     if a.json:
         tell(a, {"latency": rows_of(table.frame), "failed": failed_cells(failed), "out": str(out.resolve())})
         return 1 if failed else 0

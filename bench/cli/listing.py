@@ -7,7 +7,7 @@ import math
 from typing import Any
 
 from twinbench.bench.cli.output import tell
-from twinbench.bench.cli.parser import SIMULATOR_HELP, TRUST_HELP
+from twinbench.bench.cli.parser import SIMULATOR_HELP, add_trust
 
 SAYS = "list what there is"
 EXAMPLE = "twinbench list estimators --json"
@@ -18,7 +18,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {SIMULATOR_HELP}"
     )
-    parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
+    add_trust(parser)
 
 
 def run(a: argparse.Namespace) -> int:

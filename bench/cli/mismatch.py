@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli import mismatch_status
-from twinbench.bench.cli.parser import SIMULATOR_HELP, TRUST_HELP
+from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_recordings, add_trust
 
 SAYS = "find what a simulator leaves out, name it, model it, and prove it on held-out recordings"
 EXAMPLE = (
@@ -18,7 +18,7 @@ EXAMPLE = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    add_recordings(parser)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument(
         "--hold-out",
@@ -40,8 +40,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="between samples: each value holds until the next, or lines join them; auto (default) tries both",
     )
-    parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
-    parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    add_trust(parser)
+    add_map(parser)
 
 
 def run(a: argparse.Namespace) -> int:

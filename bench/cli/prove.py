@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, rows_of, tell
+from twinbench.bench.cli.parser import add_draws
 
 SAYS = "hide effects in simulated machines and see whether mismatch finds them"
 EXAMPLE = (
@@ -15,9 +15,7 @@ EXAMPLE = (
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--cases", type=int, default=40, metavar="N", help="how many (default: 40)")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
-    parser.add_argument("--out", type=Path, default=Path("results/prove"), metavar="DIR")
+    add_draws(parser, "--cases", 40, "how many", "results/prove")
     parser.add_argument(
         "--engines",
         default="twinbench",
@@ -39,12 +37,13 @@ def run(a: argparse.Namespace) -> int:
 
     from twinbench.proof.concealed.engines import chosen
     from twinbench.proof.concealed.gates import as_markdown
-    from twinbench.proof.concealed.suite import run
+    from twinbench.proof.concealed.suite import Study, run
 
     engines = chosen(a.engines)
     command = command_line()
     console = Console(stderr=True)
-    gates = run(a.cases, a.seed, a.out, console, engines, opponent_cases=a.opponent_cases, command=command)
+    study = Study(a.cases, a.seed, engines, a.opponent_cases)
+    gates = run(study, a.out, console, command=command)
     if a.json:
         compared = rows_of(pd.read_csv(a.out / "engines.csv"))
         tell(a, {"gates": rows_of(gates), "engines": compared, "out": str(a.out.resolve())})

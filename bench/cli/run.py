@@ -47,12 +47,13 @@ def run(a: argparse.Namespace) -> int:
 
     from twinbench.bench.profile import load_profile
     from twinbench.bench.report.table_formats import to_text
-    from twinbench.bench.runner import run
+    from twinbench.bench.runner import Backend, Wanted, run
 
     profile = load_profile(a.profile)
     out = a.out or Path("results") / profile.name
     command = command_line()
-    finished = run(profile, out, tuple(a.only), a.ablations, a.robustness, a.resume, a.backend, a.scheduler, command)
+    wanted = Wanted(tuple(a.only), a.ablations, a.robustness, a.resume)
+    finished = run(profile, out, wanted, Backend(a.backend, a.scheduler), command)
     if a.json:
         page = str((out / "report.html").resolve())
         rows = rows_of(finished.comparison.frame)

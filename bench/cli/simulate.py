@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import tell_files
-from twinbench.bench.cli.parser import SIMULATOR_HELP, TRUST_HELP
+from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_trust
 
 SAYS = "write the benchmark's recordings, or what a simulator of yours makes of recorded inputs"
 EXAMPLE = (
@@ -17,7 +17,7 @@ EXAMPLE = (
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
-    parser.add_argument("--trust", action="store_true", help=TRUST_HELP)
+    add_trust(parser)
     parser.add_argument(
         "--inputs",
         nargs="+",
@@ -26,7 +26,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help="recordings whose inputs drive --simulator; it starts from their first readings",
     )
-    parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    add_map(parser)
     parser.add_argument("--profile", default="quick", help="whose data (default: quick)")
     parser.add_argument("--part", choices=("train", "validation", "test"), default="test")
     parser.add_argument("--format", choices=("csv", "parquet"), default="csv")

@@ -15,15 +15,16 @@ from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, Unscen
 from numba import njit
 
 from twinbench.baselines.model_ekf import STATE_WALK
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array
+from twinbench.data.batch import CHANNEL, HEALTH, SAMPLE_PERIOD_S, STATE, STATES, Array
 from twinbench.methods.noise import health_walk_var, output_sd
 from twinbench.physics.compile import compiled
-from twinbench.physics.compressor import balance, flux
+from twinbench.physics.compressor import X, balance, flux
 from twinbench.physics.health import map_health, to_theta
 from twinbench.physics.integrate import rk4
 from twinbench.physics.nominal import NOMINAL
 
-N_STATES, SIZE = len(STATES), len(STATES) + len(HEALTH)
+N_STATES, N_HEALTH = len(STATES), len(HEALTH)
+SIZE = N_STATES + N_HEALTH
 ALPHA = 0.5
 """Spread of the sigma points, as ``baselines.pinn_ukf`` has it."""
 STEP = np.concatenate([1e-4 * np.array([v.scale for v in NOMINAL.states[:N_STATES]]), np.full(len(HEALTH), 1e-3)])
@@ -62,6 +63,12 @@ def _numpy_rhs(x: Array, u: Array, theta: Array) -> Array:
     return balance.py_func(x, u, theta, flux.py_func(x, u, theta))
 
 
+def _all_states(z: Array, u: Array) -> Array:
+    """The nominal model's state (8,) at z (10,): the probe and the head have the gas's temperature."""
+    T_gas_K = z[STATE.T_gas_K]
+    return np.concatenate([z[:N_STATES], [T_gas_K, u[CHANNEL.valve], T_gas_K]])
+
+
 def numpy_move(z: Array, u: Array) -> Array:
     """One Runge-Kutta step of the equations as they are written, in Python and NumPy.
 
@@ -70,7 +77,7 @@ def numpy_move(z: Array, u: Array) -> Array:
         u: (4,) inputs in their units, order INPUTS.
     """
     theta = np.concatenate([to_theta(z[N_STATES:]), CONSTANTS[len(HEALTH) :]])
-    x, h = np.concatenate([z[:N_STATES], [z[2], u[3], z[2]]]), SAMPLE_PERIOD_S
+    x, h = _all_states(z, u), SAMPLE_PERIOD_S
     k1 = _numpy_rhs(x, u, theta)
     k2 = _numpy_rhs(x + 0.5 * h * k1, u, theta)
     k3 = _numpy_rhs(x + 0.5 * h * k2, u, theta)
@@ -86,7 +93,7 @@ def numpy_observe(z: Array, u: Array) -> Array:
         u: (4,) inputs in their units, order INPUTS.
     """
     theta = np.concatenate([to_theta(z[N_STATES:]), CONSTANTS[len(HEALTH) :]])
-    return np.asarray(NOMINAL.output(np.concatenate([z[:N_STATES], [z[2], u[3], z[2]]]), u, theta))
+    return np.asarray(NOMINAL.output(_all_states(z, u), u, theta))
 
 
 # Bound here, not passed: as an argument an equation costs some 15 us at every call from Python.
@@ -96,12 +103,12 @@ _rhs, _output = compiled(NOMINAL).rhs, compiled(NOMINAL).output
 @njit(error_model="numpy")
 def _whole(z, u):  # type: ignore[no-untyped-def]
     """State (8,) and parameters of the nominal model at z (10,)."""
-    theta, x = CONSTANTS.copy(), np.empty(8)
-    zeta, values, slope = z[N_STATES:].copy().reshape(1, 5), np.empty((1, 5)), np.empty((1, 5))
+    theta, x = CONSTANTS.copy(), np.empty(len(X))
+    zeta, values, slope = z[N_STATES:].copy().reshape(1, N_HEALTH), np.empty((1, N_HEALTH)), np.empty((1, N_HEALTH))
     map_health(zeta, values, slope)
-    theta[:5] = values[0]
+    theta[:N_HEALTH] = values[0]
     x[:N_STATES] = z[:N_STATES]
-    x[5], x[6], x[7] = z[2], u[3], z[2]
+    x[X.T_probe_K], x[X.valve_pos], x[X.T_head_K] = z[STATE.T_gas_K], u[CHANNEL.valve], z[STATE.T_gas_K]
     return x, theta
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
 from rich.console import Console
@@ -44,15 +44,25 @@ from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.frontend import FrontEnd
 
 
+class Counts(NamedTuple):
+    """How often each is timed."""
+
+    updates: int  # back to back
+    ticks: int  # at 20 Hz; 0 leaves that out
+
+
+class _Measured(NamedTuple):
+    """What the suite found."""
+
+    table: pd.DataFrame
+    parts: dict[str, float]  # of one update, us
+    held: pd.DataFrame  # memory
+    took: dict[str, dict[Name, Array]]  # by mode, every sample
+    about: dict[str, Any]  # the machine meanwhile
+
+
 def run(
-    profile: str,
-    results: Path | None,
-    only: list[str],
-    updates: int,
-    ticks: int,
-    out: Path,
-    command: str,
-    console: Console,
+    profile: str, results: Path | None, only: list[str], counts: Counts, out: Path, command: str, console: Console
 ) -> tuple[Table, list[Outcome]]:
     """Time the trained estimators and their peers, and write ``out``.
 
@@ -61,14 +71,29 @@ def run(
 
     Args:
         only: the estimators; all that are trained if empty.
-        updates: back to back, of each.
-        ticks: at 20 Hz, of each; 0 leaves that out.
 
     Raises:
         BadInput: nothing is trained in ``results``, or ``out`` cannot be written to.
     """
     store, todo = trained_cells(profile, results, only)
     check_writable(out)
+    measured, failed = _measure(store, todo, counts, console)
+    shown = latency_table(measured.table, measured.about)
+    _write(out, measured, shown)
+    manifest = {
+        "command": command,
+        **counts._asdict(),
+        "seed": todo[0].seed,
+        "fits": {c.estimator: c.fit for c in todo},
+        "measured": measured.about,
+        **provenance(),
+    }
+    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    return shown, failed
+
+
+def _measure(store: Store, todo: list[Cell], counts: Counts, console: Console) -> tuple[_Measured, list[Outcome]]:
+    """All that is timed, on one core, and then the memory; and who failed."""
     pin_torch()
     readings = recording(store, todo)
     filled = FrontEnd.fit(cells.load_split(store, todo[0].data).train).run(readings[None])[0][0]
@@ -81,35 +106,27 @@ def run(
         if proposed is not None:
             timed += [*whole_updates(proposed, readings), *operators(proposed, filled)]
         timed += _peers(filled)
-        took[BACK_TO_BACK] = back_to_back(timed, updates, progress)
-        if ticks:
-            took[PACED] = paced(timed, ticks, progress)
+        took[BACK_TO_BACK] = back_to_back(timed, counts.updates, progress)
+        if counts.ticks:
+            took[PACED] = paced(timed, counts.ticks, progress)
         if proposed is not None:
             parts = stages(proposed, filled)
         about = {"core": core, **watch.told()}
     table = pd.DataFrame(
         [{**name._asdict(), "mode": mode, **percentiles(us)} for mode, by in took.items() for name, us in by.items()]
     )
-    held = _memory(store, todo, ready, proposed, readings)
-    shown = latency_table(table, about)
-    _write_csv(out / "latency.csv", table)
-    _write_csv(out / "stages.csv", pd.DataFrame(parts.items(), columns=["stage", "us"]))
-    _write_csv(out / "memory.csv", held)
-    write_atomically(out / "samples.npz", lambda path: save_samples(took, path))
-    for name, written in (("latency", shown), ("memory", memory_table(held))):
+    return _Measured(table, parts, _memory(store, todo, ready, proposed, readings), took, about), failed
+
+
+def _write(out: Path, measured: _Measured, shown: Table) -> None:
+    """Tables, samples and figures."""
+    _write_csv(out / "latency.csv", measured.table)
+    _write_csv(out / "stages.csv", pd.DataFrame(measured.parts.items(), columns=["stage", "us"]))
+    _write_csv(out / "memory.csv", measured.held)
+    write_atomically(out / "samples.npz", lambda path: save_samples(measured.took, path))
+    for name, written in (("latency", shown), ("memory", memory_table(measured.held))):
         write_text(out / f"{name}.md", FORMATS["md"](written))
-    write_figures(out / "figures", _drawings(table, parts))
-    manifest = {
-        "command": command,
-        "updates": updates,
-        "ticks": ticks,
-        "seed": todo[0].seed,
-        "fits": {c.estimator: c.fit for c in todo},
-        "measured": about,
-        **provenance(),
-    }
-    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
-    return shown, failed
+    write_figures(out / "figures", _drawings(measured.table, measured.parts))
 
 
 def _proposed(store: Store, todo: list[Cell]) -> DeepONetKalman | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.bootstrap import LEVEL, interval, resample_weights
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
+from twinbench.physics.compressor import U, Y
 
 SETTLE_S = 60.0
 """The regime ``health_during`` lasts this long past the change, or a step would have none."""
@@ -53,8 +55,8 @@ def regimes(time_s: Array, truth: Truth, changes: list[tuple[float, float] | Non
         truth: at those ticks, as ``truth_at`` gives it.
         changes: start and end of each sequence's health change, seconds; None where it has none.
     """
-    speed = truth.inputs[..., 2]
-    ratio = truth.outputs[..., 0] / truth.inputs[..., 0]
+    speed = truth.inputs[..., U.N_rpm]
+    ratio = truth.outputs[..., Y.p_dis_bar] / truth.inputs[..., U.p_suc_bar]
     masks = {"all": np.ones(speed.shape, dtype=bool)}
     for name, values in (("speed", speed), ("ratio", ratio)):
         first, second = np.quantile(values, [1 / 3, 2 / 3])
@@ -97,6 +99,13 @@ def change_times(truth: Batch, name: str) -> tuple[float, float] | None:
     return change and (change.start_s, change.end_s)
 
 
+COLUMNS = [
+    "estimator", "regime", "quantity", "coverage_pct", "low", "high", "n_sequences", "expected_pct", "expected_low",
+    "expected_high", "reason",
+]  # fmt: skip
+"""Of ``coverage_table``."""
+
+
 def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) -> pd.DataFrame:
     """Coverage of each estimator by regime and quantity, with its interval over sequences.
 
@@ -107,8 +116,7 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
         failed: estimators with a failed cell and its reason; one without rows gets a NaN ``mean`` of ``all``.
 
     Returns:
-        Columns ``estimator, regime, quantity, coverage_pct, low, high, n_sequences, expected_pct,
-        expected_low, expected_high, reason``; quantity ``mean`` is the mean of all ten. Where an
+        Columns COLUMNS; quantity ``mean`` is the mean of all ten. Where an
         interval is not finite the coverage is NaN and ``reason`` says in which sequences.
     """
     failed = failed or {}
@@ -116,52 +124,29 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
     wide = rows.pivot(index=[*cell, "seed", "ticks"], columns="quantity", values="inside_pct")
     wide = wide[list(ESTIMATED)].assign(mean=wide.mean(axis=1, skipna=False)).reset_index("ticks")
     by_sequence = wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
-    table = []
+    table: list[tuple[Any, ...]] = []
     for estimator, regime in product(ordered(rows["estimator"].unique()), REGIMES):
         group = by_sequence.query("estimator == @estimator and regime == @regime")
-        n, ticks = len(group), group["ticks"].to_numpy()
-        if n == 0:
-            continue
-        weights = resample_weights(n) * ticks
-        weights /= weights.sum(axis=1, keepdims=True)
-        for quantity in (*ESTIMATED, "mean"):
-            shares = group[quantity].to_numpy()
-            lost = group.index.get_level_values("sequence")[np.isnan(shares)]
-            reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
-            low, high = interval(weights @ shares, n)
-            table.append(
-                (
-                    estimator,
-                    regime,
-                    quantity,
-                    float(shares @ ticks / ticks.sum()),
-                    low,
-                    high,
-                    n,
-                    100 * LEVEL,
-                    *expected_band(n),
-                    "; ".join(filter(None, [failed.get(estimator), reason])),
-                )
-            )
+        if len(group):
+            table += [(estimator, regime, *row) for row in _by_quantity(group, failed.get(estimator))]
     missing = [name for name in failed if name not in set(rows["estimator"])]
     nothing = (np.nan, np.nan, np.nan, 0, 100 * LEVEL, np.nan, np.nan)
     table += [(name, "all", "mean", *nothing, failed[name]) for name in ordered(missing)]
-    return pd.DataFrame(
-        table,
-        columns=[
-            "estimator",
-            "regime",
-            "quantity",
-            "coverage_pct",
-            "low",
-            "high",
-            "n_sequences",
-            "expected_pct",
-            "expected_low",
-            "expected_high",
-            "reason",
-        ],
-    )
+    return pd.DataFrame(table, columns=COLUMNS)
+
+
+def _by_quantity(group: pd.DataFrame, failed: str | None) -> Iterator[tuple[Any, ...]]:
+    """Rows of one estimator in one regime, COLUMNS from ``quantity`` on; ``group`` has a row for each sequence."""
+    n, ticks = len(group), group["ticks"].to_numpy()
+    weights = resample_weights(n) * ticks
+    weights /= weights.sum(axis=1, keepdims=True)
+    for quantity in (*ESTIMATED, "mean"):
+        shares = group[quantity].to_numpy()
+        lost = group.index.get_level_values("sequence")[np.isnan(shares)]
+        reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
+        share = float(shares @ ticks / ticks.sum())
+        bounds = (*interval(weights @ shares, n), n, 100 * LEVEL, *expected_band(n))
+        yield quantity, share, *bounds, "; ".join(filter(None, [failed, reason]))
 
 
 def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:

@@ -11,27 +11,23 @@ forecast and, in the same pass, its Jacobian.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import Array
-from twinbench.methods.deeponet_kalman.records import record
+from twinbench.data.batch import STATE
+from twinbench.methods.deeponet_kalman.forecast import predict
+from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
     INFLATION_UPDATES,
     LEAST_VARIANCE,
     N_HEALTH,
-    N_MOVED,
     N_OUTPUTS,
     OUTSIDE,
     REFRESH,
     UPDATES,
     WIDEST,
-    Envelope,
-    Settings,
     bound_health,
     carry_sensitivity,
     distance,
@@ -42,34 +38,19 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     note_mismatch,
     note_push,
     scale_health,
-    trust,
-    walk_factor,
     watch,
 )
 from twinbench.methods.deeponet_kalman.steps import follow_steps, free_to_return, note_way
-from twinbench.methods.deeponet_kalman.stream import (
-    N_STATES,
-    N_ZETA,
-    ZETA_SCALE,
-    fill,
-    heads,
-    heads_with_differences,
-    heads_with_jacobian,
-    scratch_type,
-)
+from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
-from twinbench.methods.kalman import bound_into, gain_into, joseph_into, symmetrise
-from twinbench.methods.probe import probe_lag
+from twinbench.methods.kalman import bound_into, gain_into, joseph_into
+from twinbench.methods.operator import N_STATES
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import map_one
 
-PROBE, ZETA, NOISE, ERROR, SIZE = 5, 6, 11, 14, 19
-T_DIS, BIAS = 2, ZETA + 4
-ACTING = ZETA + N_HEALTH
-"""Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
-SHIFTS = (1, BIAS, 4)
+SHIFTS = (STATE.p_exh_bar, BIAS, FLOW)
 """Entries of z that a shift of each output is put down to: pressure, bias, flow."""
-SLOW = (3, *range(ZETA, NOISE), *range(ERROR, SIZE))
+SLOW = (STATE.T_wall_K, *range(ZETA, NOISE), *range(ERROR, SIZE))
 """Entries of z that change over minutes: the wall, health, the slow errors. They stay while the query is not known."""
 WANDERING = 3.0
 """What the states move by in a tick meanwhile, in training increments."""
@@ -77,179 +58,10 @@ LATE = 0.5
 """Of a tick: what was read no longer ago than this counts as read at the tick."""
 
 
-class Model(NamedTuple):
-    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record.
-
-    Attributes:
-        state_mean: (5,) means of the training states in their units, order STATES.
-        state_scale: (5,) their spreads in the same units.
-        increment: (5,) spread of the states' change in a tick, in the same units.
-        Q: (19, 19) process noise of one tick, in the units of z squared.
-        noise_keep: (3,) dimensionless AR(1) factors of the coloured sensor noise.
-        error_keep: AR(1) factor of the operator's slow errors.
-        zeta_low: (5,) dimensionless lower bounds of the coordinates, far outside a machine's life.
-        zeta_high: (5,) dimensionless upper bounds.
-        settings: of the safeguards.
-        envelope: where the operator was trained.
-    """
-
-    state_mean: Array
-    state_scale: Array
-    increment: Array
-    Q: Array
-    noise_keep: Array
-    error_keep: float
-    zeta_low: Array
-    zeta_high: Array
-    settings: Settings
-    envelope: Envelope
-
-
-MODEL = record({
-    "state_mean": ("f8", (N_STATES,)), "state_scale": ("f8", (N_STATES,)), "increment": ("f8", (N_STATES,)),
-    "Q": ("f8", (SIZE, SIZE)), "noise_keep": ("f8", (N_OUTPUTS,)), "error_keep": ("f8", ()),
-    "zeta_low": ("f8", (N_HEALTH,)), "zeta_high": ("f8", (N_HEALTH,)),
-    "settings": (record(dict.fromkeys(Settings._fields, ("f8", ()))), ()),
-    "envelope": (record(dict.fromkeys(Envelope._fields, ("f8", (N_HEALTH,)))), ()),
-})  # fmt: skip
-
-
-def room_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """Room for what one tick reckons in between.
-
-    Args:
-        weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
-    """
-    square, wide, narrow = (SIZE, SIZE), (N_OUTPUTS, SIZE), (N_OUTPUTS, N_OUTPUTS)
-    return record(
-        {
-            "operator": (scratch_type(weights), ()),
-            "F": ("f8", square),
-            "M": ("f8", square),
-            "H": ("f8", wide),
-            "HP": ("f8", wide),
-            "X": ("f8", wide),
-            "K": ("f8", (SIZE, N_OUTPUTS)),
-            "R": ("f8", narrow),
-            "S": ("f8", narrow),
-            "L": ("f8", narrow),
-            **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
-            "column": ("f8", (SIZE,)),
-            "rows": ("f8", (N_HEALTH, N_OUTPUTS)),
-            "push": ("f8", (N_HEALTH,)),
-            "variance": ("f8", (N_HEALTH,)),
-            "after": ("f8", (N_MOVED, N_HEALTH)),
-            "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
-        }
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _condition(model, z, condition):  # type: ignore[no-untyped-def]
-    for i in range(N_STATES):
-        condition[i] = (z[i] - model.state_mean[i]) / model.state_scale[i]
-    for i in range(N_ZETA):
-        condition[N_STATES + i] = z[ZETA + i] / ZETA_SCALE
-
-
-@njit(cache=True, error_model="numpy")
-def _move(model, z, scaled, part):  # type: ignore[no-untyped-def]
-    """Eq. (6) in place: states by the operator, probe by its lag, noise and slow error by their memory."""
-    share, _ = probe_lag(z[4])
-    z[PROBE] += part * share * (z[2] - z[PROBE])
-    for i in range(N_STATES):
-        z[i] += part * (scaled[i] * model.increment[i] + z[ERROR + i])
-        z[ERROR + i] += part * (model.error_keep - 1.0) * z[ERROR + i]
-    for i in range(N_OUTPUTS):
-        z[NOISE + i] += part * (model.noise_keep[i] - 1.0) * z[NOISE + i]
-
-
-@njit(cache=True, error_model="numpy")
-def _transition(model, z, jacobian, trusted, part, F):  # type: ignore[no-untyped-def]
-    """The Jacobian (19, 19) of ``_move``, into F."""
-    for i in range(SIZE):
-        for j in range(SIZE):
-            F[i, j] = 1.0 if i == j else 0.0
-    for i in range(N_STATES):
-        for j in range(N_STATES):
-            F[i, j] += part * jacobian[i, j] * model.increment[i] / model.state_scale[j]
-        for j in range(N_ZETA):
-            F[i, ZETA + j] = part * trusted * jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
-        F[i, ERROR + i] = part
-        F[ERROR + i, ERROR + i] += part * (model.error_keep - 1.0)
-    share, slope = probe_lag(z[4])
-    F[PROBE, PROBE] -= part * share
-    F[PROBE, 2] = part * share
-    F[PROBE, 4] = part * slope * (z[2] - z[PROBE])
-    for i in range(N_OUTPUTS):
-        F[NOISE + i, NOISE + i] += part * (model.noise_keep[i] - 1.0)
-
-
-@njit(cache=True, error_model="numpy")
-def _times(F, A, B):  # type: ignore[no-untyped-def]
-    """``B = (F A)'`` for an F of ``_transition``: beside its diagonal it has six rows, which few columns act on."""
-    for i in range(N_MOVED):
-        for j in range(SIZE):
-            B[i, j] = 0.0
-        for k in range(ACTING):
-            for j in range(SIZE):
-                B[i, j] += F[i, k] * A[k, j]
-        if i < N_STATES:
-            for j in range(SIZE):
-                B[i, j] += F[i, ERROR + i] * A[ERROR + i, j]
-    for i in range(N_MOVED, SIZE):
-        for j in range(SIZE):
-            B[i, j] = F[i, i] * A[i, j]
-    for i in range(SIZE):
-        for j in range(i):
-            B[i, j], B[j, i] = B[j, i], B[i, j]
-
-
-@njit(cache=True, error_model="numpy")
-def predict(w, model, base, z, P, away, push, part, t):  # type: ignore[no-untyped-def]
-    """One tick ahead, Eqs. (6) and (7): z (19,) and P (19, 19) in place, the Jacobian in ``t.F``.
-
-    Args:
-        away: distance of the query from the training envelope.
-        push: (5,) direction of late corrections, which widens the walk of health by Eq. (14).
-        part: of the tick, 1 for all of it; less goes along the straight line there.
-        t: room.
-    """
-    settings, net = model.settings, t.operator
-    _condition(model, z, net.condition)
-    if settings.difference > 0.0:
-        heads_with_differences(w, net, base, net.condition, settings.difference)
-    else:
-        heads_with_jacobian(w, net, base, net.condition)
-    _transition(model, z, net.jacobian, trust(settings, away), part, t.F)
-    _times(t.F, P, t.M)
-    _times(t.F, t.M, P)
-    for i in range(SIZE):
-        for j in range(SIZE):
-            P[i, j] += part * model.Q[i, j]
-    for i in range(N_HEALTH):
-        k = ZETA + i
-        P[k, k] += part * model.Q[k, k] * (walk_factor(settings, push[i]) - 1.0)
-    for i in range(N_STATES):
-        k = ERROR + i
-        P[k, k] += part * model.Q[k, k] * settings.extrapolation * away * away
-    symmetrise(P)
-    _move(model, z, net.out, part)
-
-
-@njit(cache=True, error_model="numpy")
-def predict_mean(w, model, base, z, t):  # type: ignore[no-untyped-def]
-    """The forecast of ``predict`` alone, in place, for open loop."""
-    net = t.operator
-    _condition(model, z, net.condition)
-    heads(w, net, base, net.condition, net.out)
-    _move(model, z, net.out, 1.0)
-
-
 @njit(cache=True, error_model="numpy")
 def readings(z, bias_K, out):  # type: ignore[no-untyped-def]
     """Noise-free readings into ``out`` (3,), order OUTPUTS."""
-    out[0], out[1], out[2] = z[1], z[PROBE] + bias_K, M_REF_KG_S * z[4]
+    out[0], out[1], out[2] = z[STATE.p_exh_bar], z[PROBE] + bias_K, M_REF_KG_S * z[FLOW]
 
 
 @njit(cache=True, error_model="numpy")
@@ -261,10 +73,10 @@ def _observe(model, safety, z, measured, white_sd, coloured_sd, t):  # type: ign
             t.H[i, j] = 0.0
         for j in range(N_OUTPUTS):
             t.R[i, j] = 0.0
-    t.H[0, 1] = 1.0
+    t.H[0, STATE.p_exh_bar] = 1.0
     t.H[1, PROBE] = 1.0
     t.H[1, BIAS] = slope
-    t.H[2, 4] = M_REF_KG_S
+    t.H[2, FLOW] = M_REF_KG_S
     readings(z, bias_K, t.innovation)
     for i in range(N_OUTPUTS):
         t.H[i, NOISE + i] = coloured_sd[i]
@@ -276,7 +88,7 @@ def _observe(model, safety, z, measured, white_sd, coloured_sd, t):  # type: ign
 @njit(cache=True, error_model="numpy")
 def _bounded_states(model, z):  # type: ignore[no-untyped-def]
     """Flow positive, health within its coordinates, in place."""
-    z[4] = max(z[4], 0.05)
+    z[FLOW] = max(z[FLOW], 0.05)
     for i in range(N_HEALTH):
         z[ZETA + i] = min(max(z[ZETA + i], model.zeta_low[i]), model.zeta_high[i])
 
@@ -353,6 +165,8 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
 
     Channels that stepped and are left out become NaN in ``measured``. Leaves ``t.innovation``, the same without the
     channels that the gate left out in ``t.used``, and ``t.S``. Returns NIS.
+
+    The function takes plain arrays because it is compiled.
     """
     settings, counts = model.settings, safety.counts
     if counts[INFLATING] > 0:
@@ -367,7 +181,7 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
     bias_K, _ = map_one(N_HEALTH - 1, z[BIAS])
     if settings.steps and follow_steps(safety, counts[UPDATES], t.innovation, t.S, t.H, SHIFTS, z, P, ZETA):
         now_K, _ = map_one(N_HEALTH - 1, z[BIAS])
-        for i in (T_DIS, PROBE):  # what the bias does not explain any more is temperature
+        for i in (GAS, PROBE):  # what the bias does not explain any more is temperature
             z[i] += bias_K - now_K
         for c in range(N_OUTPUTS):
             if safety.steps.out[c] > 0:
@@ -432,6 +246,8 @@ def _report(out, t, last):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t):  # type: ignore[no-untyped-def]
     """Forecast one machine by a tick and correct it by its outputs, in place on ``m``, ``measured`` and ``out``.
+
+    The function takes plain arrays because it is compiled.
 
     Args:
         m: the machine's z, P, stream and safety.

@@ -11,22 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import CHANNELS, ESTIMATED, INPUTS, SAMPLE_PERIOD_S, STATES, Array
-from twinbench.methods.deeponet_kalman.augmented import (
-    BIAS,
-    MODEL,
-    NOISE,
-    SIZE,
-    ZETA,
-    Model,
-    predict_mean,
-    readings,
-    room_type,
-    tick,
-)
+from twinbench.data.batch import CHANNEL, CHANNELS, ESTIMATED, INPUTS, SAMPLE_PERIOD_S, STATES, Array
+from twinbench.methods.deeponet_kalman.augmented import readings, tick
+from twinbench.methods.deeponet_kalman.forecast import predict_mean
+from twinbench.methods.deeponet_kalman.layout import stream_type
+from twinbench.methods.deeponet_kalman.model import BIAS, FLOW, MODEL, NOISE, SIZE, ZETA, Model, room_type
 from twinbench.methods.deeponet_kalman.records import one_record, record
 from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, SAFETY
-from twinbench.methods.deeponet_kalman.stream import N_QUERY, fill, push, stream_type
+from twinbench.methods.deeponet_kalman.stream import N_QUERY, fill, push
 from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE
 from twinbench.methods.frontend import WINDOW, Fitted, gate_one
 from twinbench.methods.noise import output_sd_of
@@ -129,8 +121,9 @@ def standardise(twin, values, t):  # type: ignore[no-untyped-def]
     """What the operator's window takes in of readings (7,), and its query, into ``t.sample`` and ``t.query``."""
     for c in range(N_CHANNELS):
         t.sample[c] = (values[c] - twin.front.mean[c]) / twin.front.scale[c]
-    p_suc, T_suc, N, valve, p_dis = values[0], values[1], values[2], values[3], values[4]
-    raw = (N, p_dis / p_suc, T_suc, p_suc, valve)
+    p_suc = values[CHANNEL.p_suc_bar]
+    ratio = values[CHANNEL.p_dis_bar] / p_suc
+    raw = (values[CHANNEL.N_rpm], ratio, values[CHANNEL.T_suc_K], p_suc, values[CHANNEL.valve])
     for c in range(N_QUERY):
         t.query[c] = (raw[c] - twin.query.mean[c]) / twin.query.scale[c]
 
@@ -208,7 +201,7 @@ def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-
         bias_K, _ = map_one(BIAS - ZETA, m.z[BIAS])
         for k in range(inputs.shape[1]):
             predict_mean(w, own.filter, m.stream.base, m.z, room.filter)
-            m.z[4] = max(m.z[4], 0.05)
+            m.z[FLOW] = max(m.z[FLOW], 0.05)
             readings(m.z, bias_K, out[b, k])
             for c in range(N_INPUTS):
                 m.filled[c] = inputs[b, k, c]

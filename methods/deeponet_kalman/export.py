@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array
-from twinbench.methods.deeponet_kalman.augmented import ERROR, NOISE, PROBE, SIZE, ZETA
+from twinbench.data.batch import CHANNEL, HEALTH, SAMPLE_PERIOD_S, STATE, Array
+from twinbench.methods.deeponet_kalman.layout import N_CONDITION, ZETA_SCALE
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-from twinbench.methods.deeponet_kalman.stream import LIMIT, N_CONDITION, ZETA_SCALE
+from twinbench.methods.deeponet_kalman.model import ERROR, FLOW, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.stream import LIMIT
 from twinbench.methods.operator import (
     HEAD_OF_STATE,
     KERNEL,
@@ -160,7 +161,8 @@ def _branch(g: _Graph, estimator: DeepONetKalman, row: str, length: int) -> str:
     spread = g.root(g("ReduceMean", g("Mul", from_mean, from_mean), [0], keepdims=1))
     # The distance from a running mean, carried instead of the mean, loses nothing to float32 however slow the mean is.
     keep = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
-    temperature_change = g.rows(g.rows(change, length - 1, length), 5, 6, axis=1)
+    T_dis = CHANNEL.T_dis_K
+    temperature_change = g.rows(g.rows(change, length - 1, length), T_dis, T_dis + 1, axis=1)
     slow = g("Mul", g("Add", "slow", g("Reshape", temperature_change, [1])), keep, out="slow_after")
     summary = [attended, g.rows(tokens, -1, length), mean, spread, g("Reshape", slow, [1, N_SLOW])]
     return g.unit(g.affine(g("Concat", *summary, axis=1), "branch.project"))
@@ -168,7 +170,7 @@ def _branch(g: _Graph, estimator: DeepONetKalman, row: str, length: int) -> str:
 
 def _trunk(g: _Graph, estimator: DeepONetKalman, row: str) -> str:
     """``operator.Trunk`` a tick ahead under the present inputs, (1, latents)."""
-    p_suc, p_dis, N = (g("Gather", row, [c], axis=1) for c in (0, 4, 2))
+    p_suc, p_dis, N = (g("Gather", row, [c], axis=1) for c in (CHANNEL.p_suc_bar, CHANNEL.p_dis_bar, CHANNEL.N_rpm))
     raw = g("Concat", N, g("Div", p_dis, p_suc), g("Gather", row, [1, 0, 3], axis=1), axis=1)
     query = g.bounded(g.standardised(raw, *estimator.scaling))
     embedded = g.silu(g.affine(g.rows(query, 0, 2, axis=1), "trunk.embedding"))
@@ -230,9 +232,9 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
     F, H = np.eye(SIZE), np.zeros((len(OUTPUT_NOISE), SIZE))
     F[:N_STATES, ERROR:] = np.eye(N_STATES)
     np.fill_diagonal(F[NOISE:, NOISE:], np.append(model.noise_keep, np.full(N_STATES, model.error_keep)))
-    H[0, 1], H[1, PROBE], H[2, 4] = 1.0, 1.0, M_REF_KG_S
+    H[0, STATE.p_exh_bar], H[1, PROBE], H[2, FLOW] = 1.0, 1.0, M_REF_KG_S
     z_low, z_high = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
-    z_low[4], z_low[ZETA:NOISE], z_high[ZETA:NOISE] = 0.05, model.zeta_low, model.zeta_high
+    z_low[FLOW], z_low[ZETA:NOISE], z_high[ZETA:NOISE] = 0.05, model.zeta_low, model.zeta_high
     low, span, slope = LOW.copy(), HIGH - LOW, d_theta_d_zeta(np.zeros(N_HEALTH))
     for j in (HEALTH.index("leakage"), HEALTH.index("heat_transfer")):
         # These are exponential: a logistic so far from its upper end that nobody tells the two apart.

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.methods.deeponet_kalman.augmented import ERROR, NOISE, SIZE, ZETA, Model
 from twinbench.methods.deeponet_kalman.cycle import (
     KEEP,
     SAID,
@@ -20,8 +19,9 @@ from twinbench.methods.deeponet_kalman.cycle import (
     twin_record,
     update,
 )
+from twinbench.methods.deeponet_kalman.layout import pack
+from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, SIZE, ZETA, Model
 from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, Envelope, Settings, empty_safety
-from twinbench.methods.deeponet_kalman.stream import pack
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import THRESHOLD, FrontEnd
 from twinbench.methods.kalman import linear_filter
@@ -119,7 +119,7 @@ class DeepONetKalman(Estimator):
         from twinbench.methods.operator import Operator
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
-        from twinbench.methods.transitions import draw_transitions
+        from twinbench.methods.transitions import Sampling, draw_transitions, plant_slopes
 
         config = self.config
         rng, _ = seeded(seed)
@@ -127,16 +127,8 @@ class DeepONetKalman(Estimator):
         front_end = FrontEnd.fit(train)
         window = config["window"]
         source = WindowSource.fit(train, front_end, window)
-        transitions = draw_transitions(
-            train,
-            config["transitions"],
-            rng,
-            window,
-            HORIZONS_S,
-            config["each"],
-            config["counterfactual"],
-            config["stratified"],
-        )
+        how = Sampling(window, HORIZONS_S, config["each"], config["counterfactual"], config["stratified"])
+        transitions = draw_transitions(train, config["transitions"], rng, how)
         scales = Scales.fit(transitions)
         operator = Operator(window=window)
         recipe = Recipe(**{field.name: config[field.name] for field in dataclasses.fields(Recipe)})

@@ -9,14 +9,14 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.deeponet_kalman.augmentation import augmented
-from twinbench.methods.deeponet_kalman.stream import ZETA_SCALE
+from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw
-from twinbench.methods.transitions import Transitions, draw_transitions, plant_sensitivities
-from twinbench.physics.health import to_zeta
+from twinbench.methods.transitions import Sampling, Slopes, Transitions, draw_transitions, plant_sensitivities
+from twinbench.physics.health import d_theta_d_zeta, to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
 """Query times of the training transitions: mostly one tick, some shorter and longer."""
@@ -88,9 +88,9 @@ def feasibility(x_next: Tensor, suction: Tensor) -> Tensor:
         x_next: (B, 5) states after the tick in physical units, order STATES.
         suction: (B, 2) suction pressure in bar and temperature in K.
     """
-    flow = torch.relu(-x_next[:, 4])
-    cold = torch.relu(suction[:, 1] - x_next[:, 2]) / 10.0
-    ratio = x_next[:, 1] / suction[:, 0]
+    flow = torch.relu(-x_next[:, STATE.flow_memory])
+    cold = torch.relu(suction[:, 1] - x_next[:, STATE.T_gas_K]) / 10.0
+    ratio = x_next[:, STATE.p_exh_bar] / suction[:, 0]
     beyond = torch.relu(ratio - RATIO_LIMITS[1]) + torch.relu(RATIO_LIMITS[0] - ratio)
     return (flow.square() + cold.square() + beyond.square()).mean()
 
@@ -278,7 +278,7 @@ def audit(
     residual = _along_the_recordings(operator, source, validation, scales)
     slow = residual.mean(axis=1, keepdims=True)
     quick = (residual - slow).reshape(-1, len(STATES))
-    probe = draw_transitions(validation, count // 4, rng, source.window)
+    probe = draw_transitions(validation, count // 4, rng, Sampling(source.window))
     F, G = plant_sensitivities(validation, probe)
     step = 0.02
     J_x, J_theta = np.empty_like(F), np.empty_like(G)

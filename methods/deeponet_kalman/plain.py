@@ -9,22 +9,12 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array
-from twinbench.methods.deeponet_kalman.augmented import (
-    BIAS,
-    ERROR,
-    LATE,
-    NOISE,
-    PROBE,
-    SHIFTS,
-    SIZE,
-    SLOW,
-    T_DIS,
-    WANDERING,
-    ZETA,
-)
+from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, STATE, Array
+from twinbench.methods.deeponet_kalman.augmented import LATE, SHIFTS, SLOW, WANDERING
 from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
+from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
@@ -52,7 +42,7 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     watch,
 )
 from twinbench.methods.deeponet_kalman.steps import follow_steps, free_to_return, note_way
-from twinbench.methods.deeponet_kalman.stream import LIMIT, ZETA_SCALE
+from twinbench.methods.deeponet_kalman.stream import LIMIT
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import (
     FLAG_FROZEN,
@@ -131,7 +121,7 @@ class PlainTwin:
         """
         fitted = self.front_end.fitted
         value = np.clip((readings - fitted.mean) / fitted.scale, -LIMIT, LIMIT)
-        temperature, keep = value[5], np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
+        temperature, keep = value[CHANNEL.T_dis_K], np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
         if self.ticks == 1:  # the window was always filled with the first sample
             self.values, self.masks = np.tile(value, (self.window + 1, 1)), np.tile(mask, (self.window, 1))
             self.slow = np.full(len(SLOW_TAU_S), temperature)
@@ -180,14 +170,14 @@ class PlainTwin:
         """Eqs. (6) and (7) over a part of the tick."""
         m, safety, z = self.model, self.safety, self.z
         scaled, jacobian = self.increments()
-        share, slope = probe_lag(z[4])
+        share, slope = probe_lag(z[FLOW])
         D = np.zeros((SIZE, SIZE))  # of what z moves by
         D[:N_STATES, :N_STATES] = m.increment[:, None] * jacobian[:, :N_STATES] / m.state_scale
         D[:N_STATES, ZETA : ZETA + N_ZETA] = (
             trust(m.settings, away) * m.increment[:, None] * jacobian[:, N_STATES:] / ZETA_SCALE
         )
         D[:N_STATES, ERROR:] = np.eye(N_STATES)
-        D[PROBE, [T_DIS, 4, PROBE]] = share, slope * (z[T_DIS] - z[PROBE]), -share
+        D[PROBE, [GAS, FLOW, PROBE]] = share, slope * (z[GAS] - z[PROBE]), -share
         D[NOISE:ERROR, NOISE:ERROR] = np.diag(m.noise_keep - 1.0)
         D[ERROR:, ERROR:] = (m.error_keep - 1.0) * np.eye(N_STATES)
         F = np.eye(SIZE) + part * D
@@ -200,7 +190,7 @@ class PlainTwin:
             self.P[:N_STATES, :N_STATES] += part * np.diag((WANDERING * m.increment) ** 2)
         moved = np.zeros(SIZE)
         moved[:N_STATES] = scaled * m.increment + z[ERROR:]
-        moved[PROBE] = share * (z[T_DIS] - z[PROBE])
+        moved[PROBE] = share * (z[GAS] - z[PROBE])
         moved[NOISE:ERROR] = (m.noise_keep - 1.0) * z[NOISE:ERROR]
         moved[ERROR:] = (m.error_keep - 1.0) * z[ERROR:]
         self.z = z + part * moved
@@ -213,13 +203,13 @@ class PlainTwin:
         white, coloured = (part[0] for part in output_sd(self.memory.filled[None]))
         bias_K, slope = (part[-1] for part in theta_and_slope(z[HEALTH]))
         H = np.zeros((N_OUTPUTS, SIZE))
-        H[0, 1] = H[1, PROBE] = 1.0
-        H[1, BIAS], H[2, 4] = slope, M_REF_KG_S
+        H[0, STATE.p_exh_bar] = H[1, PROBE] = 1.0
+        H[1, BIAS], H[2, FLOW] = slope, M_REF_KG_S
         H[:, NOISE:ERROR] = np.diag(coloured)
         R = np.maximum(white**2, LEAST_VARIANCE)
         updates = safety["counts"][UPDATES]
         R *= [noise_factor(m.settings, safety["mismatch"], R[c], updates, c) for c in range(N_OUTPUTS)]
-        expected = np.array([z[1], z[PROBE] + bias_K, M_REF_KG_S * z[4]]) + coloured * z[NOISE:ERROR]
+        expected = np.array([z[STATE.p_exh_bar], z[PROBE] + bias_K, M_REF_KG_S * z[FLOW]]) + coloured * z[NOISE:ERROR]
         return measured - expected, H, np.diag(R)
 
     def _gain(self, innovation: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
@@ -247,7 +237,7 @@ class PlainTwin:
         if settings.steps and follow_steps(
             safety, counts[UPDATES], innovation, S, H, np.array(SHIFTS), self.z, self.P, ZETA
         ):
-            self.z[[T_DIS, PROBE]] += bias_K - theta_and_slope(self.z[HEALTH])[0][-1]
+            self.z[[GAS, PROBE]] += bias_K - theta_and_slope(self.z[HEALTH])[0][-1]
             measured = np.where(safety["steps"]["out"] > 0, np.nan, measured)
             innovation, H, R = self._observe(measured)
             K, S, nis = self._gain(innovation, H, R)
@@ -272,7 +262,7 @@ class PlainTwin:
         self.P = rest @ self.P @ rest.T + K @ R @ K.T
         self.P = 0.5 * (self.P + self.P.T)
         bound_health(self.P, ZETA, WIDEST, np.empty(SIZE))
-        self.z[4] = max(self.z[4], 0.05)
+        self.z[FLOW] = max(self.z[FLOW], 0.05)
         self.z[HEALTH] = np.clip(self.z[HEALTH], m.zeta_low, m.zeta_high)
         self._remember(H, used)
         return innovation, used, S, nis

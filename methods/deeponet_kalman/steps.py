@@ -100,6 +100,7 @@ def follow_steps(safety, updates, innovation, S, H, shifts, z, P, at):  # type: 
     """Leave out, in ``safety``, channels that stepped, and let others in again; in z and P, let health return.
 
     What is let in may read anything: the variance of what it shifts grows by its innovation squared.
+    The function takes plain arrays because it is compiled.
 
     Args:
         safety: of SAFETY. While the operator's query is unknown, any reading may come as a surprise.

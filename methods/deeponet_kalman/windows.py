@@ -9,19 +9,16 @@ import torch
 from scipy.signal import lfilter
 from torch import Tensor
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, Array, Batch
 from twinbench.methods.frontend import FrontEnd
 from twinbench.methods.operator import SLOW_TAU_S, WINDOW
 
 
 def query_of(filled: Array) -> Array:
-    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve.
-
-    Args:
-        filled: (..., 7) values in the channels' units, order CHANNELS.
-    """
-    p_suc, T_suc, N, valve, p_dis = (filled[..., i] for i in range(5))
-    return np.stack([N, p_dis / p_suc, T_suc, p_suc, valve], axis=-1)
+    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve."""
+    p_suc = filled[..., CHANNEL.p_suc_bar]
+    N, ratio = filled[..., CHANNEL.N_rpm], filled[..., CHANNEL.p_dis_bar] / p_suc
+    return np.stack([N, ratio, filled[..., CHANNEL.T_suc_K], p_suc, filled[..., CHANNEL.valve]], axis=-1)
 
 
 class WindowBatch(NamedTuple):
@@ -59,7 +56,7 @@ class WindowSource:
         self.masks = accepted
         self.query_mean, self.query_scale = query_mean, query_scale
         self.query = ((query_of(filled) - query_mean) / query_scale).astype(np.float32)
-        temperature = self.values[..., 5].astype(np.float64)
+        temperature = self.values[..., CHANNEL.T_dis_K].astype(np.float64)
         slow = []
         for tau_s in SLOW_TAU_S:
             keep = np.exp(-SAMPLE_PERIOD_S / tau_s)

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
+from twinbench.physics.places import places
 from twinbench.physics.simulator import Array
 from twinbench.physics.steady import valve_for
 from twinbench.proof.concealed.integrate import LAW
@@ -21,100 +22,138 @@ LEFT_OUT = {
     "UA_h_W_K": 0.0, "tau_T_x": 0.0, "iso": 0.0, "leakage": 0.03,
 }  # fmt: skip
 """What the twin sets the plant's parameters to."""
-_NAMES = (
-    "capacity", "efficiency", "leakage", "heat_transfer", "T_bias_K", "C_w_J_K", "V_exh_m3", "tau_v_s",
+_OWN = {
+    "capacity": 1.0, "efficiency": 1.0, "leakage": 0.03, "heat_transfer": 1.0, "T_bias_K": 0.0, "C_w_J_K": 27600.0,
+    "V_exh_m3": 0.06, "tau_v_s": 0.8,
+}  # fmt: skip
+"""The machine's own constants, which the twin may calibrate."""
+_PARAMETERS = _OWN | dict.fromkeys((
     "ripple", "ripple_phase", "ambient", "ambient_phase", "exponent",
     "suction_loss", "discharge_loss", "preheat", "preheat_fall", "reheat", "conductance", "off_design", "speed_loss",
     "head", "fast_probe", "isothermal", "clearance", "re_expansion", "flutter", "leak_speed", "escape", "recycle",
     "erosion", "fouling", "line_loss", "coolant", "friction", "slow_probe", "stem", "flow_gain", "pulsation",
     "moisture", "slip", "resonance", "soak",
+), 0.0)  # fmt: skip
+_INPUTS = ("p_suc_bar", "T_suc_K", "N_rpm", "valve")
+_OUTPUTS = ("p_dis_bar", "T_dis_K", "m_flow_kg_s")
+_STATES = (
+    "p_int_Pa", "p_exh_Pa", "T_gas", "T_wall", "mu", "T_probe", "valve", "T_head", "soak", "pressure_line_Pa",
+    "flow_cell",
 )  # fmt: skip
+P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _filter_flow(dp, mu, p):  # type: ignore[no-untyped-def]
+    """Flow through the filter: quadratic loss; fouling adds one that grows a little slower."""
+    b = 1.5e5 * (1.0 + p[P.fouling] * mu**-0.1)
+    root = math.sqrt(1e8 + 4.0 * b * abs(dp))
+    m_in = 2.0 * abs(dp) / (1e4 + root)
+    return -m_in if dp < 0.0 else m_in
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _filled(ratio, N, p):  # type: ignore[no-untyped-def]
+    """Share of the swept volume that is filled at a pressure ratio and a speed in rpm."""
+    late = p[P.flutter] * 0.03 * math.log1p(math.exp((N / 1400.0 - 1.0) / 0.03))
+    bump = p[P.resonance] * math.exp(-(((N - 1290.0) / 70.0) ** 2))
+    expanded = 0.055 * (ratio ** (1.0 / (1.25 + p[P.re_expansion])) - 1.0)
+    return 1.0 - expanded - p[P.clearance] * (ratio**0.79 - 1.0) - late - bump
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _efficiency(ratio, rel, p):  # type: ignore[no-untyped-def]
+    """Of the compression, at a pressure ratio and at speed over 1350 rpm."""
+    n = p[P.exponent]
+    away = math.sqrt((ratio - 2.8) ** 2 + 0.01) ** (n - 0.05)
+    return p[P.efficiency] * (0.925 - p[P.off_design] * away - p[P.speed_loss] * 0.5625 * rel**n)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _outflow_factor(r):  # type: ignore[no-untyped-def]
+    """Flow function of the throttle at header pressure over exhaust pressure."""
+    if r >= 0.5283:
+        return math.sqrt(7.0 * max(r**1.4285714 - r**1.7142857, 0.0))
+    return 0.6847
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _exhaust_rates(T_g, p_e, R, kept, net, p, dx):  # type: ignore[no-untyped-def]
+    """The exhaust volume's part of ``dx``, from the flow (kg/s) and the energy (W) that stay in it."""
+    cv, V = _CP - _R, p[P.V_exh_m3]
+    exact = net * R / (V * cv)
+    dx[X.p_exh_Pa] = exact + p[P.isothermal] * (R * T_g / V * kept - exact)
+    dx[X.T_gas] = R * T_g / (p_e * V * cv) * (net - kept * cv * T_g)
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
-    """States: p_i, p_e [Pa], T_g, T_w, mu, T_probe, valve, T_head, soak, pressure line [Pa], flow cell."""
-    p_i, p_e, T_g, T_w, mu, T_h = x[0], x[1], x[2], x[3], max(x[4], 0.02), x[7]
-    ambient = p[10] * math.sin(2.0 * math.pi * t / 2500.0 + p[11])
-    R = _R * (1.0 + p[39])
+    """Rates of change of the states, SI units."""
+    p_i, p_e, T_g, T_w, T_h = x[X.p_int_Pa], x[X.p_exh_Pa], x[X.T_gas], x[X.T_wall], x[X.T_head]
+    mu = max(x[X.mu], 0.02)
+    ambient = p[P.ambient] * math.sin(2.0 * math.pi * t / 2500.0 + p[P.ambient_phase])
+    R = _R * (1.0 + p[P.moisture])
     m = _M0 * mu
-    N = u[2] - u[2] * p[40] * (mu - 1.0)
+    N = u[U.N_rpm] - u[U.N_rpm] * p[P.slip] * (mu - 1.0)
     rel = N / 1350.0
     flow_at_design = N / 1800.0
-    n = p[12]  # an exponent off the catalogue's; the laws agree at 1350 rpm
-
-    # Filter: quadratic loss; fouling adds one that grows a little slower.
-    b = 1.5e5 * (1.0 + p[31] * mu**-0.1)
-    dp = u[0] * 1e5 - p_i
-    root = math.sqrt(1e8 + 4.0 * b * abs(dp))
-    m_in = 2.0 * abs(dp) / (1e4 + root)
-    if dp < 0.0:
-        m_in = -m_in
+    n = p[P.exponent]  # off the catalogue's; the laws agree at 1350 rpm
+    m_in = _filter_flow(u[U.p_suc_bar] * 1e5 - p_i, mu, p)
 
     # Escapes to the outside and back to the intake.
     per_mm2 = 0.6847 * p_e / math.sqrt(R * T_g) * 1e-6
-    m_esc, m_rec = p[28] * per_mm2, p[29] * per_mm2
-    T_i = u[1]
+    m_esc, m_rec = p[P.escape] * per_mm2, p[P.recycle] * per_mm2
+    T_i = u[U.T_suc_K]
     if m_rec > 0.0:
-        T_i = (max(m_in, 0.0) * u[1] + m_rec * T_g) / (max(m_in, 0.0) + m_rec)
+        T_i = (max(m_in, 0.0) * u[U.T_suc_K] + m_rec * T_g) / (max(m_in, 0.0) + m_rec)
 
     # Suction: preheat, leak, losses.
-    effectiveness = 0.15 * (1.0 - p[16] * math.log(mu) + 0.4 * (p[16] * math.log(mu)) ** 2) + p[15] * mu**-0.06
-    T_pre = T_i + effectiveness * (T_w - T_i)
-    m_L = p[2] * 6.03e-3 * 22.5 * (p_e - p_i) / (R * T_g) * rel ** p[27]
-    T_1 = T_pre + p[17] * m_L / (m + 0.9 * m_L) * (T_g - T_pre)
-    loss_s = (0.012 * flow_at_design**2 + p[13] * 0.5625 * rel**n) * 300.0 / T_1
-    loss_d = (0.015 * flow_at_design**2 + p[14] * 0.5625 * rel**n) * 450.0 / T_g
+    fall = p[P.preheat_fall] * math.log(mu)
+    T_pre = T_i + (0.15 * (1.0 - fall + 0.4 * fall**2) + p[P.preheat] * mu**-0.06) * (T_w - T_i)
+    m_L = p[P.leakage] * 6.03e-3 * 22.5 * (p_e - p_i) / (R * T_g) * rel ** p[P.leak_speed]
+    T_1 = T_pre + p[P.reheat] * m_L / (m + 0.9 * m_L) * (T_g - T_pre)
+    loss_s = (0.012 * flow_at_design**2 + p[P.suction_loss] * 0.5625 * rel**n) * 300.0 / T_1
+    loss_d = (0.015 * flow_at_design**2 + p[P.discharge_loss] * 0.5625 * rel**n) * 450.0 / T_g
     ratio = p_e * (1.0 + loss_d) / (p_i * (1.0 - loss_s))
-    late = p[26] * 0.03 * math.log1p(math.exp((N / 1400.0 - 1.0) / 0.03))
-    bump = p[41] * math.exp(-(((N - 1290.0) / 70.0) ** 2))
-    filled = 1.0 - 0.055 * (ratio ** (1.0 / (1.25 + p[25])) - 1.0) - p[24] * (ratio**0.79 - 1.0) - late - bump
-    wave = math.sin(7.0 * flow_at_design + 2.2 * ratio + p[9]) * math.sin(3.1 * ratio - 4.0 * flow_at_design)
-    drawn = p[0] * p_i * (1.0 - loss_s) / (R * T_1) * 6.03e-3 * N / 60.0 * filled * (1.0 + p[8] * wave)
-    drawn *= 1.0 - p[42] * x[8]
+    wave = math.sin(7.0 * flow_at_design + 2.2 * ratio + p[P.ripple_phase])
+    wave *= math.sin(3.1 * ratio - 4.0 * flow_at_design)
+    drawn = p[P.capacity] * p_i * (1.0 - loss_s) / (R * T_1) * 6.03e-3 * N / 60.0 * _filled(ratio, N, p)
+    drawn *= 1.0 + p[P.ripple] * wave
+    drawn *= 1.0 - p[P.soak] * x[X.soak]
 
-    # Compression and wall.
-    eta = p[1] * (0.925 - p[19] * math.sqrt((ratio - 2.8) ** 2 + 0.01) ** (n - 0.05) - p[20] * 0.5625 * rel**n)
-    T_d = T_1 * (1.0 + (ratio**0.285714285714 - 1.0) / eta)
-    UA = p[3] * 40.0 * (1.0 + p[18] * (mu**0.8 - 1.0) / 0.8)
+    # Compression and heat.
+    T_d = T_1 * (1.0 + (ratio**0.285714285714 - 1.0) / _efficiency(ratio, rel, p))
+    UA = p[P.heat_transfer] * 40.0 * (1.0 + p[P.conductance] * (mu**0.8 - 1.0) / 0.8)
     Q_gw = m * _CP * (T_d - T_w) * (1.0 - math.exp(-UA / (m * _CP)))
-    W = m * _CP * (T_d - T_pre)
     Q_pre = m * _CP * (T_pre - T_i)
-    Q_h = p[21] * (T_g - T_h)
-    Q_line = p[32] * (T_g - 298.0 - ambient) * (1.0 + 2e-4 * (T_g - 430.0))
+    Q_h = p[P.head] * (T_g - T_h)
+    Q_line = p[P.line_loss] * (T_g - 298.0 - ambient) * (1.0 + 2e-4 * (T_g - 430.0))
+    heat = 900.0 * flow_at_design**1.5 + p[P.friction] * 0.64952 * rel ** (n - 0.5)
+    Q_c = 48.0 * (T_w - 303.0 - p[P.coolant] - 0.1 * ambient)
 
-    # Throttle.
-    r = 1.013e5 / p_e
-    phi = 0.6847
-    if r >= 0.5283:
-        phi = math.sqrt(7.0 * max(r**1.4285714 - r**1.7142857, 0.0))
-    m_out = (4.2e-4 * (1.0 + p[30])) * 9.0 ** (x[6] - 1.0) * p_e / math.sqrt(R * T_g) * phi
-    off = m_out + m_esc + m_rec
-    net = m * _CP * T_i + Q_pre + W - Q_gw - off * _CP * T_g - Q_h - Q_line
-    cv = _CP - _R
-
-    dx[0] = R * T_i / 0.12 * (m_in - m + m_rec)
-    exact = net * R / (p[6] * cv)
-    dx[1] = exact + p[23] * (R * T_g / p[6] * (m - off) - exact)
-    dx[2] = R * T_g / (p_e * p[6] * cv) * (net - (m - off) * cv * T_g)
-    heat = 900.0 * flow_at_design**1.5 + p[34] * 0.64952 * rel ** (n - 0.5)
-    dx[3] = (Q_gw + heat - Q_pre - 48.0 * (T_w - 303.0 - p[33] - 0.1 * ambient)) / p[5]
-    dx[4] = (max(drawn - m_L, 1e-3) / _M0 - mu) / 0.4
-    dx[5] = (T_g - x[5]) * (1.0 + p[22] * (mu - 1.0)) / (5.0 + p[35])
-    dx[6] = (u[3] - x[6]) / p[7]
-    dx[7] = (Q_h - 6.0 * (T_h - 298.0 - ambient)) / 5000.0
-    dx[8] = (ratio / 3.3 - 1.0 - x[8]) / 40.0
-    dx[9] = (p_e - x[9]) / 0.02
-    dx[10] = (mu - x[10]) / 0.02
+    m_out = (4.2e-4 * (1.0 + p[P.erosion])) * 9.0 ** (x[X.valve] - 1.0) * p_e / math.sqrt(R * T_g)
+    off = m_out * _outflow_factor(1.013e5 / p_e) + m_esc + m_rec
+    net = m * _CP * T_i + Q_pre + m * _CP * (T_d - T_pre) - Q_gw - off * _CP * T_g - Q_h - Q_line
+    _exhaust_rates(T_g, p_e, R, m - off, net, p, dx)
+    dx[X.p_int_Pa] = R * T_i / 0.12 * (m_in - m + m_rec)
+    dx[X.T_wall] = (Q_gw + heat - Q_pre - Q_c) / p[P.C_w_J_K]
+    dx[X.mu] = (max(drawn - m_L, 1e-3) / _M0 - mu) / 0.4
+    dx[X.T_probe] = (T_g - x[X.T_probe]) * (1.0 + p[P.fast_probe] * (mu - 1.0)) / (5.0 + p[P.slow_probe])
+    dx[X.valve] = (u[U.valve] - x[X.valve]) / p[P.tau_v_s]
+    dx[X.T_head] = (Q_h - 6.0 * (T_h - 298.0 - ambient)) / 5000.0
+    dx[X.soak] = (ratio / 3.3 - 1.0 - x[X.soak]) / 40.0
+    dx[X.pressure_line_Pa] = (p_e - x[X.pressure_line_Pa]) / 0.02
+    dx[X.flow_cell] = (mu - x[X.flow_cell]) / 0.02
     return 0.0
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
-    """p_dis_bar, T_dis_K, m_flow_kg_s."""
-    y[0] = x[9] * 1e-5
-    y[1] = x[5] - p[36] * (x[5] - x[3]) + p[4]
-    y[2] = _M0 * x[10] * (1.0 + p[37]) * math.sqrt(1.0 + 2.0 * p[38] / max(x[10], 0.05))
+    """What the sensors read, before noise."""
+    cell = x[X.flow_cell]
+    y[Y.p_dis_bar] = x[X.pressure_line_Pa] * 1e-5
+    y[Y.T_dis_K] = x[X.T_probe] - p[P.stem] * (x[X.T_probe] - x[X.T_wall]) + p[P.T_bias_K]
+    y[Y.m_flow_kg_s] = _M0 * cell * (1.0 + p[P.flow_gain]) * math.sqrt(1.0 + 2.0 * p[P.pulsation] / max(cell, 0.05))
     return 0.0
 
 
@@ -135,13 +174,15 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under inputs u (4,).
-
-    Args:
-        u: (4,) inputs in their units.
-        p: (n_parameters,) the law's own, each in its unit.
-    """
-    return np.array([0.98e5 * u[0], 3.0e5, 430.0, 355.0, 1.0, 430.0, u[3], 370.0, 0.0, 3.0e5, 1.0])
+    """A guess of the state under inputs u (4,)."""
+    x = np.zeros(len(X))
+    x[X.p_int_Pa] = 0.98e5 * u[U.p_suc_bar]
+    x[X.p_exh_Pa] = x[X.pressure_line_Pa] = 3.0e5
+    x[X.T_gas] = x[X.T_probe] = 430.0
+    x[X.T_wall], x[X.T_head] = 355.0, 370.0
+    x[X.mu] = x[X.flow_cell] = 1.0
+    x[X.valve] = u[U.valve]
+    return x
 
 
 def _effect(
@@ -209,10 +250,10 @@ MACHINE = Machine(
     name="compressor",
     simulator="twinbench.physics.compressor:PLANT",
     values=LEFT_OUT,
-    calibrate=_NAMES[:8],
-    inputs=("p_suc_bar", "T_suc_K", "N_rpm", "valve"),
-    outputs=("p_dis_bar", "T_dis_K", "m_flow_kg_s"),
-    parameters=dict(zip(_NAMES, (1.0, 1.0, 0.03, 1.0, 0.0, 27600.0, 0.06, 0.8) + (0.0,) * 35, strict=True)),
+    calibrate=tuple(_OWN),
+    inputs=_INPUTS,
+    outputs=_OUTPUTS,
+    parameters=_PARAMETERS,
     spread={
         "capacity": 0.15, "efficiency": 0.10, "leakage": 0.15, "heat_transfer": 0.15, "C_w_J_K": 0.15,
         "V_exh_m3": 0.15, "tau_v_s": 0.15,
@@ -224,7 +265,7 @@ MACHINE = Machine(
     law=law,
     reading=reading,
     start=start,
-    slow={3: 1.0, 5: 1.0, 7: 1.0},
+    slow={X.T_wall: 1.0, X.T_probe: 1.0, X.T_head: 1.0},
     operate=operate,
     settle_s=300.0,
     period_s=0.05,

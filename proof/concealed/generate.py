@@ -14,6 +14,7 @@ import pandas as pd
 from twinbench.data.scenario import stream
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.faults import faults, faulty, first_size, parts, span_of
+from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, Machine, clock
 from twinbench.proof.concealed.machines import MACHINES
 from twinbench.proof.concealed.record import recorded
@@ -62,9 +63,7 @@ class _Plan:
     """A case before it is recorded: truth's parameters without and with the effects, faults and their sizes."""
 
     takes: tuple[Take, ...]
-    before: Array
-    after: Array
-    onset_s: float
+    parameters: Parameters
     faults: tuple[tuple[str, str, float], ...]  # port, kind, size
 
 
@@ -100,7 +99,7 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> C
         "background_pct": background,
         "effects": found,
         "onset_s": onset_s if np.isfinite(onset_s) else None,
-        "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.before, strict=True)},
+        "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.parameters.before, strict=True)},
         "outputs": list(machine.outputs),
         "held_out_floor": floor,
     }
@@ -189,7 +188,7 @@ def _scaled(
                 "severity": in_training if kind == "stuck" else min(held_out, in_training),
             }
         )
-    return _Plan(takes, p, after, onset_s, tuple(wrong)), found
+    return _Plan(takes, Parameters(p, after, onset_s), tuple(wrong)), found
 
 
 def _alike(machine: Machine, effect: Effect) -> list[str]:
@@ -238,32 +237,30 @@ def _with_fault(
     return changed
 
 
+def _with_faults(machine: Machine, plan: _Plan, side: str, series: Sequence[Array]) -> Sequence[Array]:
+    """The takes' inputs or outputs, (N, channels) each, with all faults of that side."""
+    made = series
+    for port, kind, size in plan.faults:
+        at, _, channel = port.partition(":")
+        if at == side:
+            column = (machine.inputs if side == "input" else machine.outputs).index(channel)
+            span = span_of([s[:, column] for s in series])
+            pairs = zip(plan.takes, made, strict=True)
+            made = [_with_fault(machine, take, s, column, kind, size, span) for take, s in pairs]
+    return made
+
+
 def _recorded(
     machine: Machine, plan: _Plan, rng: np.random.Generator
 ) -> tuple[dict[str, pd.DataFrame], dict[str, float]]:
     """Tables as recorded; and per output the rms of reading less clean reading over the held-out ones."""
     commands = [take.u for take in plan.takes]
-    given = commands
-    for port, kind, size in plan.faults:
-        side, _, channel = port.partition(":")
-        if side == "input":
-            column = machine.inputs.index(channel)
-            span = span_of([u[:, column] for u in commands])
-            pairs = zip(plan.takes, given, strict=True)
-            given = [_with_fault(machine, take, u, column, kind, size, span) for take, u in pairs]
-    clean = []
+    given = _with_faults(machine, plan, "input", commands)
+    clean, p = [], plan.parameters
     for take, u in zip(plan.takes, given, strict=True):
-        before = plan.before if take.start_s < plan.onset_s else plan.after
-        x0 = machine.settled(u, before, take.start_s, plan.onset_s)
-        clean.append(readings(machine, take, u, x0, plan.before, plan.after, plan.onset_s, machine.fine))
-    sensed = clean
-    for port, kind, size in plan.faults:
-        side, _, channel = port.partition(":")
-        if side == "output":
-            column = machine.outputs.index(channel)
-            span = span_of([y[:, column] for y in clean])
-            pairs = zip(plan.takes, sensed, strict=True)
-            sensed = [_with_fault(machine, take, y, column, kind, size, span) for take, y in pairs]
+        x0 = machine.settled(u, p.before if take.start_s < p.onset_s else p.after, take.start_s)
+        clean.append(readings(machine, take, u, x0, p, machine.fine))
+    sensed = _with_faults(machine, plan, "output", clean)
     tables, errors = {}, []
     channels = (*machine.inputs, *machine.outputs)
     for take, u, y in zip(plan.takes, commands, sensed, strict=True):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple, Self
+
 import numpy as np
 from numba import njit, types
 
@@ -42,31 +44,43 @@ def _run(law, reading, start_s, period_s, substeps, u, x0, before, after, onset_
         last[i] = x[i]
 
 
-def run(
-    law: object,
-    reading: object,
-    channels: int,
-    start_s: float,
-    period_s: float,
-    substeps: int,
-    u: Array,
-    x0: Array,
-    before: Array,
-    after: Array,
-    onset_s: float,
-) -> tuple[Array, Array]:
-    """Run one recording of N samples; inputs u (N, nu) are held between samples.
+class Equations(NamedTuple):
+    """A machine's compiled equations, of the signature LAW, and how many channels it reads."""
 
-    Args:
-        u: (N, nu) inputs in their units.
-        x0: (nx,) each state in its unit, at the first sample.
-        before: (n_parameters,) the parameters until ``onset_s``, each in its unit.
-        after: (n_parameters,) those from then on, likewise.
-        onset_s: a time on the suite's clock, like ``start_s``.
+    law: Any
+    reading: Any
+    channels: int
+
+
+class Steps(NamedTuple):
+    """When on the suite's clock a recording starts, its sample period, and the integration steps in one sample."""
+
+    start_s: float
+    period_s: float
+    substeps: int
+
+
+class Parameters(NamedTuple):
+    """A machine's parameters (np,), until and from a time on the suite's clock."""
+
+    before: Array
+    after: Array
+    onset_s: float
+
+    @classmethod
+    def steady(cls, p: Array) -> Self:
+        """The same ones throughout."""
+        return cls(p, p, np.inf)
+
+
+def run(equations: Equations, steps: Steps, u: Array, x0: Array, parameters: Parameters) -> tuple[Array, Array]:
+    """Run one recording of N samples from the state x0 (nx,); inputs u (N, nu) are held between samples.
 
     Returns:
         Clean readings (N, channels) and the last state (nx,).
     """
+    law, reading, channels = equations
     y, last = np.empty((len(u), channels)), np.empty(len(x0))
-    _run(law, reading, start_s, period_s, substeps, np.ascontiguousarray(u), x0, before, after, onset_s, last, y)
+    before, after, onset_s = parameters
+    _run(law, reading, *steps, np.ascontiguousarray(u), x0, before, after, onset_s, last, y)
     return y, last

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twinbench.physics.simulator import Array
-from twinbench.proof.concealed.integrate import run
+from twinbench.proof.concealed.integrate import Equations, Parameters, Steps, run
 
 
 @dataclass(frozen=True)
@@ -116,28 +116,16 @@ class Machine:
         """Noise sd of the outputs, (ny,)."""
         return np.array([self.noise[name].sigma for name in self.outputs])
 
-    def settled(self, u: Array, p: Array, start_s: float, onset_s: float) -> Array:
-        """The state (nx,) after ``settle_s`` under the first inputs of u.
+    @property
+    def equations(self) -> Equations:
+        """What ``integrate.run`` needs of it."""
+        return Equations(self.law, self.reading, len(self.outputs))
 
-        Args:
-            u: (N, nu) inputs in their units.
-            p: (n_parameters,) the law's own, each in its unit.
-        """
+    def settled(self, u: Array, p: Array, start_s: float) -> Array:
+        """The state (nx,) after ``settle_s`` under the first inputs of u (N, nu) and parameters p (np,)."""
         held = np.tile(u[0], (round(self.settle_s / self.period_s), 1))
-        began = start_s - self.settle_s
-        return run(
-            self.law,
-            self.reading,
-            len(self.outputs),
-            began,
-            self.period_s,
-            self.coarse,
-            held,
-            self.start(u[0], p),
-            p,
-            p,
-            onset_s,
-        )[1]
+        steps = Steps(start_s - self.settle_s, self.period_s, self.coarse)
+        return run(self.equations, steps, held, self.start(u[0], p), Parameters.steady(p))[1]
 
 
 def clock(seconds: float, period_s: float) -> Array:

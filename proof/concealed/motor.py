@@ -7,61 +7,70 @@ import math
 import numpy as np
 from numba import njit
 
+from twinbench.physics.places import places
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import LAW
 from twinbench.proof.concealed.machine import Effect, Machine, Noise, clock, levels
 
-_NAMES = (
-    "R_ohm", "L_H", "K_Nm_A", "J_kg_m2", "b_Nms", "C_J_K", "G_W_K", "T_amb_K",
+_OWN = {
+    "R_ohm": 0.6, "L_H": 0.08, "K_Nm_A": 1.0, "J_kg_m2": 1.5, "b_Nms": 0.05, "C_J_K": 4000.0, "G_W_K": 25.0,
+    "T_amb_K": 295.0,
+}  # fmt: skip
+"""The machine's own constants, which the twin may calibrate."""
+_PARAMETERS = _OWN | dict.fromkeys((
     "ripple", "ripple_phase", "ambient", "ambient_phase", "exponent",
     "dry", "dry_forward", "windage", "cubic", "bristles", "brushes", "arc", "shaker", "steady", "frame", "gap", "play",
     "saturation", "weakening",
-)  # fmt: skip
+), 0.0)  # fmt: skip
+_INPUTS = ("voltage_V", "load_Nm")
+_OUTPUTS = ("speed_rad_s", "amps_A", "T_probe_K")
+_STATES = ("current", "speed", "T_winding", "T_frame", "bristle", "amplifier", "speed_sensed")
+P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
-    """States: current, speed, winding, frame, bristle, amplifier, and speed as sensed."""
-    i, w, T, z = x[0], x[1], x[2], x[4]
-    ambient = p[7] + p[10] * math.sin(2.0 * math.pi * t / 1800.0 + p[11])
-    R = p[0] + p[0] * 0.0039 * (T - 293.0)
-    K = p[2] * (1.0 + p[8] * math.sin(0.045 * w + p[9]) * math.cos(0.09 * i))
-    K *= 1.0 - p[25] * (i / 60.0) ** 2 / (1.0 + (i / 120.0) ** 2) - p[26] * (T - 330.0) / 30.0
-    n = p[12]
+    """Rates of change of the states, SI units."""
+    i, w, T, z = x[X.current], x[X.speed], x[X.T_winding], x[X.bristle]
+    ambient = p[P.T_amb_K] + p[P.ambient] * math.sin(2.0 * math.pi * t / 1800.0 + p[P.ambient_phase])
+    R = p[P.R_ohm] + p[P.R_ohm] * 0.0039 * (T - 293.0)
+    K = p[P.K_Nm_A] * (1.0 + p[P.ripple] * math.sin(0.045 * w + p[P.ripple_phase]) * math.cos(0.09 * i))
+    K *= 1.0 - p[P.saturation] * (i / 60.0) ** 2 / (1.0 + (i / 120.0) ** 2) - p[P.weakening] * (T - 330.0) / 30.0
+    n = p[P.exponent]
 
-    V = u[0]
-    if p[23] > 0.0:
-        V -= p[23] * math.tanh(u[0] / p[23])  # a dead zone with a soft knee
-    if p[24] > 0.0:
-        V = x[5]
+    V = u[U.voltage_V]
+    if p[P.gap] > 0.0:
+        V -= p[P.gap] * math.tanh(u[U.voltage_V] / p[P.gap])  # a dead zone with a soft knee
+    if p[P.play] > 0.0:
+        V = x[X.amplifier]
 
     # Drops of current and speed per second: brushes, arcing; friction (Coulomb's falls a little from standstill on).
-    drop = p[18] * i / math.sqrt(i * i + 0.5) + p[19] * math.copysign(abs(i) ** n, i) * 40.0 ** (2.0 - n)
+    drop = p[P.brushes] * i / math.sqrt(i * i + 0.5) + p[P.arc] * math.copysign(abs(i) ** n, i) * 40.0 ** (2.0 - n)
     sense = w / math.sqrt(w * w + 2.0)
-    slow = p[13] * sense * (1.0 + 0.05 * math.exp(-((w / 12.0) ** 2))) + p[17] * z
+    slow = p[P.dry] * sense * (1.0 + 0.05 * math.exp(-((w / 12.0) ** 2))) + p[P.bristles] * z
     if w > 0.0:
-        slow += p[14] * sense
-    slow += p[15] * math.copysign(abs(w) ** n, w) * 120.0 ** (2.0 - n)
-    slow += p[16] * math.copysign(abs(w) ** (n + 1.0), w) * 120.0 ** (2.0 - n)
-    slow += p[21] - p[20] * math.sin(2.0 * math.pi * t / 7.3 + 0.4)
+        slow += p[P.dry_forward] * sense
+    slow += p[P.windage] * math.copysign(abs(w) ** n, w) * 120.0 ** (2.0 - n)
+    slow += p[P.cubic] * math.copysign(abs(w) ** (n + 1.0), w) * 120.0 ** (2.0 - n)
+    slow += p[P.steady] - p[P.shaker] * math.sin(2.0 * math.pi * t / 7.3 + 0.4)
 
-    dx[0] = (V - R * i - K * w) / p[1] - drop
-    dx[1] = (K * i - p[4] * w - u[1]) / p[3] - slow
-    dx[2] = (R * i * i - p[6] * (T - ambient)) / p[5] - p[22] * (T - x[3])
-    dx[3] = (T - x[3]) / 260.0
+    dx[X.current] = (V - R * i - K * w) / p[P.L_H] - drop
+    dx[X.speed] = (K * i - p[P.b_Nms] * w - u[U.load_Nm]) / p[P.J_kg_m2] - slow
+    dx[X.T_winding] = (R * i * i - p[P.G_W_K] * (T - ambient)) / p[P.C_J_K] - p[P.frame] * (T - x[X.T_frame])
+    dx[X.T_frame] = (T - x[X.T_frame]) / 260.0
     toward = 1.0 - z if w > 0.0 else 1.0 + z
-    dx[4] = w / 12.0 * max(toward, 0.0) ** 1.1
-    behind = u[0] - x[5]
-    beyond = max(behind - 0.5 * p[24], 0.0) + min(behind + 0.5 * p[24], 0.0)
-    dx[5] = beyond / 0.02
-    dx[6] = (w - x[6]) / 0.003
+    dx[X.bristle] = w / 12.0 * max(toward, 0.0) ** 1.1
+    behind = u[U.voltage_V] - x[X.amplifier]
+    beyond = max(behind - 0.5 * p[P.play], 0.0) + min(behind + 0.5 * p[P.play], 0.0)
+    dx[X.amplifier] = beyond / 0.02
+    dx[X.speed_sensed] = (w - x[X.speed_sensed]) / 0.003
     return 0.0
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     """speed_rad_s, amps_A, T_probe_K."""
-    y[0], y[1], y[2] = x[6], x[0], x[2]
+    y[Y.speed_rad_s], y[Y.amps_A], y[Y.T_probe_K] = x[X.speed_sensed], x[X.current], x[X.T_winding]
     return 0.0
 
 
@@ -79,14 +88,15 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under inputs u (2,).
-
-    Args:
-        u: (2,) inputs in their units.
-        p: (n_parameters,) the law's own, each in its unit.
-    """
-    w = (u[0] - 0.6 * u[1]) / 1.05
-    return np.array([u[1], w, 320.0, 320.0, math.copysign(0.9, w), u[0], w])
+    """A guess of the state under inputs u (2,)."""
+    w = (u[U.voltage_V] - 0.6 * u[U.load_Nm]) / 1.05
+    x = np.empty(len(X))
+    x[X.current] = u[U.load_Nm]
+    x[X.speed] = x[X.speed_sensed] = w
+    x[X.T_winding] = x[X.T_frame] = 320.0
+    x[X.bristle] = math.copysign(0.9, w)
+    x[X.amplifier] = u[U.voltage_V]
+    return x
 
 
 def _on(
@@ -115,18 +125,18 @@ MACHINE = Machine(
     name="motor",
     simulator="examples/motor.py:MOTOR",
     values={},
-    calibrate=_NAMES[:8],
-    inputs=("voltage_V", "load_Nm"),
-    outputs=("speed_rad_s", "amps_A", "T_probe_K"),
-    parameters=dict(zip(_NAMES, (0.6, 0.08, 1.0, 1.5, 0.05, 4000.0, 25.0, 295.0) + (0.0,) * 19, strict=True)),
-    spread=dict.fromkeys(_NAMES[:7], 0.15),
+    calibrate=tuple(_OWN),
+    inputs=_INPUTS,
+    outputs=_OUTPUTS,
+    parameters=_PARAMETERS,
+    spread={name: 0.15 for name in _OWN if name != "T_amb_K"},
     offsets={"T_amb_K": 3.0},
     exponent=(1.9, 2.1),
     ambient=0.03,
     law=law,
     reading=reading,
     start=start,
-    slow={0: 2.0, 1: 2.0, 2: 1.0},
+    slow={X.current: 2.0, X.speed: 2.0, X.T_winding: 1.0},
     operate=operate,
     settle_s=120.0,
     period_s=0.05,

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twinbench.physics.simulator import Array
-from twinbench.proof.concealed.integrate import run
+from twinbench.proof.concealed.integrate import Parameters, Steps, run
 from twinbench.proof.concealed.machine import Machine
 
 THIN = 4
@@ -47,30 +47,9 @@ class Take:
         return self.name.startswith("held")
 
 
-def readings(
-    machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float, substeps: int
-) -> Array:
-    """Clean readings (N, ny) of one take under inputs u.
-
-    Args:
-        u: (N, nu) inputs in their units.
-        x0: (nx,) each state in its unit, at the first sample.
-        before: (n_parameters,) the parameters until ``onset_s``, each in its unit.
-        after: (n_parameters,) those from then on, likewise.
-    """
-    return run(
-        machine.law,
-        machine.reading,
-        len(machine.outputs),
-        take.start_s,
-        machine.period_s,
-        substeps,
-        u,
-        x0,
-        before,
-        after,
-        onset_s,
-    )[0]
+def readings(machine: Machine, take: Take, u: Array, x0: Array, parameters: Parameters, substeps: int) -> Array:
+    """Clean readings (N, ny) of one take under inputs u (N, nu) from the state x0 (nx,)."""
+    return run(machine.equations, Steps(take.start_s, machine.period_s, substeps), u, x0, parameters)[0]
 
 
 class Yardstick:
@@ -85,7 +64,7 @@ class Yardstick:
     def __init__(self, machine: Machine, takes: Sequence[Take], p: Array) -> None:
         self.machine, self.takes, self.p = machine, tuple(takes), p
         self.sigma = machine.sigma()
-        self.starts = [machine.settled(t.u, p, t.start_s, np.inf) for t in takes]
+        self.starts = [machine.settled(t.u, p, t.start_s) for t in takes]
         self.base = [self._run(t, t.u, x, p) for t, x in zip(takes, self.starts, strict=True)]
         self._own, self._free = [], []
         for take, x0, base in zip(self.takes, self.starts, self.base, strict=True):
@@ -113,8 +92,8 @@ class Yardstick:
         made = []
         for take in self.takes:
             before = self.p if take.start_s < onset_s else after
-            x0 = machine.settled(take.u, before, take.start_s, np.inf)
-            made.append(readings(machine, take, take.u, x0, self.p, after, onset_s, machine.coarse))
+            x0 = machine.settled(take.u, before, take.start_s)
+            made.append(readings(machine, take, take.u, x0, Parameters(self.p, after, onset_s), machine.coarse))
         return made
 
     def with_inputs(self, inputs: Sequence[Array]) -> list[Array]:
@@ -171,7 +150,7 @@ class Yardstick:
         return amplitude, beyond, in_training
 
     def _run(self, take: Take, u: Array, x0: Array, p: Array) -> Array:
-        return readings(self.machine, take, u, x0, p, p, np.inf, self.machine.coarse)
+        return readings(self.machine, take, u, x0, Parameters.steady(p), self.machine.coarse)
 
     def _whole(self, change: Array) -> Array:
         """(N, ny) to one whole vector in noise sigmas, thinned."""

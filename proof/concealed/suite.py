@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -39,25 +40,30 @@ _Plan = Sequence[tuple[Item, Mapping[str, str]]]
 """Cases, and the engines that get each of them."""
 
 
-def run(
-    n: int,
-    seed: int,
-    out: Path,
-    console: Console,
-    engines: Mapping[str, str] = OURS,
-    jobs: int = 0,
-    opponent_cases: int | None = None,
-    command: str = "",
-) -> pd.DataFrame:
-    """Run n cases on every engine; write ``cases.csv``, ``gates.csv``, ``misses.csv``, ``manifest.json`` into ``out``.
+@dataclass(frozen=True)
+class Study:
+    """Which cases are drawn, and who is asked about them.
 
-    ``engines.csv`` and ``engines.md`` hold the engines side by side. What an earlier run finished with the same
-    code is kept, engine by engine.
+    Attributes:
+        n: cases.
+        engines: by name, "module:function", called as ``mismatch.diagnose``.
+        opponent_cases: so many cases, spread over the plan, for all but our engine and the oracle; all if None.
+    """
+
+    n: int
+    seed: int
+    engines: Mapping[str, str] = OURS
+    opponent_cases: int | None = None
+
+
+def run(study: Study, out: Path, console: Console, jobs: int = 0, command: str = "") -> pd.DataFrame:
+    """Run all cases on every engine; write ``cases.csv``, ``gates.csv``, ``misses.csv`` and ``manifest.json``.
+
+    They go into ``out``. ``engines.csv`` and ``engines.md`` hold the engines side by side. What an earlier run finished
+    with the same code is kept, engine by engine.
 
     Args:
-        engines: by name, "module:function", called as ``mismatch.diagnose``.
         jobs: processes; as many as there are cores if 0.
-        opponent_cases: so many cases, spread over the plan, for all but our engine and the oracle; all if None.
 
     Returns:
         The gate table of the first engine that is not the oracle.
@@ -65,7 +71,7 @@ def run(
     Raises:
         BadInput: no case at all is wanted, or ``out`` cannot be written to.
     """
-    plan = planned(n, seed, engines, opponent_cases)
+    plan, seed = planned(study), study.seed
     began = time.time()
     out = out.absolute()
     check_writable(out)
@@ -82,19 +88,20 @@ def run(
                 going.says = f"{done} of {len(todo)} cases"
     finally:
         close(out)
-    facts = {"command": command, "opponent_cases": opponent_cases, "wall_s": round(time.time() - began, 1)}
-    return report(out, plan, seed, engines, facts)
+    facts = {"command": command, "opponent_cases": study.opponent_cases, "wall_s": round(time.time() - began, 1)}
+    return report(out, plan, seed, study.engines, facts)
 
 
-def planned(n: int, seed: int, engines: Mapping[str, str], opponent_cases: int | None) -> _Plan:
+def planned(study: Study) -> _Plan:
     """Which engines get which cases; a case that none gets is left out."""
-    few = n if opponent_cases is None else opponent_cases
+    n, engines = study.n, study.engines
+    few = n if study.opponent_cases is None else study.opponent_cases
     for option, value in (("--cases", n), ("--opponent-cases", few)):
         if value < 1:
             raise BadInput(f"{option} is {value}, must be at least 1")
     main = {name: engine for name, engine in engines.items() if name in MAIN}
     shared = set(np.linspace(0, n - 1, min(few, n)).round())
-    plan = [(item, engines if i in shared else main) for i, item in enumerate(cases(n, seed))]
+    plan = [(item, engines if i in shared else main) for i, item in enumerate(cases(n, study.seed))]
     return [(item, asked) for item, asked in plan if asked]
 
 

@@ -7,54 +7,62 @@ import math
 import numpy as np
 from numba import njit
 
+from twinbench.physics.places import places
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import LAW
 from twinbench.proof.concealed.machine import Effect, Machine, Noise, clock, levels
 
-_NAMES = (
-    "pump_cm3_s_V", "hole1_cm2", "hole2_cm2",
+_OWN = {"pump_cm3_s_V": 20.0, "hole1_cm2": 0.5, "hole2_cm2": 0.5}
+"""The machine's own constants, which the twin may calibrate."""
+_PARAMETERS = _OWN | dict.fromkeys((
     "ripple", "ripple_phase", "ambient", "ambient_phase", "exponent",
     "crack1", "crack2", "seep1", "seep2", "gush1", "brim1", "brim2", "feed1", "feed2", "wave1", "wave2", "gap", "play",
     "vortex", "clogging",
-)  # fmt: skip
+), 0.0)  # fmt: skip
+_INPUTS = ("pump_V",)
+_OUTPUTS = ("level1_cm", "level2_cm")
+_STATES = ("h1", "h2", "pump", "pipe", "h1_sensed", "h2_sensed", "dirt")
+P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
-    """States: two levels, pump drive, pipe between the tanks, both levels as sensed, dirt in the outlet."""
-    h1, h2 = max(x[0], 0.0), max(x[1], 0.0)
-    n = p[7]
-    V = u[0]
-    if p[19] > 0.0:
-        V -= p[19] * math.tanh(u[0] / p[19])
-    if p[20] > 0.0:
-        V = x[2]
-    drift = 1.0 + p[5] * math.sin(2.0 * math.pi * t / 5000.0 + p[6])
-    pumped = p[0] * V * drift * (1.0 + p[3] * math.sin(1.7 * V + p[4]) * math.cos(0.21 * h1))
-    hole = p[1] * (1.0 - p[21] * math.exp(-h1 / 6.0))
+    """Rates of change: levels in cm/s, the flow through the pipe between the tanks in cm3/s per second."""
+    h1, h2 = max(x[X.h1], 0.0), max(x[X.h2], 0.0)
+    n = p[P.exponent]
+    V = u[U.pump_V]
+    if p[P.gap] > 0.0:
+        V -= p[P.gap] * math.tanh(u[U.pump_V] / p[P.gap])
+    if p[P.play] > 0.0:
+        V = x[X.pump]
+    drift = 1.0 + p[P.ambient] * math.sin(2.0 * math.pi * t / 5000.0 + p[P.ambient_phase])
+    ripple = 1.0 + p[P.ripple] * math.sin(1.7 * V + p[P.ripple_phase]) * math.cos(0.21 * h1)
+    pumped = p[P.pump_cm3_s_V] * V * drift * ripple
+    hole = p[P.hole1_cm2] * (1.0 - p[P.vortex] * math.exp(-h1 / 6.0))
     between = hole * math.sqrt(2.0 * 981.0 * h1)
-    out = p[2] * (1.0 - p[22] * x[6]) * math.sqrt(2.0 * 981.0 * h2)
+    out = p[P.hole2_cm2] * (1.0 - p[P.clogging] * x[X.dirt]) * math.sqrt(2.0 * 981.0 * h2)
 
-    lost1 = p[8] * h1 ** (0.25 * n) + p[10] * h1 ** (0.5 * n) * 20.0 ** (1.0 - 0.5 * n)
-    lost1 += p[12] * h1**n * 20.0 ** (2.0 - n)
-    lost1 += p[13] * 0.5 * math.log1p(math.exp(min((h1 - 18.0) / 0.5, 60.0)))
-    lost2 = p[9] * max(h2 - 8.0, 0.0) ** (0.25 * n) + p[11] * h2 ** (0.5 * n) * 20.0 ** (1.0 - 0.5 * n)
-    lost2 += p[14] * 0.5 * math.log1p(math.exp(min((h2 - 18.0) / 0.5, 60.0)))
-    dx[0] = (pumped - x[3]) / 154.0 - lost1 + p[15] + p[17] * math.sin(2.0 * math.pi * t / 130.0 + 0.4)
-    dx[1] = (x[3] - out) / 154.0 - lost2 + p[16] + p[18] * math.sin(2.0 * math.pi * t / 130.0 + 0.4)
-    behind = u[0] - x[2]
-    dx[2] = (max(behind - 0.5 * p[20], 0.0) + min(behind + 0.5 * p[20], 0.0)) / 0.1
-    dx[3] = (between - x[3]) / 0.1
-    dx[4] = (x[0] - x[4]) / 0.1
-    dx[5] = (x[1] - x[5]) / 0.1
-    dx[6] = (h2 / 20.0 - x[6]) / 400.0
+    lost1 = p[P.crack1] * h1 ** (0.25 * n) + p[P.seep1] * h1 ** (0.5 * n) * 20.0 ** (1.0 - 0.5 * n)
+    lost1 += p[P.gush1] * h1**n * 20.0 ** (2.0 - n)
+    lost1 += p[P.brim1] * 0.5 * math.log1p(math.exp(min((h1 - 18.0) / 0.5, 60.0)))
+    lost2 = p[P.crack2] * max(h2 - 8.0, 0.0) ** (0.25 * n) + p[P.seep2] * h2 ** (0.5 * n) * 20.0 ** (1.0 - 0.5 * n)
+    lost2 += p[P.brim2] * 0.5 * math.log1p(math.exp(min((h2 - 18.0) / 0.5, 60.0)))
+    wave = math.sin(2.0 * math.pi * t / 130.0 + 0.4)
+    dx[X.h1] = (pumped - x[X.pipe]) / 154.0 - lost1 + p[P.feed1] + p[P.wave1] * wave
+    dx[X.h2] = (x[X.pipe] - out) / 154.0 - lost2 + p[P.feed2] + p[P.wave2] * wave
+    behind = u[U.pump_V] - x[X.pump]
+    dx[X.pump] = (max(behind - 0.5 * p[P.play], 0.0) + min(behind + 0.5 * p[P.play], 0.0)) / 0.1
+    dx[X.pipe] = (between - x[X.pipe]) / 0.1
+    dx[X.h1_sensed] = (x[X.h1] - x[X.h1_sensed]) / 0.1
+    dx[X.h2_sensed] = (x[X.h2] - x[X.h2_sensed]) / 0.1
+    dx[X.dirt] = (h2 / 20.0 - x[X.dirt]) / 400.0
     return 0.0
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     """level1_cm, level2_cm."""
-    y[0], y[1] = x[4], x[5]
+    y[Y.level1_cm], y[Y.level2_cm] = x[X.h1_sensed], x[X.h2_sensed]
     return 0.0
 
 
@@ -66,15 +74,14 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under input u (1,).
-
-    Args:
-        u: (1,) inputs in their units.
-        p: (n_parameters,) the law's own, each in its unit.
-    """
-    flow = p[0] * u[0]
-    h1, h2 = ((flow / hole) ** 2 / (2.0 * 981.0) for hole in (p[1], p[2]))
-    return np.array([h1, h2, u[0], flow, h1, h2, h2 / 20.0])
+    """A guess of the state under input u (1,)."""
+    flow = p[P.pump_cm3_s_V] * u[U.pump_V]
+    h1, h2 = ((flow / hole) ** 2 / (2.0 * 981.0) for hole in (p[P.hole1_cm2], p[P.hole2_cm2]))
+    x = np.empty(len(X))
+    x[X.h1] = x[X.h1_sensed] = h1
+    x[X.h2] = x[X.h2_sensed] = h2
+    x[X.pump], x[X.pipe], x[X.dirt] = u[U.pump_V], flow, h2 / 20.0
+    return x
 
 
 def _on(
@@ -91,17 +98,17 @@ MACHINE = Machine(
     name="two_tanks",
     simulator="examples/two_tanks.py:TANKS",
     values={},
-    calibrate=_NAMES[:3],
-    inputs=("pump_V",),
-    outputs=("level1_cm", "level2_cm"),
-    parameters=dict(zip(_NAMES, (20.0, 0.5, 0.5) + (0.0,) * 20, strict=True)),
-    spread=dict.fromkeys(_NAMES[:3], 0.15),
+    calibrate=tuple(_OWN),
+    inputs=_INPUTS,
+    outputs=_OUTPUTS,
+    parameters=_PARAMETERS,
+    spread=dict.fromkeys(_OWN, 0.15),
     exponent=(1.9, 2.1),
     ambient=2e-4,
     law=law,
     reading=reading,
     start=start,
-    slow={0: 0.3, 1: 0.3},
+    slow={X.h1: 0.3, X.h2: 0.3},
     operate=operate,
     settle_s=300.0,
     period_s=0.5,

@@ -9,7 +9,7 @@ import numpy as np
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.data.scenario import Scenario, draw, stream
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.simulator import Simulator
 from twinbench.physics.steady import steady_state
 from twinbench.proof.concealed.machine import levels
@@ -49,7 +49,7 @@ def record(simulator: Simulator, part: Part, seed: int, number: int) -> Batch:
     scenarios = [_scenario(part, i, seed, number) for i in range(len(part.wear))]
     u, health = np.stack([s.inputs() for s in scenarios]), np.stack([s.health() for s in scenarios])
     x0 = np.stack([steady_state(simulator, row) for row in u[:, 0]])
-    x, y = simulate(simulator, u, x0, substeps=SUBSTEPS, varying=HEALTH, values=health)
+    x, y = simulate(simulator, u, x0, substeps=SUBSTEPS, varying=Varying(HEALTH, health))
     if not np.isfinite(y).all():
         raise FloatingPointError(f"plant {number} of seed {seed} diverged while {part.name} was recorded")
     sensors = [stream(seed, "flagship", number, s.name, "sensors") for s in scenarios]

@@ -10,7 +10,7 @@ from twinbench.baselines.gru_kf import GRUKalman
 from twinbench.baselines.lstm_rls import LSTMRecursiveLeastSquares
 from twinbench.baselines.pinn_ukf import PINNUnscentedKalman
 from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFast, SlowFastTwin
-from twinbench.baselines.sequences import fit_sequences, read_out
+from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 from twinbench.methods.operator import WINDOW, Operator
 from twinbench.methods.training import weights_of
@@ -39,7 +39,7 @@ def test_sequence_training_remembers_what_only_the_past_of_the_sequence_tells():
     read[:, : 10 * TICKS_PER_STEP, :1] = said
     target = np.broadcast_to(said, (*read.shape[:2], 1)).astype(np.float32)
     network = SlowFast("gru", 2, 12, 12, 1)
-    fit_sequences(network, read, target, torch.nn.functional.mse_loss, rng, 150, 16, 2e-2)
+    fit_sequences(network, read, target, torch.nn.functional.mse_loss, rng, Schedule(150, 16, 2e-2))
     _, out = read_out(network, read, every=TICKS_PER_STEP)
     assert np.mean((out[:, 80:] - said) ** 2) < 0.2
 

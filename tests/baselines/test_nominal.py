@@ -7,7 +7,7 @@ from twinbench.baselines.nominal_ekf import recalibrate, rescaled
 from twinbench.data.batch import HEALTH
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 from twinbench.physics.compressor import PLANT
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.nominal import NOMINAL, RECALIBRATED
 
 
@@ -25,7 +25,7 @@ def test_wrong_constants_of_the_exact_plant_are_found(train):
 def flow_error(machine, train):
     """Mean of simulated minus true flow, in parts of the mean."""
     x0 = train.truth.states[:, 0, : len(machine.states)]
-    _, y = simulate(machine, train.truth.inputs, x0, varying=HEALTH, values=train.truth.health)
+    _, y = simulate(machine, train.truth.inputs, x0, varying=Varying(HEALTH, train.truth.health))
     flow = train.truth.outputs[:, 400:, 2]
     return float((y[:, 400:, 2] - flow).mean() / flow.mean())
 

@@ -31,7 +31,7 @@ from twinbench.proof.concealed.judge import COLUMNS, score
 from twinbench.proof.concealed.machines import MACHINES
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.concealed.seal import Sealed, seal
-from twinbench.proof.concealed.suite import planned, run
+from twinbench.proof.concealed.suite import Study, planned, run
 from twinbench.proof.opponents import ablations
 from twinbench.proof.opponents.library import Path as Along
 from twinbench.proof.opponents.sindy import System, project, select, strong, weak
@@ -307,9 +307,9 @@ def two(simulator, recordings, hold_out=(), catalogue=None):
 def test_an_engine_that_joins_later_is_asked_alone_under_the_same_seal(counting: Path, tmp_path: Path) -> None:
     out, console = tmp_path / "proof", Console(file=StringIO())
     one, two = {"twinbench": "counting:one"}, {"other": "counting:two"}
-    run(1, 1, out, console, one, jobs=1)
+    run(Study(1, 1, one), out, console, jobs=1)
     sealed = json.loads((out / "seals.json").read_text())
-    run(1, 1, out, console, one | two, jobs=1)
+    run(Study(1, 1, one | two), out, console, jobs=1)
     assert "answers: done in" in console.file.getvalue()
     assert counting.read_text().split() == ["one", "two"]
     assert json.loads((out / "seals.json").read_text()) == sealed
@@ -325,11 +325,11 @@ def test_an_engine_that_joins_later_is_asked_alone_under_the_same_seal(counting:
 
 
 def test_opponents_get_cases_from_all_over_the_plan_and_ours_all() -> None:
-    asked = [list(engines) for _, engines in planned(5, 1, chosen("twinbench,sindy,oracle,no_pairs"), 3)]
+    asked = [list(engines) for _, engines in planned(Study(5, 1, chosen("twinbench,sindy,oracle,no_pairs"), 3))]
     everyone, ours = ["twinbench", "sindy", "oracle", "no_pairs"], ["twinbench", "oracle"]
     assert asked == [everyone, ours, everyone, ours, everyone]
-    assert len(planned(5, 1, chosen("black_box"), 2)) == 2
-    assert all("sindy" in engines for _, engines in planned(5, 1, chosen("twinbench,sindy"), None))
+    assert len(planned(Study(5, 1, chosen("black_box"), 2))) == 2
+    assert all("sindy" in engines for _, engines in planned(Study(5, 1, chosen("twinbench,sindy"))))
     for n, few, option in ((5, 0, "--opponent-cases"), (0, None, "--cases")):
         with pytest.raises(BadInput, match=f"{option} is 0, must be at least 1"):
-            planned(n, 1, ENGINES, few)
+            planned(Study(n, 1, ENGINES, few))

@@ -26,7 +26,7 @@ from twinbench.proof.concealed.marks import marks, miss
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.concealed.seal import BrokenSeal, seal
 from twinbench.proof.concealed.severity import Take, Yardstick
-from twinbench.proof.concealed.suite import run
+from twinbench.proof.concealed.suite import Study, run
 
 COULOMB = "coulomb_friction@omega_rad_s"
 SHORT = {
@@ -417,7 +417,7 @@ def test_gates_count_what_they_say_through_the_file(dry: Case, tmp_path: Path) -
 
 def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_path: Path) -> None:
     out, said = tmp_path / "proof", StringIO()
-    gates = run(1, 1, out, Console(file=said), {"spy": "spy:look"}, jobs=1)
+    gates = run(Study(1, 1, {"spy": "spy:look"}), out, Console(file=said), jobs=1)
     assert len(gates) > 10
     table = read_cases(out / "cases.csv")
     assert tuple(table.columns) == COLUMNS
@@ -430,7 +430,7 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     assert (folder / "seal.json").stat().st_mtime_ns < (folder / "verdict-spy.json").stat().st_mtime_ns
     assert (folder / "verdict-spy.json").stat().st_mtime_ns < (folder / "truth.json").stat().st_mtime_ns
     before = (folder / "truth.json").read_bytes()
-    run(1, 1, out, Console(file=said), {"spy": "spy:look"}, jobs=1)
+    run(Study(1, 1, {"spy": "spy:look"}), out, Console(file=said), jobs=1)
     assert (folder / "truth.json").read_bytes() == before  # kept: a new draw would have a new salt
     assert "1 of 1 cases are there" in said.getvalue()
     manifest = json.loads((out / "manifest.json").read_text())

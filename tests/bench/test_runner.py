@@ -17,7 +17,7 @@ from tiny_run import parts, run_arguments, twinbench, write_estimator, write_pro
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
-from twinbench.bench.runner import run
+from twinbench.bench.runner import Backend, Wanted, run
 from twinbench.common.versions import code_version
 
 KILLER = """
@@ -147,7 +147,7 @@ def test_dask_workers_give_the_same_scores(inputs: tuple[Path, list[str]], undis
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
         profile = load_profile(str(inputs[0]))
-        run(profile, tmp_path, tuple(inputs[1]), backend="dask", scheduler=cluster.scheduler_address)
+        run(profile, tmp_path, Wanted(tuple(inputs[1])), Backend("dask", cluster.scheduler_address))
     assert (tmp_path / "scores.csv").read_bytes() == (undisturbed / "scores.csv").read_bytes()
 
 

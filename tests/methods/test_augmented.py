@@ -7,20 +7,11 @@ import pytest
 import torch
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.augmented import (
-    ERROR,
-    NOISE,
-    PROBE,
-    SIZE,
-    ZETA,
-    Model,
-    correct,
-    predict,
-    predict_mean,
-    room_type,
-    tick,
-)
+from twinbench.methods.deeponet_kalman.augmented import correct, tick
 from twinbench.methods.deeponet_kalman.cycle import SAID, Scaling, memory_type, roll_out, scratch, twin_record
+from twinbench.methods.deeponet_kalman.forecast import predict, predict_mean
+from twinbench.methods.deeponet_kalman.layout import pack
+from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, SIZE, ZETA, Model, room_type
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATION_UPDATES,
@@ -31,7 +22,6 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     Settings,
     empty_safety,
 )
-from twinbench.methods.deeponet_kalman.stream import pack
 from twinbench.methods.frontend import Fitted
 from twinbench.methods.operator import Operator
 from twinbench.methods.training import weights_of

@@ -17,11 +17,12 @@ from twinbench.bench.cli.main import main
 from twinbench.bench.profile import load_profile
 from twinbench.common.store import Store
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.augmented import NOISE, ZETA
 from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, scratch, standardise
 from twinbench.methods.deeponet_kalman.export import INPUTS, filter_arrays, operator_graph
+from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE, stream_type
 from twinbench.methods.deeponet_kalman.method import ZETA_HIGH, ZETA_LOW, DeepONetKalman
-from twinbench.methods.deeponet_kalman.stream import LIMIT, ZETA_SCALE, heads_with_jacobian, push, stream_type
+from twinbench.methods.deeponet_kalman.model import NOISE, ZETA
+from twinbench.methods.deeponet_kalman.stream import LIMIT, heads_with_jacobian, push
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import Sample
 from twinbench.methods.operator import SLOW_TAU_S, WINDOW, Operator

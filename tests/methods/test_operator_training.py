@@ -21,9 +21,9 @@ from twinbench.methods.deeponet_kalman.windows import WindowSource
 from twinbench.methods.frontend import FrontEnd
 from twinbench.methods.operator import Operator
 from twinbench.methods.training import adamw, load_weights, seeded, weights_of
-from twinbench.methods.transitions import draw_transitions, plant_sensitivities
+from twinbench.methods.transitions import Sampling, draw_transitions, plant_sensitivities, plant_slopes
 from twinbench.physics.compressor import PLANT
-from twinbench.physics.integrate import advance, simulate
+from twinbench.physics.integrate import Varying, advance, simulate
 from twinbench.physics.steady import steady_state, valve_for
 
 
@@ -40,7 +40,7 @@ def small_batch(seed: int, sequences: int = 3, samples: int = 2600) -> Batch:
     share = rng.random((sequences, 1, 5)) * np.linspace(0, 1, n)[None, :, None]
     health = healthy + share * (worn - healthy)
     x0 = np.stack([steady_state(PLANT, u[b, 0]) for b in range(sequences)])
-    x, y = simulate(PLANT, u, x0, varying=HEALTH, values=health)
+    x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
     clean = np.concatenate([u, y], axis=-1)
     noise = np.array([1e-3, 0.2, 1.5, 0.0, 0.01, 0.6, 1e-3])
     measured = clean + noise * rng.normal(size=clean.shape)
@@ -61,7 +61,7 @@ def validation():
 def trained(train: Batch, validation: Batch, perturbed: bool):
     rng, _ = seeded(0)
     source = WindowSource.fit(train, FrontEnd.fit(train))
-    transitions = draw_transitions(train, 20_000, rng, perturbed=perturbed)
+    transitions = draw_transitions(train, 20_000, rng, Sampling(perturbed=perturbed))
     scales = Scales.fit(transitions)
     operator = Operator()
     fit_operator(operator, source, transitions, scales, rng, Recipe(250, 256, 1e-2))
@@ -85,7 +85,7 @@ def test_windows_of_transients_are_drawn_more_often_than_there_are(train):
     N = train.truth.inputs[..., 2]
     found = []
     for stratified in (False, True):
-        drawn = draw_transitions(train, 4000, np.random.default_rng(0), stratified=stratified)
+        drawn = draw_transitions(train, 4000, np.random.default_rng(0), Sampling(stratified=stratified))
         assert drawn.sample.min() >= 64
         assert drawn.sample.max() < N.shape[1] - 1
         found.append(np.mean(N[drawn.sequence, drawn.sample] != N[drawn.sequence, drawn.sample - 64]))
@@ -116,19 +116,19 @@ def test_the_recordings_alone_teach_the_operator_to_ignore_health(train, validat
 
 def test_transitions_are_what_the_plant_does(train):
     rng = np.random.default_rng(0)
-    drawn = draw_transitions(train, 300, rng, dt_s=(0.05, 0.1), each=3)
+    drawn = draw_transitions(train, 300, rng, Sampling(dt_s=(0.05, 0.1), each=3))
     assert (drawn.sample.reshape(-1, 3) == drawn.sample.reshape(-1, 3)[:, :1]).all()
     assert set(drawn.dt_s) == {0.05, 0.1}
     hidden = train.truth.states[drawn.sequence, drawn.sample, 5:]
     row = int(np.flatnonzero(drawn.dt_s == 0.1)[0])
     x = np.concatenate([drawn.x[row], hidden[row]])[None]
     u = train.truth.inputs[drawn.sequence[row], drawn.sample[row]][None]
-    after = advance(PLANT, x, u, 0.1, 4, HEALTH, drawn.theta[row][None])
+    after = advance(PLANT, x, u, 0.1, 4, Varying(HEALTH, drawn.theta[row][None]))
     assert drawn.x_next[row] == pytest.approx(after[0, :5])
 
 
 def test_unperturbed_transitions_are_the_recording(train):
-    drawn = draw_transitions(train, 50, np.random.default_rng(0), perturbed=False)
+    drawn = draw_transitions(train, 50, np.random.default_rng(0), Sampling(perturbed=False))
     truth = train.truth.states[drawn.sequence, drawn.sample + 1, :5]
     assert drawn.x_next == pytest.approx(truth, rel=1e-6, abs=1e-9)
 
@@ -178,7 +178,7 @@ def setting(train, count=3000, each=1):
     """A window source and transitions of the small recordings."""
     rng, _ = seeded(0)
     source = WindowSource.fit(train, FrontEnd.fit(train))
-    transitions = draw_transitions(train, count, rng, each=each)
+    transitions = draw_transitions(train, count, rng, Sampling(each=each))
     return source, transitions, Scales.fit(transitions), rng
 
 

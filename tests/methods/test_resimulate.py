@@ -8,7 +8,7 @@ from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 from twinbench.methods.resimulate import resimulate
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.health import HIGH, LOW
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_health_is_new_and_possible(both):
 
 def test_truth_is_what_the_plant_does_under_that_health(both):
     _, more = both
-    x, y = simulate(PLANT, more.truth.inputs, more.truth.states[:, 0], varying=HEALTH, values=more.truth.health)
+    x, y = simulate(PLANT, more.truth.inputs, more.truth.states[:, 0], varying=Varying(HEALTH, more.truth.health))
     assert np.array_equal(x, more.truth.states)
     assert np.array_equal(y, more.truth.outputs)
 

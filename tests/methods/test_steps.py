@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from test_augmented import COLOURED, OFF, WHITE, corrected, machine, off_by, problem, ticked  # noqa: F401
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.augmented import BIAS, NOISE, PROBE, SHIFTS, SIZE, SLOW, WANDERING, ZETA
+from twinbench.methods.deeponet_kalman.augmented import SHIFTS, SLOW, WANDERING
 from twinbench.methods.deeponet_kalman.cycle import SAID, UNKNOWN_S, scratch, update
+from twinbench.methods.deeponet_kalman.model import BIAS, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,

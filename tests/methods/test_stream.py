@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.stream import heads, heads_with_jacobian, pack, push, scratch_type, stream_type
+from twinbench.methods.deeponet_kalman.layout import pack, scratch_type, stream_type
+from twinbench.methods.deeponet_kalman.stream import heads, heads_with_jacobian, push
 from twinbench.methods.operator import N_STATES, N_ZETA, WINDOW, Operator
 from twinbench.methods.training import weights_of
 

@@ -9,7 +9,7 @@ import pytest
 from numba import njit
 
 from twinbench.physics.compressor import BAR, CP, CV, FLUXES, HEALTH, PARAMETERS, PLANT, R_DRY, STATES, flux, rhs
-from twinbench.physics.integrate import simulate
+from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.nominal import NOMINAL, REDUCED, reduced
 from twinbench.physics.simulator import Variable
 from twinbench.physics.steady import steady_state, valve_for
@@ -95,7 +95,7 @@ def test_finite_and_bounded_from_corner_to_corner(simulator, health):
     u = corner_inputs(300.0, seed=2)
     values = np.broadcast_to(health, (1, u.shape[1], 5))
     x0 = simulator.initial(u[0, 0], np.array([3.0, 430.0, 0.12]), simulator.theta())
-    x, y = simulate(simulator, u, x0, varying=[v.name for v in HEALTH], values=values)
+    x, y = simulate(simulator, u, x0, varying=Varying([v.name for v in HEALTH], values))
     low, high = (np.array([getattr(v, side) for v in STATES]) for side in ("low", "high"))
     assert np.isfinite(y).all()
     assert (x >= low).all()

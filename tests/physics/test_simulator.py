@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from twinbench.physics.compile import compiled
 from twinbench.physics.compose import with_mechanism
 from twinbench.physics.compressor import PLANT
-from twinbench.physics.integrate import advance, simulate
+from twinbench.physics.integrate import Varying, advance, simulate
 from twinbench.physics.mechanisms import CATALOGUE
 from twinbench.physics.simulator import Amplitude, Mechanism, Port, Series, Simulator, Term, Variable
 
@@ -94,14 +94,14 @@ def test_batch_equals_single_runs_and_advance_equals_one_step():
     x, _ = simulate(SPRING, u, x0, theta)
     for b in range(3):
         assert np.array_equal(simulate(SPRING, u[b : b + 1], x0[b], theta[b])[0][0], x[b])
-    stepped = advance(SPRING, x[:, 10], u[:, 10], 0.05, 2, ("k", "d"), theta)
+    stepped = advance(SPRING, x[:, 10], u[:, 10], 0.05, 2, Varying(("k", "d"), theta))
     assert np.array_equal(stepped, x[:, 11])
 
 
 def test_parameters_can_vary_in_time():
     u = np.zeros((1, 100, 1))
     stiff = np.where(np.arange(100) < 50, 4.0, 9.0)[None, :, None]
-    x, _ = simulate(SPRING, u, np.array([1.0, 0.0]), varying=["k"], values=stiff)
+    x, _ = simulate(SPRING, u, np.array([1.0, 0.0]), varying=Varying(["k"], stiff))
     constant, _ = simulate(SPRING, u, np.array([1.0, 0.0]))
     assert np.array_equal(x[0, :51], constant[0, :51])
     assert not np.allclose(x[0, 60:], constant[0, 60:], atol=1e-3)

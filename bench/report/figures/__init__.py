@@ -43,7 +43,16 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
         robustness: columns estimator, seed, group, condition, sequence, metric, value; empty where no
             harder conditions were tried.
     """
-    coverage, trajectory = evidence.coverage, evidence.trajectory
+    yield from _errors(summary, evidence)
+    yield from _coverage(evidence.coverage)
+    yield from _states(evidence)
+    yield from _health(evidence)
+    yield from _harder(evidence, robustness)
+    yield from _times(summary, latency)
+
+
+def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
+    """Fig. 5: errors, ranks and how parameter errors spread."""
     known_errors = any(np.isfinite(errors).any() for errors in evidence.errors.values())
     yield Drawing(
         "fig5a_errors",
@@ -65,6 +74,10 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
         NO_ESTIMATES,
         "How parameter errors spread",
     )
+
+
+def _coverage(coverage: pd.DataFrame) -> Iterator[Drawing]:
+    """What the intervals hold, by quantity and by regime."""
     yield Drawing(
         "coverage",
         "How often the 95 % interval of each quantity holds the truth. Dashed: 95 %, which is right; left of it an "
@@ -82,6 +95,11 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
         NO_ESTIMATES,
         "What the 95 % intervals hold, by regime",
     )
+
+
+def _states(evidence: Evidence) -> Iterator[Drawing]:
+    """Fig. 3: states over time, load ramps, mass flow."""
+    trajectory = evidence.trajectory
     yield Drawing(
         "fig3_states",
         "States over the test sequence whose load moves most. Left: truth (broad grey) and estimates; right: estimate "
@@ -99,6 +117,10 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
         NO_ESTIMATES if not evidence.errors else f"no estimates of {label(PROPOSED)}",
         "Mass flow against the truth",
     )
+
+
+def _health(evidence: Evidence) -> Iterator[Drawing]:
+    """Fig. 4: health over time, on test sequences and in the scenes of wear."""
     yield Drawing(
         "fig4_parameters",
         "Health parameters, each on the test sequence in which it changes most: truth (broad grey), estimates, and the "
@@ -115,6 +137,10 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
             "",
             says,
         )
+
+
+def _harder(evidence: Evidence, robustness: pd.DataFrame) -> Iterator[Drawing]:
+    """Fig. 6: under harder conditions, where they were tried, and after something abrupt."""
     if PROPOSED in set(robustness["estimator"]):
         yield Drawing(
             "fig6a_noise_dropout",
@@ -150,6 +176,10 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
             "",
             "After sensor faults",
         )
+
+
+def _times(summary: Summary, latency: pd.DataFrame) -> Iterator[Drawing]:
+    """What one update takes, and what accuracy comes with it."""
     yield Drawing(
         "latency",
         "Time of one update of one machine, measured serially. Dashed: the sample period, within which a twin must "
