@@ -260,7 +260,13 @@ def rhs(x: Array, u: Array, theta: Array) -> Array:
 
 
 def output(x: Array, u: Array, theta: Array) -> Array:
-    """What the sensors read, before noise."""
+    """What the sensors read, before noise.
+
+    Args:
+        x: (8,) in the states' units, order STATES.
+        u: (4,) in the inputs' units, order INPUTS.
+        theta: (n_parameters,) in the parameters' units, order PARAMETERS.
+    """
     mu = max(x[X.flow_memory], MU_MIN)
     probe = x[X.T_probe_K]
     y = np.empty(len(Y))
@@ -271,7 +277,13 @@ def output(x: Array, u: Array, theta: Array) -> Array:
 
 
 def initial(u0: Array, y0: Array, theta: Array) -> Array:
-    """A warm machine at the first reading."""
+    """A warm machine at the first reading.
+
+    Args:
+        u0: (4,) first inputs in their units, order INPUTS.
+        y0: (3,) first readings in their units, order OUTPUTS.
+        theta: (n_parameters,) in the parameters' units, order PARAMETERS.
+    """
     T_g = y0[Y.T_dis_K] - theta[P.T_bias_K]
     x = np.empty(len(X))
     x[X.p_int_bar] = 0.985 * u0[U.p_suc_bar]

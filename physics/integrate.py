@@ -14,7 +14,11 @@ from twinbench.physics.simulator import Array, Simulator
 
 
 class Varying(NamedTuple):
-    """Parameters that change in time, and their values: (B, N, V) over sequences, (M, V) over machines."""
+    """Parameters that change in time, and their values: (B, N, V) over sequences, (M, V) over machines.
+
+    Attributes:
+        values: (B, N, n_varying) over sequences, or (M, n_varying) over machines, each in its parameter's unit.
+    """
 
     names: Sequence[str]
     values: Array
@@ -158,7 +162,15 @@ def advance(
     substeps: int = 2,
     varying: Varying | None = None,
 ) -> Array:
-    """One step of M independent machines: x (M, nx), u (M, nu) -> (M, nx)."""
+    """One step of M independent machines: x (M, nx), u (M, nu) -> (M, nx).
+
+    Args:
+        x: (M, nx), each state in its unit.
+        u: (M, nu) inputs in their units.
+        dt_s: how long the step lasts.
+        substeps: RK4 steps in it.
+        varying: parameters that differ between the machines.
+    """
     equations = compiled(simulator)
     out = np.empty((len(x), len(simulator.states)))
     indices, values = _placed(simulator, varying or Varying((), np.empty((len(x), 0))))

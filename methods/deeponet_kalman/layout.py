@@ -20,6 +20,9 @@ def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
     """Weights (1,) of a compiled operator, from a state dict of ``Operator`` whose names start with ``net.``.
 
     Matrices are (out, in), float32; those of the heads are (in, out).
+
+    Args:
+        state: by name, weights of any shape, dimensionless.
     """
     layers = {
         "block_1": "branch.block_1",
@@ -50,7 +53,11 @@ def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """What the operator carries from tick to tick of one machine."""
+    """What the operator carries from tick to tick of one machine.
+
+    Args:
+        weights: (1,) of ``pack``, a record of dimensionless weights.
+    """
     width_1, width_2 = (weights[name].shape[1] for name in ("block_1_bias", "block_2_bias"))
     tokens = weights["position"].shape[1]
     return record(
@@ -69,7 +76,11 @@ def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
 
 
 def scratch_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """Room for what is reckoned in between."""
+    """Room for what is reckoned in between.
+
+    Args:
+        weights: (1,) of ``pack``, a record of dimensionless weights.
+    """
     width = weights["hidden"].shape[-1]
     wide = {name: weights[f"{name}_bias"].shape[1] for name in ("block_2", "gate_tanh", "embedding", "trunk_hidden")}
     return record(

@@ -119,7 +119,7 @@ class DeepONetKalman(Estimator):
         from twinbench.methods.operator import Operator
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
-        from twinbench.methods.transitions import Sampling, draw_transitions, plant_slopes
+        from twinbench.methods.transitions import Sampling, draw_transitions
 
         config = self.config
         rng, _ = seeded(seed)

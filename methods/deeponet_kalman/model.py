@@ -26,16 +26,29 @@ GAS, FLOW, BIAS = STATE.T_gas_K, STATE.flow_memory, NOISE - 1
 
 
 class Model(NamedTuple):
-    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record."""
+    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record.
 
-    state_mean: Array  # (5,)
-    state_scale: Array  # (5,)
-    increment: Array  # (5,)
-    Q: Array  # (19, 19) process noise of one tick
-    noise_keep: Array  # (3,) AR(1) factors of the coloured sensor noise
-    error_keep: float  # AR(1) factor of the operator's slow errors
-    zeta_low: Array  # (5,) bounds of the coordinates, far outside a machine's life
-    zeta_high: Array  # (5,)
+    Attributes:
+        state_mean: (5,) means of the training states in their units, order STATES.
+        state_scale: (5,) their spreads in the same units.
+        increment: (5,) spread of the states' change in a tick, in the same units.
+        Q: (19, 19) process noise of one tick, in the units of z squared.
+        noise_keep: (3,) dimensionless AR(1) factors of the coloured sensor noise.
+        error_keep: AR(1) factor of the operator's slow errors.
+        zeta_low: (5,) dimensionless lower bounds of the coordinates, far outside a machine's life.
+        zeta_high: (5,) dimensionless upper bounds.
+        settings: of the safeguards.
+        envelope: where the operator was trained.
+    """
+
+    state_mean: Array
+    state_scale: Array
+    increment: Array
+    Q: Array
+    noise_keep: Array
+    error_keep: float
+    zeta_low: Array
+    zeta_high: Array
     settings: Settings
     envelope: Envelope
 
@@ -50,7 +63,11 @@ MODEL = record({
 
 
 def room_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """Room for what one tick reckons in between."""
+    """Room for what one tick reckons in between.
+
+    Args:
+        weights: (1,) of ``layout.pack``, a record of dimensionless weights.
+    """
     square, wide, narrow = (SIZE, SIZE), (N_OUTPUTS, SIZE), (N_OUTPUTS, N_OUTPUTS)
     return record(
         {

@@ -15,8 +15,8 @@ from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw
-from twinbench.methods.transitions import Sampling, Slopes, Transitions, draw_transitions, plant_sensitivities
-from twinbench.physics.health import d_theta_d_zeta, to_zeta
+from twinbench.methods.transitions import Sampling, Transitions, draw_transitions, plant_sensitivities
+from twinbench.physics.health import to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
 """Query times of the training transitions: mostly one tick, some shorter and longer."""

@@ -15,7 +15,11 @@ from twinbench.methods.operator import SLOW_TAU_S, WINDOW
 
 
 def query_of(filled: Array) -> Array:
-    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve."""
+    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve.
+
+    Args:
+        filled: (..., 7) values in the channels' units, order CHANNELS.
+    """
     p_suc = filled[..., CHANNEL.p_suc_bar]
     N, ratio = filled[..., CHANNEL.N_rpm], filled[..., CHANNEL.p_dis_bar] / p_suc
     return np.stack([N, ratio, filled[..., CHANNEL.T_suc_K], p_suc, filled[..., CHANNEL.valve]], axis=-1)

@@ -174,7 +174,12 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under inputs u (4,)."""
+    """A guess of the state under inputs u (4,).
+
+    Args:
+        u: (4,) inputs in their units.
+        p: (n_parameters,) the law's own, each in its unit.
+    """
     x = np.zeros(len(X))
     x[X.p_int_Pa] = 0.98e5 * u[U.p_suc_bar]
     x[X.p_exh_Pa] = x[X.pressure_line_Pa] = 3.0e5

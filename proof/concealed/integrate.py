@@ -61,7 +61,13 @@ class Steps(NamedTuple):
 
 
 class Parameters(NamedTuple):
-    """A machine's parameters (np,), until and from a time on the suite's clock."""
+    """A machine's parameters (np,), until and from a time on the suite's clock.
+
+    Attributes:
+        before: (n_parameters,) until ``onset_s``, each in its unit.
+        after: (n_parameters,) from then on, likewise.
+        onset_s: a time on the suite's clock.
+    """
 
     before: Array
     after: Array
@@ -69,12 +75,20 @@ class Parameters(NamedTuple):
 
     @classmethod
     def steady(cls, p: Array) -> Self:
-        """The same ones throughout."""
+        """The same ones throughout.
+
+        Args:
+            p: (n_parameters,) the law's own, each in its unit.
+        """
         return cls(p, p, np.inf)
 
 
 def run(equations: Equations, steps: Steps, u: Array, x0: Array, parameters: Parameters) -> tuple[Array, Array]:
     """Run one recording of N samples from the state x0 (nx,); inputs u (N, nu) are held between samples.
+
+    Args:
+        u: (N, nu) inputs in their units.
+        x0: (nx,) each state in its unit, at the first sample.
 
     Returns:
         Clean readings (N, channels) and the last state (nx,).

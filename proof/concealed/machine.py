@@ -122,7 +122,12 @@ class Machine:
         return Equations(self.law, self.reading, len(self.outputs))
 
     def settled(self, u: Array, p: Array, start_s: float) -> Array:
-        """The state (nx,) after ``settle_s`` under the first inputs of u (N, nu) and parameters p (np,)."""
+        """The state (nx,) after ``settle_s`` under the first inputs of u (N, nu) and parameters p (np,).
+
+        Args:
+            u: (N, nu) inputs in their units.
+            p: (n_parameters,) the law's own, each in its unit.
+        """
         held = np.tile(u[0], (round(self.settle_s / self.period_s), 1))
         steps = Steps(start_s - self.settle_s, self.period_s, self.coarse)
         return run(self.equations, steps, held, self.start(u[0], p), Parameters.steady(p))[1]

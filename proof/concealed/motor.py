@@ -88,7 +88,12 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under inputs u (2,)."""
+    """A guess of the state under inputs u (2,).
+
+    Args:
+        u: (2,) inputs in their units.
+        p: (n_parameters,) the law's own, each in its unit.
+    """
     w = (u[U.voltage_V] - 0.6 * u[U.load_Nm]) / 1.05
     x = np.empty(len(X))
     x[X.current] = u[U.load_Nm]

@@ -48,7 +48,12 @@ class Take:
 
 
 def readings(machine: Machine, take: Take, u: Array, x0: Array, parameters: Parameters, substeps: int) -> Array:
-    """Clean readings (N, ny) of one take under inputs u (N, nu) from the state x0 (nx,)."""
+    """Clean readings (N, ny) of one take under inputs u (N, nu) from the state x0 (nx,).
+
+    Args:
+        u: (N, nu) inputs in their units.
+        x0: (nx,) each state in its unit, at the first sample.
+    """
     return run(machine.equations, Steps(take.start_s, machine.period_s, substeps), u, x0, parameters)[0]
 
 

@@ -74,7 +74,12 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under input u (1,)."""
+    """A guess of the state under input u (1,).
+
+    Args:
+        u: (1,) inputs in their units.
+        p: (n_parameters,) the law's own, each in its unit.
+    """
     flow = p[P.pump_cm3_s_V] * u[U.pump_V]
     h1, h2 = ((flow / hole) ** 2 / (2.0 * 981.0) for hole in (p[P.hole1_cm2], p[P.hole2_cm2]))
     x = np.empty(len(X))

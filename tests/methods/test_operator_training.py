@@ -21,7 +21,7 @@ from twinbench.methods.deeponet_kalman.windows import WindowSource
 from twinbench.methods.frontend import FrontEnd
 from twinbench.methods.operator import Operator
 from twinbench.methods.training import adamw, load_weights, seeded, weights_of
-from twinbench.methods.transitions import Sampling, draw_transitions, plant_sensitivities, plant_slopes
+from twinbench.methods.transitions import Sampling, draw_transitions, plant_sensitivities
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, advance, simulate
 from twinbench.physics.steady import steady_state, valve_for
