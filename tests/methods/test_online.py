@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_operator_training import small_batch
+from helpers.compressor_recordings import small_batch, trained_twin
 
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.data.corrupt import Corruption, corrupt
@@ -23,10 +23,7 @@ SAMPLES = 30_000
 
 @pytest.fixture(scope="module")
 def twin() -> DeepONetKalman:
-    train = small_batch(1)
-    twin = DeepONetKalman(**DeepONetKalman.contract_settings)
-    twin.fit(train, train, seed=0)
-    return twin
+    return trained_twin()
 
 
 @pytest.fixture(scope="module")
