@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib.text
 import numpy as np
 import pytest
-from test_mismatch_report import CATALOGUE, LOSS, OVEN, diagnosed, page, record, write
+from helpers.oven import CATALOGUE, LOSS, OVEN, loss_found, page, record, write
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch import Verdict, diagnose
@@ -21,13 +21,14 @@ from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.verdict import conclude
 from twinbench.physics.compose import with_mechanism
 
+pytestmark = pytest.mark.xdist_group("oven")
 AWKWARD = "$p^{2", "a_b & <b>"
 """Names that a formula, or HTML, would be read out of."""
 
 
 @pytest.fixture(scope="module")
 def named() -> Verdict:
-    return diagnosed(with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss")))
+    return loss_found()
 
 
 def visible(text: str) -> str:
