@@ -202,12 +202,16 @@ def test_a_report_without_the_store_keeps_what_needed_it_and_says_so(
 
 
 def test_figures_of_estimates_are_figures(tmp_path: Path) -> None:
+    from twinbench.bench.report.evidence import gather
     from twinbench.bench.report.figures import FROM_ESTIMATES, WEAR, draw
-    from twinbench.bench.report.write import _evidence, load_results
+    from twinbench.bench.results import load_results
     from twinbench.bench.statistics.summary import summarise
 
     results = load_results(write_run(tmp_path / "run", {"oracle": 1.0, "deeponet_kalman": 1.2}, 2, seconds=200))
     summary = summarise(results.scores, results.failures)
-    names = [d.name for d in draw(summary, _evidence(results), results.latency, results.robustness)]
+    truth = results.truth()
+    assert truth is not None
+    evidence = gather(results.estimates(), truth, results.failures)
+    names = [d.name for d in draw(summary, evidence, results.latency, results.robustness)]
     assert set(FROM_ESTIMATES) <= set(names)
     assert set(WEAR) <= set(FROM_ESTIMATES)
