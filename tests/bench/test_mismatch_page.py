@@ -21,7 +21,6 @@ from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.verdict import conclude
 from twinbench.physics.compose import with_mechanism
 
-pytestmark = pytest.mark.xdist_group("oven")
 AWKWARD = "$p^{2", "a_b & <b>"
 """Names that a formula, or HTML, would be read out of."""
 

@@ -25,7 +25,6 @@ from twinbench.mismatch.report.replays import Replay, level, most_telling, repla
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.verdict import conclude
 
-pytestmark = pytest.mark.xdist_group("oven")
 FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "explanations"}
 NUMBER = (int, float)
 VERDICT = [

@@ -9,8 +9,6 @@ from helpers.compressor_recordings import small_batch, trained_twin
 from twinbench.bench.benchmarks.soak import faulty, run
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 
-pytestmark = pytest.mark.xdist_group("trained_twin")
-
 
 @pytest.fixture(scope="module")
 def twin() -> DeepONetKalman:

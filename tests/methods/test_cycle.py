@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import torch
 from helpers.compressor_recordings import small_batch, trained_twin
 
@@ -13,8 +12,6 @@ from twinbench.methods.estimator import Sample
 from twinbench.methods.frontend import FrontEnd
 from twinbench.methods.operator import Operator
 from twinbench.methods.training import load_weights
-
-pytestmark = pytest.mark.xdist_group("trained_twin")
 
 
 def test_the_window_online_is_the_one_trained_on_and_a_step_held_back_is_put_right_in_it():

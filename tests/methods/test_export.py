@@ -36,8 +36,6 @@ UNGUARDED = {
 }  # fmt: skip
 TICKS = 400
 
-pytestmark = pytest.mark.xdist_group("trained_twin")
-
 
 @pytest.fixture(scope="module")
 def twin() -> DeepONetKalman:

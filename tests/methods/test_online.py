@@ -20,8 +20,6 @@ from twinbench.physics.health import HIGH, LOW
 
 SAMPLES = 30_000
 
-pytestmark = pytest.mark.xdist_group("trained_twin")
-
 
 @pytest.fixture(scope="module")
 def twin() -> DeepONetKalman:

@@ -13,8 +13,6 @@ from motor_friction import CATALOGUE, LISTED, dry_friction, examined, friction_f
 from twinbench.common.errors import BadInput
 from twinbench.mismatch import Verdict, diagnose
 
-pytestmark = pytest.mark.xdist_group("motor_friction")
-
 
 @pytest.fixture(scope="module")
 def friction() -> Verdict:

@@ -24,7 +24,6 @@ from twinbench.mismatch.proof import Held, Worse, worse_outputs
 from twinbench.mismatch.rivals import NEAR
 from twinbench.mismatch.weigh import refusal
 
-pytestmark = pytest.mark.xdist_group("motor_friction")
 DRY = "coulomb_friction@omega_rad_s"
 
 
