@@ -104,19 +104,19 @@ def test_it_adds_to_a_folder_that_holds_the_tables_alone(two: SimpleNamespace, r
 
 
 @pytest.mark.parametrize(
-    ("more", "key", "says"),
+    ("key", "says"),
     [
-        ("", "minutes = 3.0", "there data.minutes is 2.5, here it is 3.0"),
-        ("", "origin_every_s = 30.0", "there evaluation.origin_every_s is 20.0, here it is 30.0"),
-        ("seeds = [4]\n", "", "there seeds is [0], here it is [4]"),
+        ("minutes = 3.0", "there data.minutes is 2.5, here it is 3.0"),
+        ("origin_every_s = 30.0", "there evaluation.origin_every_s is 20.0, here it is 30.0"),
+        ("seeds = [4]", "there seeds is [0], here it is [4]"),
     ],
 )
 def test_rows_that_cannot_be_compared_are_refused(
-    two: SimpleNamespace, run: Path, capsys: pytest.CaptureFixture[str], more: str, key: str, says: str
+    two: SimpleNamespace, run: Path, capsys: pytest.CaptureFixture[str], key: str, says: str
 ) -> None:
     profile = run.parent / "other.toml"
     lines = two.profile.read_text().splitlines()
-    profile.write_text(more + "\n".join(key if key.partition(" ")[0] == ln.partition(" ")[0] else ln for ln in lines))
+    profile.write_text("\n".join(key if key.partition(" ")[0] == ln.partition(" ")[0] else ln for ln in lines))
     line = refused(run, capsys, *run_arguments(profile, run, [two.third]))
     assert says in line
     assert f"--out {run}_more" in line

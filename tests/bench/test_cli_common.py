@@ -82,7 +82,10 @@ def test_simulate_and_export_tell_their_files(
     assert told["files"] == [str(tmp_path / "operator.onnx"), str(tmp_path / "filter.npz")]
 
 
-def test_latency_tells_every_row(tiny: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_latency_tells_every_row(
+    tiny: SimpleNamespace, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("twinbench.bench.latency.memory.process_MB", lambda *_: 60.0)  # starts Python for each peer
     where = ("--profile", tiny.profile, "--results", tiny.run, "--estimator", tiny.spec, "--out", tmp_path / "latency")
     told = read(capsys, 0, "latency", *where, "--updates", 10, "--ticks", 0)
     assert "steady" in json.dumps(told["latency"])
