@@ -3,12 +3,12 @@ PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3 python,$(if $(sh
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off -c constraints.txt
 
-.PHONY: bench test test-slow lint clean
+.PHONY: bench test test-slow lint docs clean
 
 bench: .venv/.ready
 	$(BIN)/twinbench run --profile quick
 
-test: .venv/.ready-dev lint
+test: .venv/.ready-dev lint docs
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 test-slow: .venv/.ready-dev
@@ -20,8 +20,12 @@ lint: .venv/.ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# The pages and the reference as a site in site/; a warning is an error.
+docs: .venv/.ready-dev
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
 clean:
-	rm -rf .venv results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv site results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 
 .venv/bin/python:
 	@test -n "$(PYTHON)" || { echo "twinbench needs Python 3.11, 3.12 or 3.13 with venv; install one, or name it: make PYTHON=/path/to/python3.12"; exit 2; }

@@ -23,10 +23,15 @@ LIMIT = 8.0
 
 
 class FeatureMemory(NamedTuple):
-    """What is carried from tick to tick, B machines of C channels."""
+    """What is carried from tick to tick, B machines of C channels.
 
-    means: Array  # (B, 4, C), order TAUS_S
-    started: np.ndarray  # (B,) bool
+    Attributes:
+        means: (B, 4, C) standardised running means, order TAUS_S.
+        started: (B,) bool, has it seen a sample?
+    """
+
+    means: Array
+    started: np.ndarray
 
 
 def width(channels: int) -> int:
@@ -40,7 +45,11 @@ def init(batch: int, channels: int) -> FeatureMemory:
 
 
 def step(memory: FeatureMemory, values: Array) -> tuple[FeatureMemory, Array]:
-    """One tick of standardised values (B, C): features (B, 5 C), the values first, then each mean."""
+    """One tick of standardised values (B, C): features (B, 5 C), the values first, then each mean.
+
+    Args:
+        values: (B, C) standardised.
+    """
     values = np.clip(values, -LIMIT, LIMIT)
     keep = np.where(memory.started[:, None], KEEP, 0.0)[..., None]
     means = keep * memory.means + (1.0 - keep) * values[:, None]
@@ -49,7 +58,11 @@ def step(memory: FeatureMemory, values: Array) -> tuple[FeatureMemory, Array]:
 
 
 def run(values: Array) -> np.ndarray:
-    """Features (B, N, 5 C) float32 of whole sequences (B, N, C)."""
+    """Features (B, N, 5 C) float32 of whole sequences (B, N, C).
+
+    Args:
+        values: (B, N, C) standardised.
+    """
     values = np.clip(values, -LIMIT, LIMIT)
     channels = values.shape[-1]
     out = np.empty((*values.shape[:2], width(channels)), np.float32)
@@ -61,6 +74,10 @@ def run(values: Array) -> np.ndarray:
 
 
 def clean_step(front_end: FrontEnd, memory: Memory, measured: Array) -> tuple[Memory, Clean, Array]:
-    """One tick through the gate: its memory, what it let through, and the standardised values (B, 7)."""
+    """One tick through the gate: its memory, what it let through, and the standardised values (B, 7).
+
+    Args:
+        measured: (B, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+    """
     memory, clean = front_end.step(memory, measured)
     return memory, clean, front_end.standardise(clean.filled)

@@ -30,7 +30,14 @@ def _ekf(size: int) -> _EKF:
 
 
 def ekf_predict(P: Array, ahead: Array, F: Array, Q: Array) -> tuple[Array, Array]:
-    """State and covariance a step on, from P (n, n), the forecast ``ahead`` (n,), F and Q (n, n)."""
+    """State and covariance a step on.
+
+    Args:
+        P: (n, n) prior covariance, in the units of the state squared.
+        ahead: (n,) the forecast, each in its state's unit.
+        F: (n, n) slope of the forecast, in the units of the state.
+        Q: (n, n) covariance of the step's process noise, in the units of the state squared.
+    """
     ekf = _ekf(len(ahead))
     ekf.P, ekf.ahead, ekf.F, ekf.Q = P, ahead, F, Q
     ekf.predict()
@@ -40,7 +47,16 @@ def ekf_predict(P: Array, ahead: Array, F: Array, Q: Array) -> tuple[Array, Arra
 def ekf_update(
     z: Array, P: Array, innovation: Array, H: Array, R: Array, clip: float
 ) -> tuple[Array, Array, Array, float]:
-    """As ``methods.kalman.update``: z, P, S (m, m) and NIS over the channels that are there."""
+    """As ``methods.kalman.update``: z, P, S (m, m) and NIS over the channels that are there.
+
+    Args:
+        z: (n,) prior mean, each in its state's unit.
+        P: (n, n) prior covariance, in the units of the state squared.
+        innovation: (m,) measured minus predicted, in the sensors' units; NaN means missing.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+        clip: innovations are bounded to this many standard deviations.
+    """
     S_all = H @ P @ H.T + R
     there = np.flatnonzero(~np.isnan(innovation))
     if not len(there):
@@ -61,7 +77,15 @@ def _ukf(size: int, alpha: float) -> UnscentedKalmanFilter:
 
 
 def ukf_predict(z: Array, P: Array, Q: Array, alpha: float, move: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """State and covariance a step on; ``move`` takes one sigma point (n,) a step on."""
+    """State and covariance a step on, by sigma points.
+
+    Args:
+        z: (n,) prior mean, each in its state's unit.
+        P: (n, n) prior covariance, in the units of the state squared.
+        Q: (n, n) covariance of the step's process noise, in the units of the state squared.
+        alpha: spread of the sigma points.
+        move: takes one sigma point (n,) a step on.
+    """
     ukf = _ukf(len(z), alpha)
     ukf.x, ukf.P, ukf.Q = z, P, Q
     ukf.predict(fx=lambda sigma, _: move(sigma))
@@ -71,9 +95,16 @@ def ukf_predict(z: Array, P: Array, Q: Array, alpha: float, move: Callable[[Arra
 def ukf_update(
     z: Array, P: Array, measured: Array, R: Array, alpha: float, clip: float, observe: Callable[[Array], Array]
 ) -> tuple[Array, Array, Array, Array, float]:
-    """z, P, innovation (m,), S (m, m) and NIS over the channels of ``measured`` (m,) that are not NaN.
+    """z, P, innovation (m,), S (m, m) and NIS over the channels of ``measured`` that are not NaN.
 
-    ``observe`` maps one sigma point (n,) to readings (m,).
+    Args:
+        z: (n,) prior mean, each in its state's unit.
+        P: (n, n) prior covariance, in the units of the state squared.
+        measured: (m,) readings in the sensors' units; NaN means missing.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+        alpha: spread of the sigma points.
+        clip: innovations are bounded to this many standard deviations.
+        observe: maps one sigma point (n,) to readings (m,).
     """
     ukf = _ukf(len(z), alpha)
     ukf.x, ukf.P = z, P

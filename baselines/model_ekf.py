@@ -36,16 +36,27 @@ LEAST_FLOW = 0.05
 
 
 class Filter(NamedTuple):
-    """What one tick needs besides the equations."""
+    """What one tick needs besides the equations.
 
-    theta: Array  # (np,) the simulator's parameters
-    health: np.ndarray  # (5,) where the health parameters stand in theta
-    step: Array  # (nx,) finite-difference steps of the states
-    Q: Array  # (n, n) process noise of one tick, input noise apart
-    keep: Array  # (3,) AR(1) factors of the noise states
+    Attributes:
+        theta: (np,) the simulator's parameters, each in its unit.
+        health: (5,) positions of the health parameters in theta.
+        step: (nx,) finite-difference steps of the states, in their units.
+        Q: (n, n) process noise of one tick, input noise apart, in the units of z squared.
+        keep: (3,) dimensionless AR(1) factors of the noise states.
+        substeps: RK4 steps in a tick.
+        low: (nx + 5,) lower bounds of states, in their units, and of dimensionless health coordinates.
+        high: (nx + 5,) upper bounds, likewise.
+    """
+
+    theta: Array
+    health: np.ndarray
+    step: Array
+    Q: Array
+    keep: Array
     substeps: int
-    low: Array  # (nx + 5,) bounds of states and health coordinates
-    high: Array  # (nx + 5,)
+    low: Array
+    high: Array
 
 
 @njit(cache=True, error_model="numpy")

@@ -43,7 +43,11 @@ class NominalEKF(ModelEKF):
 
 
 def rescaled(simulator: Simulator, factors: Array) -> Simulator:
-    """The simulator with each constant of RECALIBRATED times its factor."""
+    """The simulator with each constant of RECALIBRATED times its factor.
+
+    Args:
+        factors: (4,) dimensionless, order RECALIBRATED.
+    """
     theta = simulator.theta()
     values = {n: float(theta[simulator.index(n)] * f) for n, f in zip(RECALIBRATED, factors, strict=True)}
     return simulator.with_values(**values)

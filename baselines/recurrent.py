@@ -16,11 +16,7 @@ TICKS_PER_STEP = 40
 
 
 class SlowFast(nn.Module):
-    """GRU or LSTM cell at 0.5 Hz, readout at 20 Hz.
-
-    Shape: slow (B, S, F), fast (B, S, K, F), carried as ``blank`` -> (B, S, K, outputs), carried;
-        the K readouts of a step follow it.
-    """
+    """GRU or LSTM cell at 0.5 Hz, readout at 20 Hz."""
 
     def __init__(self, cell: str, features: int, hidden: int, readout: int, outputs: int) -> None:
         super().__init__()
@@ -34,6 +30,13 @@ class SlowFast(nn.Module):
         return tuple(torch.zeros(1, batch, self.cell.hidden_size) for _ in range(1 if self.gated else 2))
 
     def forward(self, slow: Tensor, fast: Tensor, carried: tuple[Tensor, ...]) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """Readouts (B, S, K, outputs), the K of a step following it, and what is carried on.
+
+        Args:
+            slow: (B, S, F) standardised features at the S steps of the cell.
+            fast: (B, S, K, F) standardised features at the K ticks that are read out after each.
+            carried: one per part of the memory, (1, B, hidden) dimensionless, as ``blank`` gives them.
+        """
         hidden, after = self.cell(slow, carried[0] if self.gated else carried)
         rows = hidden.unsqueeze(2).expand(-1, -1, fast.shape[2], -1)
         entry = functional.silu(self.first(torch.cat([rows, fast], dim=-1)))
@@ -41,7 +44,12 @@ class SlowFast(nn.Module):
 
 
 class SlowFastTwin:
-    """The same network in NumPy, float32, one tick at a time."""
+    """The same network in NumPy, float32, one tick at a time.
+
+    Args:
+        arrays: by name, weights of any shape, dimensionless; what does not start with ``prefix`` is left out.
+        prefix: of the names.
+    """
 
     def __init__(self, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
         w = {n.removeprefix(prefix): np.asarray(a, np.float32) for n, a in arrays.items() if n.startswith(prefix)}
@@ -57,7 +65,13 @@ class SlowFastTwin:
         return np.zeros((batch, self.hidden), np.float32), np.zeros((batch, self.hidden), np.float32)
 
     def step(self, h: np.ndarray, c: np.ndarray, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """One slow step."""
+        """One slow step.
+
+        Args:
+            h: (B, hidden) dimensionless hidden state.
+            c: (B, hidden) dimensionless cell state.
+            features: (B, F) standardised.
+        """
         a = features @ self.inner + self.inner_bias
         b = h @ self.outer + self.outer_bias
         n = self.hidden
@@ -71,7 +85,12 @@ class SlowFastTwin:
         return out * np.tanh(c), c
 
     def read(self, h: np.ndarray, features: np.ndarray) -> np.ndarray:
-        """The readout, (B, outputs) float64."""
+        """The readout, (B, outputs) float64.
+
+        Args:
+            h: (B, hidden) dimensionless hidden state.
+            features: (B, F) standardised.
+        """
         entry = np.concatenate([h, features], axis=1) @ self.first + self.first_bias
         return ((entry * _sigmoid(entry)) @ self.second + self.second_bias).astype(np.float64)
 

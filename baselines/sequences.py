@@ -32,8 +32,8 @@ def fit_sequences(
     """Walk ``batch`` sequences at a time from beginning to end, stretch after stretch.
 
     Args:
-        read: (B, N, F) float32, what the network reads at each tick.
-        target: (B, N, T) float32, what it is to say at each tick.
+        read: (B, N, F) float32, standardised, what the network reads at each tick.
+        target: (B, N, T) float32, standardised, what it is to say at each tick.
         loss: of predictions (..., outputs) and targets (..., T).
     """
     usable = read.shape[1] // TICKS_PER_STEP
@@ -63,7 +63,11 @@ def fit_sequences(
 
 
 def read_out(network: SlowFast, read: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ticks (M,), ``every`` apart, and what the network says there, (B, M, outputs) float64."""
+    """Ticks (M,), ``every`` apart, and what the network says there, (B, M, outputs) float64.
+
+    Args:
+        read: (B, N, F) float32, standardised, what the network reads at each tick.
+    """
     ticks = np.arange(0, read.shape[1] // TICKS_PER_STEP * TICKS_PER_STEP, every)
     slow = torch.from_numpy(read[:, : ticks[-1] + 1 : TICKS_PER_STEP])
     fast = torch.from_numpy(read[:, ticks]).unflatten(1, (slow.shape[1], -1))

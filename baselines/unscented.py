@@ -61,10 +61,14 @@ def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  #
     """Correct by the measurements that are there.
 
     Args:
-        z, P: (B, n), (B, n, n) prior; points: (B, 2n + 1, n), its sigma points.
-        readings: (B, 2n + 1, m), what each would read.
-        measured: (B, m); NaN means missing.
-        variance: (B, m) of the measurement noise.
+        z: (B, n) prior mean, each in the filter's own coordinate.
+        P: (B, n, n) its covariance.
+        points: (B, 2n + 1, n), the prior's sigma points, as z.
+        readings: (B, 2n + 1, m), what each would read, in the sensors' units.
+        measured: (B, m), in the same units; NaN means missing.
+        variance: (B, m) of the measurement noise, those units squared.
+        w_mean: (2n + 1,) dimensionless weights of the points in a mean.
+        w_cov: (2n + 1,) dimensionless weights of the points in a covariance.
         clip: innovations are bounded to this many standard deviations.
 
     Returns:
@@ -119,7 +123,16 @@ def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  #
 def linear_filter(
     F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
 ) -> Callable[[Array], tuple[Array, Array]]:
-    """As ``methods.kalman.linear_filter``, by sigma points; R diagonal."""
+    """As ``methods.kalman.linear_filter``, by sigma points.
+
+    Args:
+        F: (n, n) how a tick moves the state, in the states' units.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared; diagonal.
+        x0: (n,) mean before the first prediction, each in its state's unit.
+        P0: (n, n) covariance before the first prediction, in the states' units squared.
+    """
     w_mean, w_cov = weights(len(x0), 0.5)
     variance = np.diag(R)[None].copy()
 

@@ -22,16 +22,18 @@ class Estimates:
     Attributes:
         names: B sequence names.
         time_s: (M,) stored ticks, seconds.
-        mean: (B, M, 10) float32, order ESTIMATED, physical units.
-        low, high: (B, M, 10) float32, bounds of the central 95 %.
-        nis: (B, M) float32, normalised innovation squared over the accepted channels; NaN if none.
-        nis_dof: (B, M) int8, accepted channels.
-        flags: (B, M) int16, bitwise or of the FLAG_ constants.
-        forecast_time_s: (O,) origins, one a minute.
+        mean: (B, M, 10) float32, in the quantities' units, order ESTIMATED.
+        low: (B, M, 10) float32, lower bound of the central 95 %, in the quantities' units.
+        high: (B, M, 10) float32, their upper bound, likewise.
+        nis: (B, M) float32, dimensionless: normalised innovation squared over the accepted channels; NaN if none.
+        nis_dof: (B, M) int8, dimensionless: accepted channels.
+        flags: (B, M) int16, dimensionless: bitwise or of the FLAG_ constants.
+        forecast_time_s: (O,) seconds, origins, one a minute.
         leads_s: (L,) seconds.
-        forecast: (B, O, L, 3), order OUTPUTS: the sensors' noise-free readings predicted open loop.
-        mean_at_origin: (B, O, 10) float64.
-        cov_at_origin: (B, O, 10, 10) float64, physical units.
+        forecast: (B, O, L, 3) in the channels' units, order OUTPUTS: the sensors' noise-free readings predicted open
+            loop.
+        mean_at_origin: (B, O, 10) float64, in the quantities' units, order ESTIMATED.
+        cov_at_origin: (B, O, 10, 10) float64, in those units squared.
     """
 
     estimator: str

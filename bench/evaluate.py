@@ -82,7 +82,11 @@ def _origins(samples: int, every: int, longest_lead: int) -> np.ndarray:
 
 
 def fill_gaps(values: Array) -> Array:
-    """Hold the last value over NaN along time, (B, N, C); leading gaps take the first value there is."""
+    """Hold the last value over NaN along time, (B, N, C); leading gaps take the first value there is.
+
+    Args:
+        values: (B, N, C) in any unit; NaN means missing.
+    """
     filled = values.copy()
     index = np.where(np.isnan(values), 0, np.arange(values.shape[1])[None, :, None])
     np.maximum.accumulate(index, axis=1, out=index)

@@ -65,7 +65,11 @@ def canvas(width_mm: float, height_mm: float) -> Figure:
 
 
 def log_axis(axes: Axes, values: np.ndarray, axis: str = "y") -> None:
-    """A logarithmic axis around the positive values, labelled with plain numbers."""
+    """A logarithmic axis around the positive values, labelled with plain numbers.
+
+    Args:
+        values: what is drawn, of any shape, in any unit; positive ones count.
+    """
     positive = values[np.isfinite(values) & (values > 0)]
     low, high = (positive.min() / 1.4, positive.max() * 1.4) if positive.size else (0.1, 10.0)
     target = axes.yaxis if axis == "y" else axes.xaxis

@@ -23,10 +23,11 @@ class Truth:
     """What only a simulation knows. B sequences of N samples each.
 
     Attributes:
-        states: (B, N, n_plant_states), the five of STATES first, then the plant's hidden ones.
-        health: (B, N, 5), order HEALTH.
-        outputs: (B, N, 3), the sensors' clean readings: probe lag and temperature bias in, noise out.
-        inputs: (B, N, 4), what really acted on the machine.
+        states: (B, N, n_plant_states) in the states' units, the five of STATES first, then the plant's hidden ones.
+        health: (B, N, 5) in the parameters' units, order HEALTH.
+        outputs: (B, N, 3) in the channels' units, order OUTPUTS, the sensors' clean readings: probe lag and temperature
+            bias in, noise out.
+        inputs: (B, N, 4) in the channels' units, order INPUTS, what really acted on the machine.
     """
 
     states: Array
@@ -47,8 +48,8 @@ class Batch:
     Attributes:
         names: B sequence names.
         time_s: (N,) seconds, shared by all sequences.
-        measured: (B, N, 7), order CHANNELS; NaN means missing.
-        truth: None wherever an estimator is judged.
+        measured: (B, N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        truth: what a simulation knows; None wherever an estimator is judged.
     """
 
     names: tuple[str, ...]

@@ -45,7 +45,14 @@ SPIKE_SIZE = (8.0, 40.0)  # standard deviations of the channel's noise
 
 
 def corrupt(u: Array, y: Array, level: Corruption, rng: np.random.Generator) -> Array:
-    """Readings (N, 7), NaN where missing, of one sequence with true inputs (N, 4) and clean outputs (N, 3)."""
+    """Readings (N, 7) of one sequence, order CHANNELS, NaN where missing.
+
+    Args:
+        u: (N, 4) true inputs in the channels' units, order INPUTS.
+        y: (N, 3) clean outputs in the channels' units, order OUTPUTS.
+        level: how bad the sensors are.
+        rng: what the errors are drawn from.
+    """
     clean = np.concatenate([u, y], axis=-1)
     n = len(clean)
     h = speed_factor(u[:, INPUTS.index("N_rpm")])

@@ -116,7 +116,13 @@ def _stretched(knots: Array, limits: tuple[float, float], beyond: float) -> Arra
 
 
 def with_fault(measured: Array, fault: SensorFault, rng: np.random.Generator) -> Array:
-    """Readings (N, 7) with the fault from FAULT_BEGINS_S on, or from the middle where they are shorter."""
+    """Readings (N, 7) with the fault from FAULT_BEGINS_S on, or from the middle where they are shorter.
+
+    Args:
+        measured: (N, 7) readings in the channels' units, order CHANNELS.
+        fault: what the sensors do.
+        rng: what is random about it.
+    """
     out = measured.copy()
     begin = min(round(FAULT_BEGINS_S / SAMPLE_PERIOD_S), len(out) // 2)
     rows = slice(begin, begin + round(fault.seconds / SAMPLE_PERIOD_S))

@@ -46,9 +46,14 @@ _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Recording:
-    """One recording. ``values`` (N, C) in our units, NaN where missing; ``time_s`` (N,) as recorded.
+    """One recording, its channels in our units.
 
-    ``unread`` are columns of the file that no channel came from.
+    Attributes:
+        name: after which results are named.
+        time_s: (N,) seconds, increasing, as recorded.
+        channels: C names.
+        values: (N, C), each channel in its unit; NaN where missing.
+        unread: columns of the file that no channel came from.
     """
 
     name: str
@@ -58,7 +63,11 @@ class Recording:
     unread: tuple[str, ...] = ()
 
     def to_batch(self) -> Batch:
-        """On the 20 Hz grid from the first time stamp: each channel's nearest reading, missing if half a period off."""
+        """On the 20 Hz grid from the first time stamp: each channel's nearest reading, missing if half a period off.
+
+        Returns:
+            A batch of one, ``measured`` (1, N, C) in the channels' units.
+        """
         ticks = (self.time_s - self.time_s[0]) / SAMPLE_PERIOD_S
         steps = np.round(ticks).astype(int)
         nearest_last = np.argsort(-np.abs(ticks - steps), kind="stable")  # of several in one slot the last stays

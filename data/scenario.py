@@ -20,7 +20,6 @@ from twinbench.physics.steady import valve_for
 N_LIMITS_RPM = (900.0, 1800.0)
 P_SUC_LIMITS_BAR = (0.82, 1.08)
 RATIO_LIMITS = (2.36, 4.85)  # what the valve aims at on a healthy machine at 0.95 bar
-RATIO_RANGE = (2.1, 5.0)  # what comes of it as suction and health change, but for 0.1 % at either end
 HEALTHY = np.array([1.0, 1.0, 0.015, 1.0, 0.0])
 WORN = np.array([0.88, 0.90, 0.052, 0.65, 0.0])
 RATE_PER_MIN = {"capacity": (0.003, 0.010), "efficiency": (0.002, 0.006), "leakage": (0.001, 0.004)}
@@ -43,7 +42,17 @@ class Change:
 
 @dataclass(frozen=True)
 class Scenario:
-    """One sequence, warm-up included. Knots are (time_s, value) pairs joined by straight lines."""
+    """One sequence, warm-up included. Knots are (time_s, value) pairs joined by straight lines.
+
+    Attributes:
+        seconds: how long it lasts.
+        N_rpm: (n_knots, 2) speed: seconds and rpm.
+        ratio: (n_knots, 2) pressure ratio to aim at: seconds and a dimensionless ratio.
+        p_suc_bar: (n_knots, 2) suction pressure: seconds and bar.
+        T_suc_K: suction temperature's mean in K, period in s and phase in rad.
+        start: (5,) health at the beginning in the parameters' units, order HEALTH.
+        changes: what wears, and when.
+    """
 
     name: str
     kind: str
@@ -51,8 +60,8 @@ class Scenario:
     N_rpm: Array
     ratio: Array
     p_suc_bar: Array
-    T_suc_K: tuple[float, float, float]  # mean, period in s, phase
-    start: Array  # (5,) health at the beginning, order HEALTH
+    T_suc_K: tuple[float, float, float]
+    start: Array
     changes: tuple[Change, ...]
     seed: int
 
@@ -104,8 +113,8 @@ def draw(
         kind: what wears: one of KINDS.
         worn_start: begin anywhere between healthy and worn, rather than healthy; what changes begins
             at most half worn, so that it has somewhere to go.
-        mix: (10,) Latin-hypercube coordinates in [0, 1]: severities of the five health parameters,
-            mean speed, mean ratio, mean suction, suction temperature, pace of the load changes.
+        mix: (10,) dimensionless Latin-hypercube coordinates in [0, 1]: severities of the five health parameters, mean
+            speed, mean ratio, mean suction, suction temperature, pace of the load changes.
     """
     rng = stream(seed, name)
     seconds, warm = 60.0 * minutes, 60.0 * warmup_minutes

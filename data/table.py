@@ -114,7 +114,11 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
 
 
 def row(wrong: np.ndarray) -> int:
-    """Line of the file, the header being line 1."""
+    """Line of the file, the header being line 1.
+
+    Args:
+        wrong: (N,) bool, one per row; the first that is set is told.
+    """
     return int(np.flatnonzero(wrong)[0]) + 2
 
 

@@ -74,6 +74,10 @@ def _registry() -> Any:
 def convert(values: Array, given: str, wanted: str, where: str) -> Array:
     """Values in unit ``given`` to unit ``wanted``.
 
+    Args:
+        values: (N,) or of any shape, in the unit ``given``.
+        where: the file and column, for the message.
+
     Raises:
         BadInput: an unknown unit, or one of another dimension.
     """
@@ -144,6 +148,14 @@ def likely_units(median: float, unit: str, low: float, high: float) -> list[str]
 
 def check_plausible(values: Array, limits: Limits, unit: str, where: str, column: str, channel: str) -> None:
     """Refuse a channel whose magnitude says that it is in another unit.
+
+    Args:
+        values: (N,) readings in ``unit``; NaN means missing.
+        limits: between which the median has to lie, in ``unit``, and a hint.
+        unit: of the channel.
+        where: the file and column, for the message.
+        column: what the file calls it.
+        channel: what we call it.
 
     Raises:
         BadInput: its median lies outside the limits.

@@ -19,35 +19,55 @@ Z95 = 1.959963984540054
 
 
 class Sample(NamedTuple):
-    """One tick of B machines."""
+    """One tick of B machines.
+
+    Attributes:
+        time_s: of the tick.
+        measured: (B, 7) in the channels' units, order CHANNELS; NaN means missing.
+        lag_s: (B, 7) seconds, how long before ``time_s`` each channel was read; None: not at all.
+    """
 
     time_s: float
-    measured: Array  # (B, 7), order CHANNELS; NaN means missing
-    lag_s: Array | None = None  # (B, 7) how long before time_s each channel was read; None: not at all
+    measured: Array
+    lag_s: Array | None = None
 
 
 class State(NamedTuple):
     """What is carried to the next tick, and what is reported.
 
-    mean, low and high are in physical units, order ESTIMATED; low and high bound the central 95 %.
+    Attributes:
+        mean: (B, 10) in the quantities' units, order ESTIMATED.
+        cov: (B, 10, 10) in those units squared, symmetric positive semidefinite.
+        low: (B, 10) in the quantities' units, where the central 95 % begin.
+        high: (B, 10) in the quantities' units, where they end.
+        memory: the method's own arrays, in units of its own, every shape (B, ...).
     """
 
-    mean: Array  # (B, 10)
-    cov: Array  # (B, 10, 10), symmetric positive semidefinite
-    low: Array  # (B, 10)
-    high: Array  # (B, 10)
-    memory: tuple[np.ndarray, ...] = ()  # the method's own, every array with leading axis B
+    mean: Array
+    cov: Array
+    low: Array
+    high: Array
+    memory: tuple[np.ndarray, ...] = ()
 
 
 class Info(NamedTuple):
-    """What is diagnostic only: nothing of it feeds the next step."""
+    """What is diagnostic only: nothing of it feeds the next step.
 
-    innovation: Array  # (B, 3), measured minus predicted, order OUTPUTS; NaN where missing
-    S: Array  # (B, 3, 3), innovation covariance
-    nis: Array  # (B,), innovation' S^-1 innovation over the accepted channels; NaN if none
-    accepted: np.ndarray  # (B, 3) bool, channels used in the correction
-    flags: np.ndarray  # (B,) int64, bitwise or of the FLAG_ constants
-    age_s: Array  # (B, 7), seconds since each channel was last accepted
+    Attributes:
+        innovation: (B, 3) measured minus predicted, in the outputs' units, order OUTPUTS; NaN where missing.
+        S: (B, 3, 3) innovation covariance, in those units squared.
+        nis: (B,) dimensionless, innovation' S^-1 innovation over the accepted channels; NaN if none.
+        accepted: (B, 3) bool, channels used in the correction.
+        flags: (B,) int64, dimensionless: bitwise or of the FLAG_ constants.
+        age_s: (B, 7) seconds since each channel was last accepted, order CHANNELS.
+    """
+
+    innovation: Array
+    S: Array
+    nis: Array
+    accepted: np.ndarray
+    flags: np.ndarray
+    age_s: Array
 
 
 FLAG_SPIKE = 1
@@ -68,6 +88,13 @@ class Estimator(ABC):
     The subclass lists its ``settings`` with defaults; ``__init__`` only stores. ``fit`` learns
     everything that is learnt into ``self.arrays`` (names to NumPy arrays), which is all that is
     saved: whatever else ``step`` needs is rebuilt from settings and arrays by ``restore``.
+
+    Attributes:
+        name: what commands and tables call it.
+        says: what it is, in one line.
+        settings: by name, their defaults.
+        config: the settings of this one.
+        arrays: by name, what was learnt; of any shape, in units of the method's own.
     """
 
     name: ClassVar[str]
@@ -106,33 +133,57 @@ class Estimator(ABC):
 
     @abstractmethod
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
-        """Learn from simulated sequences with truth; the same seed gives the same arrays."""
+        """Learn from simulated sequences with truth; the same seed gives the same arrays.
+
+        Args:
+            train: sequences to learn from, with ``truth``.
+            validation: others, with ``truth``, to choose by: when to stop, how much noise to expect.
+            seed: of whatever is drawn.
+        """
 
     def restore(self) -> None:  # noqa: B027  nothing to rebuild is the rule, not the exception
         """Rebuild what ``step`` needs from ``config`` and ``arrays``; called after fit and load."""
 
     @abstractmethod
     def init(self, batch: int) -> State:
-        """The state before the first sample of ``batch`` machines: a fresh, healthy one."""
+        """The state before the first sample: a fresh, healthy one.
+
+        Args:
+            batch: how many machines, B.
+        """
 
     @abstractmethod
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
-        """One tick. Pure: ``state`` is not changed, and only ``sample`` is new."""
+        """One tick. Pure: ``state`` is not changed, and only ``sample`` is new.
+
+        Args:
+            state: of the tick before, or what ``init`` gave.
+            sample: what was read at this one.
+
+        Returns:
+            The state of this tick, and what is diagnostic about it.
+        """
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Open loop from ``state`` with the parameters frozen.
 
         Args:
-            inputs: (B, L, 4), the measured inputs of the L ticks after the state's, gaps filled.
+            state: where it starts.
+            inputs: (B, L, 4), the measured inputs of the L ticks after the state's in the channels' units, order
+                INPUTS, gaps filled.
 
         Returns:
-            (B, L, 3), the sensors' noise-free readings, order OUTPUTS. This default holds the
-            present ones.
+            (B, L, 3), the sensors' noise-free readings in the channels' units, order OUTPUTS. This default holds
+            the present ones.
         """
         return np.repeat(observe(state.mean)[:, None], inputs.shape[1], axis=1)
 
     def save(self, path: Path) -> None:
-        """Write settings and learnt arrays to one ``.npz``, without pickle."""
+        """Write settings and learnt arrays to one ``.npz``, without pickle.
+
+        Args:
+            path: of that file.
+        """
         about = {"estimator": self.ablation_of or self.name, "settings": self.config}
         config = np.frombuffer(json.dumps(about, sort_keys=True).encode(), dtype=np.uint8)
         with open(path, "wb") as file:
@@ -141,6 +192,9 @@ class Estimator(ABC):
     @classmethod
     def load(cls, path: Path, **online: Any) -> Self:
         """Read what ``save`` wrote; settings given here, ones of ``online``, take the place of its own.
+
+        Args:
+            path: of that file.
 
         Raises:
             ValueError: it holds another estimator, or one of another version, which had other settings.
@@ -181,7 +235,14 @@ REGISTRY: dict[str, type[Estimator]] = {}
 
 
 def register(estimator: type[Estimator]) -> type[Estimator]:
-    """Class decorator: make an estimator known under its ``name``."""
+    """Class decorator: make an estimator known under its ``name``.
+
+    Args:
+        estimator: the class, which is given back as it is.
+
+    Raises:
+        ValueError: another class has that name.
+    """
     known = REGISTRY.get(estimator.name)
     if known is not None and (known.__module__, known.__qualname__) != (estimator.__module__, estimator.__qualname__):
         raise ValueError(f"two estimators are named {estimator.name!r}: {known} and {estimator}")
@@ -193,8 +254,12 @@ def gaussian_state(mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = ())
     """A state with Gaussian intervals; health is kept within its physical bounds.
 
     Args:
-        mean: (B, 10), order ESTIMATED.
-        cov: (B, 10, 10) or (10, 10).
+        mean: (B, 10) in the quantities' units, order ESTIMATED.
+        cov: (B, 10, 10) or (10, 10), in those units squared.
+        memory: the method's own arrays, in units of its own, every shape (B, ...).
+
+    Returns:
+        The state, its ``low`` and ``high`` 1.96 standard deviations away, in the quantities' units.
     """
     if mean.shape[-1] != len(ESTIMATED):
         raise ValueError(f"mean has {mean.shape[-1]} columns, expected {len(ESTIMATED)}")
@@ -208,7 +273,14 @@ def gaussian_state(mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = ())
 
 
 def no_info(batch: int) -> Info:
-    """The diagnostics of a method that has none."""
+    """The diagnostics of a method that has none.
+
+    Args:
+        batch: how many machines, B.
+
+    Returns:
+        NaN, or nothing accepted and no flags, in the shapes and units of ``Info``.
+    """
     nothing = np.full((batch, 3), np.nan)
     return Info(
         nothing,

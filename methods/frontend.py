@@ -29,34 +29,60 @@ PLAUSIBLE = 10.0
 
 
 class Memory(NamedTuple):
-    """What the front end carries from tick to tick, B machines."""
+    """What the front end carries from tick to tick, B machines.
 
-    recent: Array  # (B, WINDOW, 7) raw samples, newest last; NaN before the first and where missing
-    filled: Array  # (B, 7) last accepted values
-    age_s: Array  # (B, 7) seconds since then; inf before the first
-    outlier: Array  # (B, 7) sign of the previous sample's rejection, 0 if none
-    last: Array  # (B, 7) last raw readings
-    still: Array  # (B, 7) how many readings before them were the same
+    Attributes:
+        recent: (B, WINDOW, 7) raw samples in the channels' units, order CHANNELS, newest last; NaN before the first and
+            where missing.
+        filled: (B, 7) last accepted values in the channels' units, order CHANNELS.
+        age_s: (B, 7) seconds since then; inf before the first.
+        outlier: (B, 7) dimensionless, sign of the previous sample's rejection, 0 if none.
+        last: (B, 7) last raw readings in the channels' units, order CHANNELS.
+        still: (B, 7) how many readings before them were the same, in samples.
+    """
+
+    recent: Array
+    filled: Array
+    age_s: Array
+    outlier: Array
+    last: Array
+    still: Array
 
 
 class Fitted(NamedTuple):
-    """What the gate knows of the channels, and how strict it is."""
+    """What the gate knows of the channels, and how strict it is.
 
-    mean: Array  # (7,)
-    scale: Array  # (7,)
-    floor: Array  # (7,)
-    still: Array  # (7,) readings in a row that are the same, from which on a sensor is stuck
+    Attributes:
+        mean: (7,) means of the training readings in the channels' units, order CHANNELS.
+        scale: (7,) their spreads in the channels' units, order CHANNELS.
+        floor: (7,) least noise sd that the gate assumes in the channels' units, order CHANNELS.
+        still: (7,) samples: so many readings in a row that are the same, from which on a sensor is stuck.
+        threshold: of the Hampel precheck, robust standard deviations.
+    """
+
+    mean: Array
+    scale: Array
+    floor: Array
+    still: Array
     threshold: float
 
 
 class Clean(NamedTuple):
-    """One tick after the gate."""
+    """One tick after the gate.
 
-    filled: Array  # (B, 7) accepted or last accepted values; never NaN
-    accepted: np.ndarray  # (B, 7) bool
-    spike: np.ndarray  # (B, 7) bool, rejected by the gate
-    age_s: Array  # (B, 7)
-    before: Array  # (B, 7) values of the tick before, as they are known now
+    Attributes:
+        filled: (B, 7) accepted or last accepted values in the channels' units, order CHANNELS; never NaN.
+        accepted: (B, 7) bool, was it taken?
+        spike: (B, 7) bool, rejected by the gate.
+        age_s: (B, 7) seconds since each channel was last accepted.
+        before: (B, 7) values of the tick before, as they are known now, in the channels' units, order CHANNELS.
+    """
+
+    filled: Array
+    accepted: np.ndarray
+    spike: np.ndarray
+    age_s: Array
+    before: Array
 
 
 @njit(cache=True)
@@ -79,9 +105,11 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
     Args:
         m: its Memory, without the leading axis.
         fitted: a Fitted.
-        accepted, spike: (7,) are written.
-        confirmed: (7,) is written: was the reading of the tick before held back, and rightly there?
-        before: (7,) is written: the values of the tick before, what is confirmed put right.
+        measured: (7,) the tick's readings in the channels' units, order CHANNELS; NaN means missing.
+        accepted: (7,) bool, is written: was the reading taken?
+        spike: (7,) bool, is written: was it rejected as an isolated spike?
+        confirmed: (7,) bool, is written: was the reading of the tick before held back, and rightly there?
+        before: (7,) is written: the values of the tick before, what is confirmed put right, in the channels' units.
         kept: (WINDOW,) is scratch.
     """
     window, channels = m.recent.shape
@@ -168,9 +196,10 @@ class FrontEnd:
     """Fitted on the training split; ``step`` for one tick, ``run`` for whole sequences, same numbers.
 
     Attributes:
-        mean, scale: (7,) standardisation, order CHANNELS.
-        floor: (7,) least noise sd that the gate assumes.
-        still: (7,) readings in a row that are the same, from which on a sensor is stuck.
+        mean: (7,) means of the training readings in the channels' units, order CHANNELS.
+        scale: (7,) their spreads in the channels' units, order CHANNELS.
+        floor: (7,) least noise sd that the gate assumes in the channels' units, order CHANNELS.
+        still: (7,) samples: so many readings in a row that are the same, from which on a sensor is stuck.
         threshold: of the Hampel precheck, robust standard deviations; inf leaves it out.
     """
 
@@ -201,7 +230,12 @@ class FrontEnd:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray], threshold: float = THRESHOLD) -> Self:
-        """The inverse of ``arrays``."""
+        """The inverse of ``arrays``.
+
+        Args:
+            arrays: by name, what ``arrays`` gave: one per field of Fitted, in its units.
+            threshold: of the Hampel precheck.
+        """
         mean, scale, floor, still = (arrays[f"front.{name}"] for name in Fitted._fields[:4])
         return cls(mean, scale, floor, still, threshold)
 
@@ -218,7 +252,12 @@ class FrontEnd:
         )
 
     def step(self, memory: Memory, measured: Array) -> tuple[Memory, Clean]:
-        """Gate and fill one tick (B, 7); ``memory`` is not changed."""
+        """Gate and fill one tick (B, 7); ``memory`` is not changed.
+
+        Args:
+            memory: of the tick before.
+            measured: (B, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        """
         after = Memory(*(part.copy() for part in memory))
         accepted, spike, confirmed = (np.empty(measured.shape, dtype=np.bool_) for _ in range(3))
         measured, before = np.asarray(measured, dtype=np.float64), np.empty(measured.shape)
@@ -229,6 +268,7 @@ class FrontEnd:
         """Whole sequences (B, N, 7): filled values, accepted mask, ages in seconds, same shape.
 
         Args:
+            measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
             hindsight: values and mask of each tick as they are known one tick later.
         """
         filled = np.empty(measured.shape)
@@ -239,5 +279,9 @@ class FrontEnd:
         return filled, accepted, ages
 
     def standardise(self, filled: Array) -> Array:
-        """Zero mean, unit spread on the training split, (..., 7)."""
+        """Zero mean, unit spread on the training split, (..., 7).
+
+        Args:
+            filled: (..., 7) values in the channels' units, order CHANNELS.
+        """
         return (filled - self.mean) / self.scale

@@ -116,8 +116,10 @@ def gain(P, innovation, H, R):  # type: ignore[no-untyped-def]
     """Eqs. (8), (9) and (12) with the measurements that are there.
 
     Args:
-        P, H, R: (n, n), (m, n), (m, m).
-        innovation: (m,) measured minus predicted; NaN means missing.
+        P: (n, n) prior covariance, in the units of the state squared.
+        innovation: (m,) measured minus predicted, in the sensors' units; NaN means missing.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
 
     Returns:
         K (n, m), zero in the columns of missing channels; S (m, m) of all channels; NIS over those
@@ -195,9 +197,11 @@ def update(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
     """Correct by the measurements that are there, Eqs. (8)-(12).
 
     Args:
-        z, P: (n,), (n, n) prior.
-        innovation: (m,) measured minus predicted; NaN means missing.
-        H, R: (m, n), (m, m).
+        z: (n,) prior mean, each in its state's unit.
+        P: (n, n) prior covariance, in the units of the state squared.
+        innovation: (m,) measured minus predicted, in the sensors' units; NaN means missing.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
         clip: innovations are bounded to this many standard deviations before the correction, so
             that one bad sample moves little and a lasting shift still gets through; inf for never.
 
@@ -228,8 +232,12 @@ def linear_filter(
     """These blocks on a linear-Gaussian machine, for comparison with the textbook.
 
     Args:
-        F, H, Q, R: (n, n), (m, n), (n, n), (m, m).
-        x0, P0: (n,), (n, n) before the first prediction.
+        F: (n, n) how a tick moves the state, in the states' units.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+        x0: (n,) mean before the first prediction, each in its state's unit.
+        P0: (n, n) covariance before the first prediction, in the states' units squared.
 
     Returns:
         A function from measurements (N, m), NaN where missing, to means (N, n) and covariances (N, n, n).

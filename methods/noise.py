@@ -44,14 +44,22 @@ def _output_sd(filled, white, coloured):  # type: ignore[no-untyped-def]
 
 
 def output_sd(filled: Array) -> tuple[Array, Array]:
-    """White and coloured sd (B, 3) of the outputs, from readings (B, 7): what is relative refers to these."""
+    """White and coloured sd (B, 3) of the outputs, from readings (B, 7): what is relative refers to these.
+
+    Args:
+        filled: (B, 7) readings in the channels' units, order CHANNELS, gaps filled.
+    """
     white, coloured = (np.empty((len(filled), len(OUTPUT_NOISE))) for _ in range(2))
     _output_sd(filled, white, coloured)
     return white, coloured
 
 
 def input_sd(filled: Array) -> Array:
-    """sd (B, 4) of the inputs, from readings (B, 7)."""
+    """sd (B, 4) of the inputs, from readings (B, 7).
+
+    Args:
+        filled: (B, 7) readings in the channels' units, order CHANNELS, gaps filled.
+    """
     sizes = [np.abs(filled[:, CHANNELS.index(s.channel)]) if s.relative else np.ones(len(filled)) for s in INPUT_NOISE]
     return np.stack(sizes, axis=-1) * [s.white for s in INPUT_NOISE]
 

@@ -29,7 +29,11 @@ N_HEADS = 4
 
 
 def second_moment_norm(features: Tensor) -> Tensor:
-    """Unit second moment over the last axis, so that neither factor dominates the product."""
+    """Unit second moment over the last axis, so that neither factor dominates the product.
+
+    Args:
+        features: (..., n) dimensionless.
+    """
     return features * torch.rsqrt(features.square().mean(dim=-1, keepdim=True) + 1e-6)
 
 
@@ -38,10 +42,7 @@ class Branch(nn.Module):
 
     The convolutions have kernel 4 and dilations 1 and 4. Of a single window only every 4th and
     every 16th column is needed, so there they run strided; on a stream they run dilated, with the
-    same weights.
-
-    Shape: values (B, window + 1, 7) standardised, the first sample only for its difference; masks
-        (B, window, 7); slow (B, n_slow) -> (B, latents). The window is a multiple of 16 samples.
+    same weights. The window is a multiple of 16 samples.
     """
 
     def __init__(
@@ -58,6 +59,13 @@ class Branch(nn.Module):
         self.project = nn.Linear(2 * width_2 + 2 * N_CHANNELS + n_slow, latents)
 
     def forward(self, values: Tensor, masks: Tensor, slow: Tensor) -> Tensor:
+        """What the window says, (B, latents).
+
+        Args:
+            values: (B, window + 1, 7) standardised, order CHANNELS; the first sample only for its difference.
+            masks: (B, window, 7) dimensionless, 1 where accepted.
+            slow: (B, n_slow) standardised discharge temperature less its running means.
+        """
         batch, length = masks.shape[:2]
         window = values[:, 1:]
         columns = torch.cat([window, values[:, 1:] - values[:, :-1], masks], dim=-1)
@@ -74,10 +82,7 @@ class Branch(nn.Module):
 
 
 class Trunk(nn.Module):
-    """The query: when, and under what inputs.
-
-    Shape: query (B, 5) standardised; time_s (B,) -> (B, latents).
-    """
+    """The query: when, and under what inputs."""
 
     def __init__(self, width: int, embedding: int, latents: int) -> None:
         super().__init__()
@@ -86,6 +91,12 @@ class Trunk(nn.Module):
         self.project = nn.Linear(width, latents)
 
     def forward(self, query: Tensor, time_s: Tensor) -> Tensor:
+        """What the query says, (B, latents).
+
+        Args:
+            query: (B, 5) standardised, order N, pressure ratio, T_suc, p_suc, valve.
+            time_s: (B,) seconds from the window's end to the time asked about.
+        """
         phase = time_s.unsqueeze(-1) * (torch.pi / 0.1) * torch.tensor(SINUSOIDS, dtype=query.dtype)
         time = torch.cat([time_s.unsqueeze(-1) / SAMPLE_PERIOD_S, torch.sin(phase), torch.cos(phase)], dim=-1)
         embedded = functional.silu(self.embedding(query[:, :2]))
@@ -95,10 +106,7 @@ class Trunk(nn.Module):
 
 
 class Heads(nn.Module):
-    """Four small heads on the latent product, conditioned on the previous state and on zeta.
-
-    Shape: latent (B, latents); condition (B, 9) = standardised state and zeta / 4 -> (B, 5).
-    """
+    """Four small heads on the latent product, conditioned on the previous state and on zeta."""
 
     def __init__(self, latents: int, width: int) -> None:
         super().__init__()
@@ -112,6 +120,12 @@ class Heads(nn.Module):
             nn.init.uniform_(weight, -(width**-0.5), width**-0.5)
 
     def forward(self, latent: Tensor, condition: Tensor) -> Tensor:
+        """Scaled increments (B, 5) of one tick, order STATES.
+
+        Args:
+            latent: (B, latents) dimensionless, as ``Operator.latent`` gives it.
+            condition: (B, 9) dimensionless: the standardised state, and zeta / 4.
+        """
         first = functional.silu(self.from_latent(latent) + self.from_condition(condition))
         per_head = first.unflatten(-1, (N_HEADS, -1)).transpose(0, 1)  # (heads, B, width)
         second = functional.silu(torch.baddbmm(self.hidden_bias.unsqueeze(1), per_head, self.hidden_weight))
@@ -139,9 +153,23 @@ class Operator(nn.Module):
         self.heads = Heads(latents, head)
 
     def latent(self, values: Tensor, masks: Tensor, slow: Tensor, query: Tensor, time_s: Tensor) -> Tensor:
-        """The latent product of branch and trunk, (B, latents)."""
+        """The latent product of branch and trunk, (B, latents).
+
+        Args:
+            values: (B, window + 1, 7) standardised, order CHANNELS; the first sample only for its difference.
+            masks: (B, window, 7) dimensionless, 1 where accepted.
+            slow: (B, n_slow) standardised discharge temperature less its running means.
+            query: (B, 5) standardised, order N, pressure ratio, T_suc, p_suc, valve.
+            time_s: (B,) seconds from the window's end to the time asked about.
+        """
         return self.branch(values, masks, slow) * self.trunk(query, time_s)
 
     def forward(self, latent: Tensor, condition: Tensor, time_s: Tensor) -> Tensor:
-        """Scaled increments (B, 5) over ``time_s``."""
+        """Scaled increments (B, 5) over ``time_s``.
+
+        Args:
+            latent: (B, latents) dimensionless, as ``Operator.latent`` gives it.
+            condition: (B, 9) dimensionless: the standardised state, and zeta / 4.
+            time_s: (B,) seconds from the window's end to the time asked about.
+        """
         return self.heads(latent, condition) * (time_s / SAMPLE_PERIOD_S).unsqueeze(-1)

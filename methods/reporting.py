@@ -44,8 +44,10 @@ def report(z: Array, P: Array, keep: np.ndarray, memory: tuple[np.ndarray, ...])
     """Physical units: delta method for the covariance, mapped bounds for the health intervals.
 
     Args:
-        z, P: (B, n), (B, n, n) in the filter's coordinates.
-        keep: (10,) where the five states and the five zeta stand in z.
+        z: (B, n) mean in the filter's coordinates: states in their units, health as dimensionless zeta.
+        P: (B, n, n) its covariance, in those units squared.
+        keep: (10,) positions in z, dimensionless: where the five states and the five zeta stand.
+        memory: the method's own arrays, in units of its own, every shape (B, ...).
     """
     shape = (len(z), len(keep))
     mean, low, high, cov = np.empty(shape), np.empty(shape), np.empty(shape), np.empty((*shape, len(keep)))

@@ -59,11 +59,12 @@ def weights_of(model: nn.Module, prefix: str = "net.") -> dict[str, np.ndarray]:
 
 
 def load_weights(model: nn.Module, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
-    """The inverse of ``weights_of``."""
+    """The inverse of ``weights_of``.
+
+    Args:
+        model: that gets them.
+        arrays: by name, weights of any shape, dimensionless; what does not start with ``prefix`` is left out.
+        prefix: of the names.
+    """
     state = {n.removeprefix(prefix): torch.from_numpy(a.copy()) for n, a in arrays.items() if n.startswith(prefix)}
     model.load_state_dict(state)
-
-
-def parameter_count(model: nn.Module) -> int:
-    """Trainable weights."""
-    return sum(p.numel() for p in model.parameters() if p.requires_grad)

@@ -29,14 +29,23 @@ share of windows that each gets: of the recordings, steps and ramps are a sixth,
 
 
 class Transitions(NamedTuple):
-    """M transitions over ``dt_s``: where in which sequence, from what, under what, to what."""
+    """M transitions over ``dt_s``: where in which sequence, from what, under what, to what.
 
-    sequence: np.ndarray  # (M,) int
-    sample: np.ndarray  # (M,) int; the window ends here
-    x: Array  # (M, 5) perturbed states, order STATES
-    theta: Array  # (M, 5) counterfactual health, order HEALTH
-    dt_s: Array  # (M,)
-    x_next: Array  # (M, 5) what the plant makes of it
+    Attributes:
+        sequence: (M,) integers, positions in the batch.
+        sample: (M,) integers, positions in the sequence; the window ends here.
+        x: (M, 5) perturbed states in their units, order STATES.
+        theta: (M, 5) counterfactual health in its units, order HEALTH.
+        dt_s: (M,) seconds.
+        x_next: (M, 5) what the plant makes of it, in the states' units.
+    """
+
+    sequence: np.ndarray
+    sample: np.ndarray
+    x: Array
+    theta: Array
+    dt_s: Array
+    x_next: Array
 
     @property
     def increment(self) -> Array:
@@ -110,31 +119,6 @@ def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
         substeps = max(1, round(2 * horizon / SAMPLE_PERIOD_S))
         after[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, HEALTH, theta[rows])[:, : len(STATES)]
     return after
-
-
-class Slopes(NamedTuple):
-    """One derivative of each transition's increment, along a direction of its own."""
-
-    x: Array  # (M, 5) direction in the states
-    theta: Array  # (M, 5) direction in health
-    increment: Array  # (M, 5) derivative of x_next - x along it
-
-
-def plant_slopes(train: Batch, transitions: Transitions, rng: np.random.Generator, step: float = 1e-2) -> Slopes:
-    """The plant's derivatives along random directions, by central differences, for Sobolev training."""
-    truth = train.truth
-    if truth is None:
-        raise ValueError("slopes need sequences with truth, these have none")
-    count = len(transitions.sample)
-    along_x = STATE_SPREAD * rng.normal(size=(count, len(STATES)))
-    along_theta = 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
-    hidden = truth.states[transitions.sequence, transitions.sample, len(STATES) :]
-    u = truth.inputs[transitions.sequence, transitions.sample]
-    ends = []
-    for sign in (1.0, -1.0):
-        x = np.concatenate([transitions.x + sign * step * along_x, hidden], axis=1)
-        ends.append(_plant(x, u, transitions.theta + sign * step * along_theta, transitions.dt_s))
-    return Slopes(along_x, along_theta, (ends[0] - ends[1]) / (2.0 * step) - along_x)
 
 
 def plant_sensitivities(train: Batch, transitions: Transitions, step: float = 1e-3) -> tuple[Array, Array]:

@@ -32,6 +32,9 @@ def diagnose(
     """Where a simulator and recordings of its machine disagree, and what was left out.
 
     Args:
+        simulator: of the machine, as it is believed to be.
+        recordings: of the machine, to learn from: channels are the simulator's inputs, then its outputs, in their
+            units, as ``read_recordings`` gives them.
         hold_out: recordings of another operating regime, never learnt from; without any, the last
             recording is held out, or the last third of the only one.
         catalogue: what may be missing; everything that we know of if left out.
@@ -40,6 +43,9 @@ def diagnose(
         inputs: how they go between samples: "held" until the next, "linear" in lines, or "auto": lines where a short
             stretch of the recordings clearly says so.
         faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
+
+    Returns:
+        The verdict: what was found, in words and numbers, and how sure it is.
 
     Raises:
         BadInput: recordings too short, a simulator that diverges.

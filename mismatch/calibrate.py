@@ -23,6 +23,7 @@ def calibrated(
     """The simulator as it came, fitted.
 
     Args:
+        floor: (ny,) least noise of block means, in the outputs' units.
         advance: told the share that is done.
     """
     unknowns = (*shared_unknowns(machine.simulator), *own_unknowns(machine.simulator, tracks))

@@ -76,8 +76,8 @@ def residual_tests(
     """Level against the noise floor, whiteness (Ljung-Box) and correlation with inputs, Holm-corrected.
 
     Args:
-        residuals: block means measured minus simulated, (B, ny) per recording.
-        floor: (ny,) noise of block means by second differences.
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        floor: (ny,) noise of block means by second differences, in the outputs' units.
     """
     found: list[Test] = []
     for track, residual in zip(tracks, residuals, strict=True):

@@ -27,7 +27,12 @@ thresholds have many optima."""
 
 
 def gross(problem: Problem, z: Array, floor: Array) -> bool:
-    """Are the errors so large, and runs so cheap, that sets had better be fitted than pictured?"""
+    """Are the errors so large, and runs so cheap, that sets had better be fitted than pictured?
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+        floor: (ny,) least noise of block means, in the outputs' units.
+    """
     rms = np.sqrt(np.nanmean(np.concatenate(problem.residuals(z)) ** 2, axis=0))
     return bool((rms > GROSS * floor).any()) and sum(len(t.starts) for t in problem.tracks) <= CHEAP_BLOCKS
 

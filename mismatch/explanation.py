@@ -19,7 +19,8 @@ class Explanation:
 
     Attributes:
         names: candidates in it.
-        problem, z: the fit; its unknowns hold the candidates' parameters after those of the base problem.
+        problem: the fit; its unknowns hold the candidates' parameters after those of the base problem.
+        z: (K,) where its unknowns stand, each in its own unit.
         cost: whitened sum of squares with priors.
     """
 
@@ -71,7 +72,11 @@ def with_candidates(problem: Problem, chosen: Sequence[Variant], ridge: float = 
 
 
 def refit(problem: Problem, z: Array, shown: Picture, chosen: Sequence[int], rounds: int = 0) -> Explanation:
-    """Fit a set: a few steps with the picture's columns, then ``rounds`` with its own."""
+    """Fit a set: a few steps with the picture's columns, then ``rounds`` with its own.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+    """
     picked = tuple(shown.variants[i] for i in chosen)
     whole = with_candidates(problem, picked)
     known = []
@@ -107,5 +112,10 @@ def present(explanation: Explanation) -> dict[Variant, float]:
 
 
 def rewhitened(fitted: Problem, z: Array, floor: Array, order: int, problem: Problem | None = None) -> Problem:
-    """``problem`` (the fitted one if left out) with its noise model learnt from the residuals of a fit."""
+    """``problem`` (the fitted one if left out) with its noise model learnt from the residuals of a fit.
+
+    Args:
+        z: (K,) where the unknowns of ``fitted`` stand, each in its own unit.
+        floor: (ny,) least noise of block means, in the outputs' units.
+    """
     return replace(problem or fitted, whitener=fit_whitener(fitted.residuals(z), floor, order))

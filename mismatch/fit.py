@@ -41,7 +41,8 @@ class Unknown:
         at: its place: in theta (shared by all recordings, or drifting), or in the start state.
         recording: -1 for what all recordings share.
         knot: which knot of a drift; -1 for what is constant.
-        mean, sd: prior, Gaussian; an infinite sd is none.
+        mean: of the prior, Gaussian.
+        sd: of the prior; an infinite one is none.
         scale: typical size of change.
     """
 
@@ -62,9 +63,19 @@ class Problem:
     """A machine, its recordings, and what is unknown about them.
 
     ``z`` (K,) holds the unknowns' values. Residuals are measured minus simulated, whitened block means.
-    ``theta`` is what the parameters are that are no unknowns; the machine's own if left out. ``since`` is
-    the time from which candidates are there, per recording, s; from the beginning if left out. ``offsets``
-    (B, ny) per recording is what a run sample by sample adds to one block by block; nothing if left out.
+
+    Attributes:
+        machine: the simulator with its candidates.
+        tracks: the recordings.
+        unknowns: what is to be found.
+        whitener: of the residuals.
+        starts: one per recording, the state (nx,) that it starts from but for unknowns, each in its unit; that of
+            the simulator's ``initial`` if left out.
+        theta: (n_theta,) what the parameters are that are no unknowns, each in its unit; the machine's own if left
+            out.
+        since: the time from which candidates are there, per recording, s; from the beginning if left out.
+        offsets: what a run sample by sample adds to one block by block, (B, ny) per recording, in the outputs'
+            units; nothing if left out.
     """
 
     machine: Machine
@@ -88,22 +99,37 @@ class Problem:
         return np.array([u.mean for u in self.unknowns])
 
     def readings(self, r: int, z: Array) -> Array:
-        """Simulated readings (N, ny) of recording r, sample by sample."""
+        """Simulated readings (N, ny) of recording r, sample by sample.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         return self.machine.run(*self._setting(r, z, self.tracks[r].fine))
 
     def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Simulated block means (B, ny) of recording r before the sensors' faults."""
+        """Simulated block means (B, ny) of recording r before the sensors' faults.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
+        """
         return self.machine.clean(*self._setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
 
     def states(self, r: int, z: Array) -> Array:
-        """Simulated states (B, nx) of recording r, candidates' own last."""
+        """Simulated states (B, nx) of recording r, candidates' own last.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         return self.machine.clean(*self._setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
     def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
         """Block means measured minus simulated, (B, ny).
 
         Args:
-            clean: simulated block means before the sensors' faults, if they are known.
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
+            clean: simulated block means before the sensors' faults, (B, ny), in the outputs' units, if they are known.
         """
         track, theta, _, _, _, since_s = self._setting(r, z, self.machine.grid(self.tracks[r]), theta)
         y = self.machine.read(track, theta, self.clean(r, z, theta) if clean is None else clean, since_s)
@@ -111,7 +137,11 @@ class Problem:
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 
     def refined(self, z: Array) -> Problem:
-        """The problem with ``offsets`` such that residuals at z are those of runs sample by sample."""
+        """The problem with ``offsets`` such that residuals at z are those of runs sample by sample.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         plain = replace(self, offsets=())
 
         def offset(r: int) -> Array:
@@ -148,21 +178,30 @@ class Problem:
         """Mean square error (ny,) of recording r sample by sample, not in blocks.
 
         Args:
-            readings: simulated (N, ny), if they are known.
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            readings: simulated (N, ny), in the outputs' units, if they are known.
         """
         with np.errstate(invalid="ignore"):
             e2 = (self.tracks[r].y - (self.readings(r, z) if readings is None else readings)) ** 2
         return np.array([np.mean(c[np.isfinite(c)]) if np.isfinite(c).any() else np.nan for c in e2.T])
 
     def residuals(self, z: Array) -> list[Array]:
-        """Of all recordings; those of the last point asked for are kept, a fit asks twice."""
+        """Of all recordings; those of the last point asked for are kept, a fit asks twice.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         if self._last is None or not np.array_equal(self._last[0], z):
             found = parallel([lambda r=r: self.residual(r, z) for r in range(len(self.tracks))])
             self._last = (z.copy(), found)
         return self._last[1]
 
     def cost(self, z: Array) -> float:
-        """Whitened sum of squares plus prior; infinite where the machine diverges."""
+        """Whitened sum of squares plus prior; infinite where the machine diverges.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         total = float(np.sum(self._prior(z) ** 2))
         for r, residual in enumerate(self.residuals(z)):
             if np.isnan(residual[np.isfinite(self.tracks[r].means)]).any():
@@ -171,14 +210,24 @@ class Problem:
         return total
 
     def recording_cost(self, r: int, z: Array) -> float:
-        """Whitened sum of squares of one recording."""
+        """Whitened sum of squares of one recording.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         return float(np.nansum(self.whitener(self.residual(r, z)) ** 2))
 
     def _prior(self, z: Array) -> Array:
         return np.array([(v - u.mean) / u.sd for v, u in zip(z, self.unknowns, strict=True)])
 
     def columns(self, z: Array, residuals: Sequence[Array], which: Sequence[int] | None = None) -> list[Array]:
-        """d(simulated block means)/dz per recording, (B, ny, K); zero for unknowns of other recordings."""
+        """d(simulated block means)/dz per recording, (B, ny, K); zero for unknowns of other recordings.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            residuals: at z, (B, ny) per recording, in the outputs' units.
+            which: positions of the unknowns wanted; all of them if left out.
+        """
         chosen = range(len(self.unknowns)) if which is None else which
         out = [np.zeros((*track.means.shape, len(chosen))) for track in self.tracks]
 
@@ -204,7 +253,13 @@ class Problem:
     def normal(
         self, z: Array, residuals: Sequence[Array], known: Sequence[Array] | None = None
     ) -> tuple[Array, Array, list[Array]]:
-        """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns."""
+        """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            residuals: at z, (B, ny) per recording, in the outputs' units.
+            known: whitened columns per recording, (B, ny, K), if they are known.
+        """
         whitened = self.whitened(z, residuals) if known is None else list(known)
         precision = np.array([u.sd**-2 for u in self.unknowns])
         G, b = np.diag(precision), precision * (self.z0 - z)
@@ -220,7 +275,10 @@ class Problem:
         """Whitened columns (B, ny, K) per recording.
 
         Args:
-            near: those of a point nearby, of which the start states' are kept: they change little, and are many.
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            residuals: at z, (B, ny) per recording, in the outputs' units.
+            near: those of a point nearby, (B, ny, K) per recording, whitened, of which the start states' are kept: they
+                change little, and are many.
         """
         which = [k for k, u in enumerate(self.unknowns) if u.kind != "start"]
         if near is None or not which:
@@ -236,6 +294,8 @@ class Problem:
         """Normal matrix (V, V) and right-hand side (V,) of further columns, what the unknowns can imitate taken out.
 
         Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            residuals: at z, (B, ny) per recording, in the outputs' units.
             nuisance: whitened columns of the unknowns, per recording (B, ny, K).
             columns: whitened further columns, (B, ny, V).
         """
@@ -280,8 +340,11 @@ def solve(
     """Damped Gauss-Newton; each Jacobian serves a few steps.
 
     Args:
-        share: a round that gains less than this of the cost is the last, for a fit that need only be near.
+        z: (K,) where the unknowns begin, each in its own unit.
+        rounds: Jacobians at most.
+        chords: steps that each serves besides the first.
         known: whitened columns per recording, (B, ny, K), from nearby, for the first round.
+        share: a round that gains less than this of the cost is the last, for a fit that need only be near.
         advance: told the share of the rounds that is done, round by round.
 
     Returns:

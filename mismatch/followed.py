@@ -49,7 +49,7 @@ def told_followed(
     large as what the output commonly does: so looks a column whose rows are in a wrong order.
 
     Args:
-        residuals: block means measured minus simulated, (B, ny) per recording.
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
     """
     found = []
     for c, v in enumerate(outputs):

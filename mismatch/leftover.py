@@ -31,8 +31,9 @@ def leftovers(
 
     Args:
         held: how ``e`` does on held-out recordings, if there are any.
-        tracks, held_tracks: what it was fitted to, and what was held back.
-        floor: (ny,) scatter of block means in ``tracks``.
+        tracks: what it was fitted to.
+        held_tracks: what was held back.
+        floor: (ny,) scatter of block means in ``tracks``, in the outputs' units.
     """
     outputs = e.problem.machine.simulator.outputs
     residuals = e.problem.residuals(e.z)

@@ -40,8 +40,8 @@ class Candidate:
 
     Attributes:
         at: positions of its parameters, the size first.
-        null: their values when the simulator is as it came.
-        typical: their values when the mechanism is plainly there.
+        null: (n_parameters,) their values when the simulator is as it came, each in its unit.
+        typical: (n_parameters,) their values when the mechanism is plainly there, each in its unit.
     """
 
     mechanism: Mechanism
@@ -133,7 +133,11 @@ class Machine:
         """Simulated readings (N, ny) at the recording's samples; NaN from where the run diverges.
 
         Args:
-            varying, values: positions (V,) in theta that change in time, and their values (N, V).
+            track: the recording, as the engine prepared it.
+            theta: the parameter vector, (n_theta,), each in its parameter's unit.
+            x0: the state to start from, (nx,), each in its state's unit.
+            varying: positions (V,) in theta of what changes in time, dimensionless.
+            values: the values that those take, (N, V), each in its parameter's unit.
             since_s: time from which candidates are there.
             blocks: step from block to block under their mean inputs: block means (B, ny), many times
                 faster and nearly the same; ``values`` are then those of ``grid``.
@@ -151,7 +155,15 @@ class Machine:
         blocks: bool = False,
         states: bool = False,
     ) -> Array:
-        """As ``run``, before the sensors' faults; or the ``states`` (N, nx) in place of the readings."""
+        """As ``run``, before the sensors' faults; or the ``states`` (N, nx) in place of the readings.
+
+        Args:
+            track: the recording, as the engine prepared it.
+            theta: the parameter vector, (n_theta,), each in its parameter's unit.
+            x0: the state to start from, (nx,), each in its state's unit.
+            varying: positions (V,) in theta of what changes in time, dimensionless.
+            values: the values that those take, (N, V), each in its parameter's unit.
+        """
         grid = self.grid(track) if blocks else track.fine
         late = track.time_s < since_s
         u = track.u
@@ -198,7 +210,12 @@ class Machine:
         return track.split(self.parts)
 
     def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf) -> Array:
-        """What faulty sensors make of clean readings (N, ny) or block means (B, ny)."""
+        """What faulty sensors make of clean readings (N, ny) or block means (B, ny).
+
+        Args:
+            theta: the parameter vector, (n_theta,), each in its parameter's unit.
+            y: (N, ny) readings or (B, ny) block means, in the outputs' units.
+        """
         late = track.time_s < since_s
         for mechanism, sizes, column, not_there in self._there("output", theta, late):
             if len(y) == len(late):
@@ -221,6 +238,10 @@ class Machine:
 
     def settle_step(self, tracks: Sequence[Track], noise: Array) -> str:
         """Halve the integration steps until the readings no longer move by a share of the noise (ny,), rms.
+
+        Args:
+            tracks: the recordings; the shortest is tried.
+            noise: (ny,) in the outputs' units.
 
         Returns:
             A remark if even the finest step tried was not fine enough; else nothing.

@@ -39,7 +39,7 @@ def from_everything(
 
     Args:
         problem: of the calibrated model, under the noise of ``best``, all of it there from the beginning.
-        floor: (ny,) least noise.
+        floor: (ny,) least noise of block means, in the outputs' units.
         advance: told the share that is done.
     """
     machine = problem.machine

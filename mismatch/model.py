@@ -73,6 +73,7 @@ def load_simulator(spec: str, trust: bool = False) -> Simulator:
     """A simulator by name, ``path/to/file.py[:NAME]``, ``package.module:NAME`` or ``path/to/model.toml``.
 
     Args:
+        spec: one of these; a name is one of ``twinbench list simulators``.
         trust: run the Python that a ``model.toml`` names wherever it lies.
 
     Raises:
@@ -95,6 +96,10 @@ def load_model(spec: str, trust: bool = False) -> Model:
 
 def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
     """A user's mechanisms from ``path/to/file.py[:NAME]``, which join those that we have for the simulator.
+
+    Args:
+        spec: the file and, where it holds several, the name in it.
+        simulator: that they have to fit.
 
     Raises:
         BadInput: no such file, a mechanism that does not fit, or a name that one of ours has.
@@ -140,7 +145,8 @@ def model_toml(
     """The text of ``folder/model.toml``.
 
     Args:
-        base, simulator: the spec of the simulator that was mended, and itself.
+        base: the spec of the simulator that was mended.
+        simulator: that simulator itself.
         mechanisms: what was found, physics and faults.
         values: by name, every calibrated parameter and those of the mechanisms, in their units.
         catalogue: where mechanisms that are not ours come from, as given to ``load_catalogue``.

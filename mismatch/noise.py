@@ -23,10 +23,15 @@ _LEAST = 30  # readings without a gap before an autoregression is fitted at all
 
 
 class Whitener(NamedTuple):
-    """Per channel ``e_k = (r_k - sum_i a_i r_(k-i)) / sd``: a (ny, ORDER), sd (ny,).
+    """Per channel ``e_k = (r_k - sum_i a_i r_(k-i)) / sd``.
 
     Where errors last too long for noise, a is 0, and sd is that of independent errors as telling as these:
-    ``sqrt(memory)`` times their own, with ``memory`` (ny,) blocks to an independent one.
+    ``sqrt(memory)`` times their own.
+
+    Attributes:
+        a: (ny, ORDER) dimensionless, the autoregression of each output's errors.
+        sd: (ny,) standard deviation of what it leaves, in the outputs' units.
+        memory: (ny,) dimensionless, how many blocks make an independent one.
     """
 
     a: Array
@@ -59,7 +64,8 @@ def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -
     """Least squares over the residuals (B, ny) of all recordings.
 
     Args:
-        floor: (ny,) least standard deviation of a channel.
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        floor: (ny,) least standard deviation of an output, in its unit.
         order: 0 takes the errors for white.
     """
     n_channels = residuals[0].shape[1]
@@ -88,7 +94,11 @@ def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -
 
 
 def blocks_to_forget(series: Sequence[Array]) -> float:
-    """Blocks that make one independent reading: the sum of autocorrelations up to the first that is not positive."""
+    """Blocks that make one independent reading: the sum of autocorrelations up to the first that is not positive.
+
+    Args:
+        series: errors of one output, (B,) per recording, in any unit.
+    """
     products, n = np.zeros(max(len(x) for x in series)), 0
     for x in series:
         known = np.nan_to_num(x)
@@ -116,7 +126,9 @@ def levels(fitted: Sequence[Array], held: Sequence[Array]) -> list[Array]:
     than that noise must not be blamed for it. Less noise than usual, and what may be chance, counts as usual.
 
     Args:
-        fitted, held: residuals (B, ny) of one model per recording.
+        fitted: residuals of one model on the recordings that it was fitted to, (B, ny) per recording, in the
+            outputs' units.
+        held: its residuals on the held-out recordings, likewise.
     """
     usual = noise_floor(fitted)
     known = np.where(usual > 0.0, usual, np.inf)
@@ -129,6 +141,9 @@ def noise_floor(means: Sequence[Array]) -> Array:
 
     A signal that moves smoothly leaves nothing in second differences; the noise leaves six times its
     variance. White noise is assumed, so coloured noise is underrated: a floor, no estimate.
+
+    Args:
+        means: block means, (B, ny) per recording, in the outputs' units.
     """
     n_channels = means[0].shape[1]
     out = np.empty(n_channels)

@@ -30,6 +30,9 @@ def find_onsets(problem: Problem, z: Array, shown: Picture) -> tuple[float, ...]
     """For each recording the time from which an effect is there, s, or None if always.
 
     Minus infinity is from the beginning, infinity is not in this recording. One start for all effects.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
     """
     order = sorted(range(len(shown.variants)), key=lambda i: -shown.gain((i,)))
     terms = [i for i in order if problem.machine.candidates[shown.variants[i].candidate].mechanism.series is None]
@@ -68,11 +71,6 @@ def told_onsets(since: Sequence[float], tracks: Sequence[Track]) -> tuple[Onset,
         else:
             found.append(Onset(track.name, "throughout" if s < 0.0 else "not"))
     return tuple(found)
-
-
-def first_onset(since: Sequence[float]) -> float | None:
-    """When it began, on the recordings' clock: the first start inside a recording, if there is one."""
-    return float(min(inside)) if (inside := [s for s in since if np.isfinite(s)]) else None
 
 
 def _time(time_s: Array, share: float) -> float:
@@ -125,7 +123,11 @@ def _on_from(share: float) -> Array:
 
 
 def settled_onsets(problem: Problem, z: Array) -> Problem:
-    """The problem with each start moved by a few seconds to where the fit is best."""
+    """The problem with each start moved by a few seconds to where the fit is best.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+    """
     since = list(problem.since)
     for r, track in enumerate(problem.tracks):
         if not np.isfinite(since[r]):

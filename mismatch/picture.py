@@ -43,14 +43,17 @@ class Picture:
     """All variants at once, nuisances eliminated: gain of a set S is ``b_S' G_S^-1 b_S``.
 
     Attributes:
-        G, b: (V, V), (V,), in units of each variant's typical size.
-        low, high: (V,) what the sizes may be, in the same units.
-        units: (V,) the variants' typical sizes.
-        nuisance, columns: whitened, per recording: (B, ny, K) of the unknowns, (B, ny, V) per unit of size.
-        sizes: (V,) what was there where the picture was taken.
-        faults: (V,) is the variant a fault of a sensor or an input?
-        shapes: (V,) how many parameters shape it.
-        families: (V,) what can become the same effect: one of a family is enough.
+        G: (V, V) dimensionless, per unit of each variant's typical size.
+        b: (V,) likewise.
+        low: (V,) least that the sizes may be, in units of the typical ones.
+        high: (V,) most that they may be, likewise.
+        units: (V,) the variants' typical sizes, each in its first parameter's unit.
+        nuisance: whitened columns of the unknowns, (B, ny, K) per recording.
+        columns: whitened columns of the variants, (B, ny, V) per recording and per unit of size.
+        sizes: (V,) what was there where the picture was taken, each in its first parameter's unit.
+        faults: (V,) bool, is the variant a fault of a sensor or an input?
+        shapes: (V,) dimensionless, how many parameters shape it.
+        families: (V,) dimensionless labels of what can become the same effect: one of a family is enough.
     """
 
     variants: tuple[Variant, ...]
@@ -175,7 +178,8 @@ def picture(
     """Linearise around a fit.
 
     Args:
-        problem, z: parameters, start states and drifts, and where they stand.
+        problem: parameters, start states and drifts.
+        z: (K,) where the problem's unknowns stand, each in its own unit.
         listed: variants to show; those of ``present`` are added.
         present: what the fit holds already, and how much of it; sizes are shown from its absence all the same.
         projection: take out what the unknowns can imitate.
@@ -235,7 +239,12 @@ def _families(listed: Sequence[Candidate]) -> np.ndarray:
 
 
 def switched(machine: Machine, theta: Array, variant: Variant, size: float) -> Array:
-    """Parameters with a variant there, ``size`` from its absence."""
+    """Parameters with a variant there, ``size`` from its absence.
+
+    Args:
+        theta: (n_theta,) each in its parameter's unit.
+        size: in the unit of its first parameter.
+    """
     candidate = machine.candidates[variant.candidate]
     changed = theta.copy()
     changed[candidate.at[0]] = candidate.null[0] + size

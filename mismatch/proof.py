@@ -35,12 +35,12 @@ class Held(NamedTuple):
     """How a model does on the held-out recordings.
 
     Attributes:
-        residuals: block means measured minus simulated, (B, ny) per recording.
-        rmse: (ny,) sample by sample, in the channels' units.
-        own: what each recording has for itself, as fitted.
-        columns: d(block means)/d(own) there, (B, ny, K) per recording.
-        level: variance (ny,) of each recording's noise, that of the fitted ones being 1.
-        readings: simulated, sample by sample, (N, ny) per recording.
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        rmse: (ny,) sample by sample, in the outputs' units.
+        own: what each recording has for itself, as fitted: (K,) per recording, each in its unknown's unit.
+        columns: d(block means)/d(own) there, (B, ny, K) per recording, an output's unit per unit of the unknown.
+        level: variance (ny,) of each recording's noise, dimensionless, that of the fitted ones being 1.
+        readings: simulated, sample by sample, (N, ny) per recording, in the outputs' units.
     """
 
     residuals: list[Array]
@@ -90,7 +90,9 @@ def held_out(
     """Open-loop errors on other recordings.
 
     Args:
-        problem, z: a fit; what is shared between recordings is taken from it.
+        problem: a fit; what is shared between recordings is taken from it.
+        z: (n_unknowns,) where its unknowns stand, each in its own unit.
+        tracks: the held-out recordings, as the engine prepared them.
         own: unknowns of the held-out recordings themselves.
         near: a similar fit's, to begin from: its columns serve again.
     """
@@ -121,7 +123,11 @@ def held_out(
 
 
 def gain(before: Held, after: Held, variance: Array) -> Gain:
-    """Share of the removable excess error removed, mean over channels in noise variances."""
+    """Share of the removable excess error removed, mean over channels in noise variances.
+
+    Args:
+        variance: (ny,) of the noise of block means, in the outputs' units squared.
+    """
     b, a = _pieces(before, after, variance)
     picks = resamples(len(b))
     shares = _share(b[picks].mean(axis=1), a[picks].mean(axis=1))
@@ -133,6 +139,9 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
     """Is what a model adds to another's outputs in the readings, whatever else is? The error falls by its square then.
 
     What nobody models may be far larger than an effect; it hides the share that the effect has, but not this.
+
+    Args:
+        variance: (ny,) of the noise of block means, in the outputs' units squared.
     """
     pieces = _paired(before, after)
     fallen_by = np.array([np.nansum((old**2 - new**2) / variance) for old, new in pieces])
@@ -144,7 +153,11 @@ def borne_out(before: Held, after: Held, variance: Array) -> BorneOut:
 
 
 def clearly_worse(simple: Held, whole: Held, variance: Array) -> bool:
-    """Does a model predict the held-out recordings worse than another, beyond what their pieces differ by chance?"""
+    """Does a model predict the held-out recordings worse than another, beyond what their pieces differ by chance?
+
+    Args:
+        variance: (ny,) of the noise of block means, in the outputs' units squared.
+    """
     with_simple, with_whole = _pieces(simple, whole, variance)
     worse = with_simple - with_whole
     return bool(np.quantile(worse[resamples(len(worse))].mean(axis=1), 0.05) > 0.0)
@@ -171,7 +184,11 @@ def worse_outputs(before: Held, after: Held, outputs: Sequence[Variable]) -> tup
 
 
 def lost(simple: Held, whole: Held, before: Held, variance: Array) -> float:
-    """Share of the removable held-out error that one model removes less than another."""
+    """Share of the removable held-out error that one model removes less than another.
+
+    Args:
+        variance: (ny,) of the noise of block means, in the outputs' units squared.
+    """
     return gain(before, whole, variance).share - gain(before, simple, variance).share
 
 
@@ -194,7 +211,12 @@ def _levelled(held: Held) -> list[Array]:
 
 
 def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
-    """Mean squares of one channel in pieces of the recordings."""
+    """Mean squares of one channel in pieces of the recordings.
+
+    Args:
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        channel: position of the output.
+    """
     pieces = _cut([residual[:, channel] for residual in residuals])
     return np.array([np.nanmean(piece**2) for piece in pieces if np.isfinite(piece).any()])
 

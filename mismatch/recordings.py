@@ -27,6 +27,8 @@ def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequen
     is taken for a mistake in the unit.
 
     Args:
+        paths: of ``.csv``, ``.csv.gz`` or ``.parquet`` files.
+        simulator: whose inputs and outputs are read.
         mapping: ``COLUMN=channel`` or ``COLUMN[unit]=channel``, as for ``data.recording.read_recording``.
 
     Raises:

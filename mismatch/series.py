@@ -14,7 +14,11 @@ from twinbench.physics.simulator import Array
 
 
 def held(values: Array) -> Array:
-    """(N,) with the last value held over NaN; a leading gap takes the first value there is."""
+    """(N,) with the last value held over NaN; a leading gap takes the first value there is.
+
+    Args:
+        values: (N,) in the channel's unit; NaN means missing.
+    """
     seen = np.flatnonzero(~np.isnan(values))
     if len(seen) in (0, len(values)):
         return values
@@ -23,12 +27,24 @@ def held(values: Array) -> Array:
 
 
 def lag_reading(time_s: Array, values: Array, tau_s: float) -> Array:
-    """First-order lag of readings joined by straight lines, settled at the first."""
+    """First-order lag of readings joined by straight lines, settled at the first.
+
+    Args:
+        time_s: (N,) seconds.
+        values: (N,) in the channel's unit.
+        tau_s: time constant.
+    """
     return values if tau_s <= 0.0 else np.asarray(_lag_lines(np.diff(time_s), values, tau_s))
 
 
 def lag_steps(time_s: Array, values: Array, tau_s: float) -> Array:
-    """First-order lag of steps, settled at the first; its mean over each step."""
+    """First-order lag of steps, settled at the first; its mean over each step.
+
+    Args:
+        time_s: (N,) seconds.
+        values: (N,) in the channel's unit.
+        tau_s: time constant.
+    """
     if tau_s <= 0.0:
         return values
     gaps_s = _gaps(time_s)
@@ -38,12 +54,24 @@ def lag_steps(time_s: Array, values: Array, tau_s: float) -> Array:
 
 
 def delay_reading(time_s: Array, values: Array, delay_s: float) -> Array:
-    """Readings ``delay_s`` late, joined by straight lines; the first holds before the record."""
+    """Readings ``delay_s`` late, joined by straight lines; the first holds before the record.
+
+    Args:
+        time_s: (N,) seconds.
+        values: (N,) in the channel's unit.
+        delay_s: how late.
+    """
     return values if delay_s <= 0.0 else np.interp(time_s - delay_s, time_s, values)
 
 
 def delay_steps(time_s: Array, values: Array, delay_s: float) -> Array:
-    """Steps ``delay_s`` late, as their mean over each step of the record; the first holds before it."""
+    """Steps ``delay_s`` late, as their mean over each step of the record; the first holds before it.
+
+    Args:
+        time_s: (N,) seconds.
+        values: (N,) in the channel's unit.
+        delay_s: how late.
+    """
     if delay_s <= 0.0:
         return values
     gaps_s = _gaps(time_s)
@@ -57,12 +85,23 @@ def delay_steps(time_s: Array, values: Array, delay_s: float) -> Array:
 
 
 def play(values: Array, gap: float) -> Array:
-    """Backlash: what follows moves only when the gap (full width) is used up; it starts centred."""
+    """Backlash: what follows moves only when the gap (full width) is used up; it starts centred.
+
+    Args:
+        values: (N,) in the channel's unit.
+        gap: in the channel's unit.
+    """
     return values if gap <= 0.0 else np.asarray(_play(values, 0.5 * gap))
 
 
 def stuck_from(time_s: Array, values: Array, share: float) -> Array:
-    """The last ``share`` of the record stands at the value it had when that began."""
+    """The last ``share`` of the record stands at the value it had when that began.
+
+    Args:
+        time_s: (N,) seconds.
+        values: (N,) in the channel's unit.
+        share: of the record's time.
+    """
     if share <= 0.0:
         return values
     since_s = time_s[-1] - share * (time_s[-1] - time_s[0])

@@ -35,6 +35,9 @@ def find_spikes(values: Array) -> np.ndarray:
 
     The jump is held against the robust spread of all such jumps, around it and over the whole record, and against
     the step that the sensor reads in.
+
+    Args:
+        values: (N,) readings in the channel's unit; NaN means missing.
     """
     seen = np.flatnonzero(~np.isnan(values))
     y = values[seen]
@@ -54,7 +57,13 @@ def find_spikes(values: Array) -> np.ndarray:
 
 
 def is_followed(values: Array, simulated: Array, sample: int) -> bool:
-    """Does the simulator jump at a sample as the readings do, whatever its level? ``values`` holds the jump itself."""
+    """Does the simulator jump at a sample as the readings do, whatever its level?
+
+    Args:
+        values: (N,) readings in the channel's unit, the jump itself among them; NaN means missing.
+        simulated: (N,) in the same unit.
+        sample: where they jump.
+    """
     near = np.flatnonzero(~np.isnan(values))
     place = int(np.searchsorted(near, sample))
     three = near[place - 1 : place + 2]

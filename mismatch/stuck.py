@@ -44,8 +44,8 @@ def find_stuck(tracks: Sequence[Track], residuals: Sequence[Array], floor: Array
     """The stretch of each recording and channel that a sensor plainly stands still in, if any.
 
     Args:
-        residuals: measured less simulated block means, (B, ny) per recording.
-        floor: (ny,) noise of block means.
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        floor: (ny,) noise of block means, in the outputs' units.
     """
     found = []
     for c in range(len(floor)):

@@ -37,11 +37,11 @@ class Grid(NamedTuple):
     """Stretches of constant input that a run goes through: single samples, blocks of them, or parts of a sample.
 
     Attributes:
-        time_s: (B,) middle of each stretch's samples.
-        seconds: (B,) how long each lasts; nothing where an input that moves on is only read with.
-        u: (B, nu) inputs, the mean over the stretch.
+        time_s: (B,) seconds, middle of each stretch's samples.
+        seconds: (B,) how many seconds each lasts; nothing where an input that moves on is only read with.
+        u: (B, nu) inputs in their units, the mean over the stretch.
         samples: (B,) how many samples each holds; none in the parts of one after its reading.
-        begun: (B,) which of the samples' stretches each is, or is a part of.
+        begun: (B,) positions of the samples' stretches that each is, or is a part of.
     """
 
     time_s: Array
@@ -56,12 +56,12 @@ class Track:
     """One recording, N samples.
 
     Attributes:
-        time_s: (N,).
-        u: (N, nu), without gaps.
-        y: (N, ny), NaN where missing or a spike.
-        starts: (B,) first sample of each block.
-        means: (B, ny) block means of y; NaN where a block lacks too many readings.
-        level: (ny,) variance of its noise, that of the fitted recordings being 1.
+        time_s: (N,) seconds.
+        u: (N, nu) in the inputs' units, without gaps.
+        y: (N, ny) in the outputs' units, NaN where missing or a spike.
+        starts: (B,) positions of each block's first sample.
+        means: (B, ny) block means of y, in the outputs' units; NaN where a block lacks too many readings.
+        level: (ny,) dimensionless variance of its noise, that of the fitted recordings being 1.
         linear: inputs go in lines from sample to sample; if not, each holds until the next.
         spikes: the readings that were taken out.
     """
@@ -78,7 +78,11 @@ class Track:
     _splits: dict[int, Grid] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def block_means(self, readings: Array) -> Array:
-        """Means (B, ny) of simulated readings (N, ny) over the samples that were measured too."""
+        """Means (B, ny) of simulated readings (N, ny) over the samples that were measured too.
+
+        Args:
+            readings: (N, ny) simulated, in the outputs' units.
+        """
         return _means(np.where(np.isnan(self.y), np.nan, readings), self.starts)
 
     def without(self, channel: int, since_s: float, until_s: float) -> Track:
@@ -88,7 +92,11 @@ class Track:
         return replace(self, y=y, means=_means(y, self.starts))
 
     def followed(self, readings: Array) -> Track:
-        """With those spikes put back that simulated readings (N, ny) show as well."""
+        """With those spikes put back that simulated readings (N, ny) show as well.
+
+        Args:
+            readings: (N, ny) simulated, in the outputs' units.
+        """
         y = self.y.copy()
         for spike in self.spikes:
             y[spike.sample, spike.column] = spike.value
@@ -105,7 +113,11 @@ class Track:
         return self.fine_grid(self.u)
 
     def fine_grid(self, u: Array) -> Grid:
-        """Sample by sample with inputs u (N, nu)."""
+        """Sample by sample with inputs u (N, nu).
+
+        Args:
+            u: (N, nu) inputs in their units.
+        """
         return self.grid(u, np.arange(len(self.time_s)), LINES)
 
     @cached_property
@@ -126,7 +138,12 @@ class Track:
         return np.unique(np.concatenate([begin, *(self.starts + k * counts // parts for k in range(parts))]))
 
     def joined(self, values: Array, grid: Grid) -> Array:
-        """Means (B, n) over blocks of what holds over the parts (P, n) that they were split in."""
+        """Means (B, n) over blocks of what holds over the parts (P, n) that they were split in.
+
+        Args:
+            values: (P, n) in any unit, what holds over the parts.
+            grid: of those parts.
+        """
         if len(values) == len(self.starts):
             return values
         samples = grid.samples[grid.samples > 0]
@@ -137,6 +154,8 @@ class Track:
         """Stretches that begin at the samples ``starts``, with inputs u (N, nu).
 
         Args:
+            u: (N, nu) inputs in their units.
+            starts: (B,) positions of the stretches' first samples.
             lines: parts of a stretch of one sample, where inputs are joined by lines.
         """
         if not self.linear:
@@ -207,7 +226,11 @@ def prepare(
 
 
 def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
-    """As many as leave so many blocks, but so few that what the outputs (N, ny) do is still seen in the means."""
+    """As many as leave so many blocks, but so few that what the outputs (N, ny) do is still seen in the means.
+
+    Args:
+        y: (N, ny) readings in the outputs' units; NaN means missing.
+    """
     n, least = max(1, len(y) // blocks), max(1, len(y) // MOST_BLOCKS)
     while n > least and (lost(y, n) > LOST).any():
         n = max(least, int(SHORTER * n))
@@ -215,7 +238,12 @@ def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
 
 
 def lost(y: Array, n: int) -> Array:
-    """Share (ny,) of the outputs' variance, noise apart, that means over n samples do not show."""
+    """Share (ny,) of the outputs' variance, noise apart, that means over n samples do not show.
+
+    Args:
+        y: (N, ny) readings in the outputs' units; NaN means missing.
+        n: samples in a mean.
+    """
     noise = noise_floor([y]) ** 2
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # an output that was not recorded
@@ -224,7 +252,11 @@ def lost(y: Array, n: int) -> Array:
 
 
 def held(values: Array) -> Array:
-    """Columns with the last value held over NaN; leading gaps take the first value there is."""
+    """Columns with the last value held over NaN; leading gaps take the first value there is.
+
+    Args:
+        values: (N, n) in any unit; NaN means missing.
+    """
     return np.array(pd.DataFrame(values).ffill().bfill(), dtype=float, order="C")
 
 

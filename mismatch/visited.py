@@ -29,6 +29,10 @@ def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_
 
     Of the size that was declared and the one that the run shows the larger holds: where the simulator lacks
     what moves a state, its run shows too little.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+        period_s: between samples.
     """
     there = _moved(problem, z)
     longest_s = max(float(t.time_s[-1] - t.time_s[0]) for t in problem.tracks) / PERIODS

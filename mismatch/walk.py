@@ -62,9 +62,10 @@ class Diagnosis:
     """Everything that the walk found, for words, tables and figures.
 
     Attributes:
+        floor: (ny,) least noise of block means, in the outputs' units.
         before: the calibrated original model and its fit.
-        chosen: the explanation that was accepted, or None.
         tried: explanations fitted in full on the way, best first.
+        chosen: the explanation that was accepted, or None.
         rivals: for each effect of ``chosen``, what these data cannot tell from it.
         threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
         share: what was gained on held-out recordings; None without any.

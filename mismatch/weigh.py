@@ -112,7 +112,8 @@ def plainest_that_predicts(
     Args:
         fitted: other explanations.
         shown: a picture around the best.
-        held_before, held_best: errors on the held-out recordings of the calibrated model and of the best.
+        held_before: errors of the calibrated model on the held-out recordings.
+        held_best: errors of the best there.
     """
     variance = best.problem.whitener.variance()
     now, held_now, chosen = best, held_best, list(range(len(best.chosen)))

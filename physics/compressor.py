@@ -233,12 +233,24 @@ def balance(x, u, theta, f):  # type: ignore[no-untyped-def]
 
 
 def rhs(x: Array, u: Array, theta: Array) -> Array:
-    """Mass and energy balances of the lumped machine."""
+    """Mass and energy balances of the lumped machine.
+
+    Args:
+        x: (8,) in the states' units, order STATES.
+        u: (4,) in the inputs' units, order INPUTS.
+        theta: (48,) in the parameters' units, order PARAMETERS.
+    """
     return balance(x, u, theta, flux(x, u, theta))
 
 
 def output(x: Array, u: Array, theta: Array) -> Array:
-    """What the sensors read, before noise."""
+    """What the sensors read, before noise.
+
+    Args:
+        x: (8,) in the states' units, order STATES.
+        u: (4,) in the inputs' units, order INPUTS.
+        theta: (48,) in the parameters' units, order PARAMETERS.
+    """
     stem, gain, pulsation = theta[43], theta[44], theta[45]
     mu = max(x[4], MU_MIN)
     y = np.empty(3)
@@ -249,7 +261,13 @@ def output(x: Array, u: Array, theta: Array) -> Array:
 
 
 def initial(u0: Array, y0: Array, theta: Array) -> Array:
-    """A warm machine at the first reading."""
+    """A warm machine at the first reading.
+
+    Args:
+        u0: (4,) first inputs in their units, order INPUTS.
+        y0: (3,) first readings in their units, order OUTPUTS.
+        theta: (48,) in the parameters' units, order PARAMETERS.
+    """
     T_g = y0[1] - theta[4]
     mu = max(y0[2] / M_REF_KG_S, 0.05)
     T_w = theta[12] + 0.35 * (T_g - theta[12])

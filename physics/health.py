@@ -48,7 +48,11 @@ def map_health(zeta, theta, slope):  # type: ignore[no-untyped-def]
 
 
 def theta_and_slope(zeta: Array) -> tuple[Array, Array]:
-    """Physical health parameters and d theta / d zeta, both (..., 5), from coordinates (..., 5)."""
+    """Physical health parameters and d theta / d zeta, both (..., 5), from coordinates (..., 5).
+
+    Args:
+        zeta: (..., 5) dimensionless coordinates, order HEALTH.
+    """
     rows = np.ascontiguousarray(zeta, dtype=np.float64).reshape(-1, len(HEALTH))
     theta, slope = np.empty_like(rows), np.empty_like(rows)
     map_health(rows, theta, slope)
@@ -56,12 +60,20 @@ def theta_and_slope(zeta: Array) -> tuple[Array, Array]:
 
 
 def to_theta(zeta: Array) -> Array:
-    """Physical health parameters (..., 5) from unconstrained coordinates (..., 5)."""
+    """Physical health parameters (..., 5) from unconstrained coordinates (..., 5).
+
+    Args:
+        zeta: (..., 5) dimensionless coordinates, order HEALTH.
+    """
     return theta_and_slope(zeta)[0]
 
 
 def d_theta_d_zeta(zeta: Array) -> Array:
-    """Slope of ``to_theta``, (..., 5); positive everywhere inside the bounds."""
+    """Slope of ``to_theta``, (..., 5); positive everywhere inside the bounds.
+
+    Args:
+        zeta: (..., 5) dimensionless coordinates, order HEALTH.
+    """
     return theta_and_slope(zeta)[1]
 
 
@@ -69,6 +81,9 @@ def to_zeta(theta: Array) -> Array:
     """Unconstrained coordinates (..., 5) of health parameters; healthy is zero.
 
     Parameters on or beyond a bound are taken a billionth inside it.
+
+    Args:
+        theta: (..., 5) health in the parameters' units, order HEALTH.
     """
     share = np.clip((theta - LOW) / (HIGH - LOW), 1e-9, 1 - 1e-9)
     logistic = np.log(share / (1 - share)) - _OFFSET

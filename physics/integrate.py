@@ -79,13 +79,14 @@ def simulate(
     """Run B sequences of N samples.
 
     Args:
-        u: (B, N, nu) inputs; row k holds from t_k until t_(k+1).
-        x0: (nx,) or (B, nx), the state at t_0.
-        theta: (np,) or (B, np); the simulator's nominal values if left out.
+        simulator: what is run.
+        u: (B, N, nu) inputs in their units; row k holds from t_k until t_(k+1).
+        x0: (nx,) or (B, nx), the state at t_0, each in its unit.
+        theta: (np,) or (B, np), each in its parameter's unit; the simulator's nominal values if left out.
         dt_s: sample period.
         substeps: RK4 steps in one sample period.
         varying: names of parameters that change in time.
-        values: (B, N, len(varying)), their values.
+        values: (B, N, n_varying), what those parameters are, each in its unit.
 
     Returns:
         x (B, N, nx) and y (B, N, ny), both at the sample instants.
@@ -148,7 +149,16 @@ def advance(
     varying: Sequence[str] = (),
     values: Array | None = None,
 ) -> Array:
-    """One step of M independent machines: x (M, nx), u (M, nu), values (M, len(varying)) -> (M, nx)."""
+    """One step of M independent machines: x (M, nx), u (M, nu), values (M, len(varying)) -> (M, nx).
+
+    Args:
+        x: (M, nx), each state in its unit.
+        u: (M, nu) inputs in their units.
+        dt_s: how long the step lasts.
+        substeps: RK4 steps in it.
+        varying: names of parameters that differ between the machines.
+        values: (M, n_varying), what those are, each in its unit.
+    """
     equations = compiled(simulator)
     if values is None:
         values = np.empty((len(x), 0))

@@ -42,5 +42,9 @@ PRESSURE_DRIFT_TAU_S = 300.0
 
 
 def speed_factor(N_rpm: Array) -> Array:
-    """h(N): noise at 1800 rpm is 1.3/0.7 of that at 900."""
+    """h(N): noise at 1800 rpm is 1.3/0.7 of that at 900.
+
+    Args:
+        N_rpm: (N,) or of any shape, in rpm.
+    """
     return 0.7 + 0.6 * (N_rpm - 900.0) / 900.0

@@ -11,14 +11,25 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Equation = Callable[[Array, Array, Array], Array]
-"""``f(x, u, theta)`` in plain scalar NumPy style, so that numba can compile it."""
+"""``f(x, u, theta)`` in plain scalar NumPy style, so that numba can compile it.
+
+x (nx,), u (nu,) and theta (np,) are states, inputs and parameters in the order and the units of their Variables.
+"""
 
 
 @dataclass(frozen=True)
 class Variable:
-    """A state, input, output or parameter. ``scale`` is a typical size of change, in ``unit``.
+    """A state, input, output or parameter.
 
-    Left out, the scale is a sixth of the range, or a fifth of the nominal value where a bound is infinite.
+    Attributes:
+        name: as recordings, mechanisms and reports call it.
+        unit: in which all numbers about it are; "1" or nothing if it is dimensionless.
+        low: its lower bound, in ``unit``; may be infinite.
+        high: its upper bound, in ``unit``; may be infinite.
+        nominal: where it usually is, in ``unit``.
+        scale: a typical size of change, in ``unit``. Left out, it is a sixth of the range, or a fifth of the nominal
+            value where a bound is infinite.
+        says: what it is, in words.
     """
 
     name: str
@@ -52,20 +63,25 @@ class Mechanism:
       equations, ``absent`` when the mechanism is switched off.
 
     Attributes:
+        name: as commands and reports call it.
+        says: what it is, in one sentence.
+        port: where it acts, as above.
         parameters: for a term or series its own, appended to the simulator's; for amplitudes those
             of the simulator by name. The first is the size, others shape it (a threshold, an
             exponent, a time constant). ``nominal`` is the typical value when the mechanism is present.
-        absent: the values that switch it off, in the order of ``parameters``; for a term or series
-            that of the first parameter alone, 0 if left out.
+        absent: the values that switch it off, in the order and the units of ``parameters``; for a term or
+            series that of the first parameter alone, 0 if left out.
         states: the mechanism's own states (a lag, a second thermal mass), appended.
-        term: ``term(x, u, theta) -> float``; x and theta are the whole vectors, the mechanism's own
-            entries last.
-        derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if ``states``.
-        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, if not at their nominal
-            values. x0 and theta as for the term, its own states still nominal.
-        series: ``series(time_s, values, theta) -> values``, all (N,) but its own theta; at an output
-            what the sensor makes of the clean reading, at an input what the machine got where
-            ``values`` were recorded.
+        term: ``term(x, u, theta) -> float``, in the unit of what it is added to, per second at a balance. x (nx,) and
+            theta (np,) are the whole vectors, the mechanism's own entries last; u is (nu,). Each entry is in the
+            unit of its Variable.
+        derivative: ``derivative(x, u, theta) -> (n_own_states,)``, needed if ``states``: their rates of change, each
+            in its state's unit per second.
+        initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, each in its unit, if not at their
+            nominal values. x0 and theta as for the term, its own states still nominal.
+        series: ``series(time_s, values, theta) -> values``. time_s (N,) is in seconds, values (N,) in the
+            channel's unit, theta (n_own,) holds its own parameters in their units. At an output it gives what the
+            sensor makes of the clean reading, at an input what the machine got where ``values`` were recorded.
         formula: the term for people, its parameters in braces: ``"-{b_Nms} omega"``.
         kind: "physics", "sensor" or "input": what is to blame.
         contains: the name of a simpler mechanism that this one can become.
@@ -91,12 +107,21 @@ class Simulator:
     """A machine as ordinary differential equations.
 
     Attributes:
-        rhs: ``rhs(x, u, theta) -> dx/dt``, shapes (nx,), (nu,), (np,) -> (nx,).
-        output: ``output(x, u, theta) -> y``, the sensors' noise-free readings, (ny,).
-        initial: ``initial(u0, y0, theta) -> x0`` from the first inputs and readings.
-        fluxes, flux, balance: optionally the same rhs in two steps, ``flux(x, u, theta) -> f`` and
-            ``balance(x, u, theta, f) -> dx``, so that a mechanism can act on a shared flux. ``rhs``
-            is then made from them and may be left out.
+        name: as reports and messages call it.
+        states: nx of them, in the order of x.
+        inputs: nu of them, in the order of u; recordings hold them.
+        outputs: ny of them, in the order of y; recordings hold them.
+        parameters: np of them, in the order of theta.
+        output: ``output(x, u, theta) -> y``, the sensors' noise-free readings, (ny,), in the outputs' units.
+        initial: ``initial(u0, y0, theta) -> x0``, the state (nx,) in the states' units, from the first inputs (nu,)
+            and readings (ny,) in theirs.
+        rhs: ``rhs(x, u, theta) -> dx/dt``, shapes (nx,), (nu,), (np,) -> (nx,), in the states' units per second.
+        fluxes: what ``flux`` gives: nf of them, in the order of f.
+        flux: optionally the same rhs in two steps, this and ``balance``, so that a mechanism can act on a shared flux:
+            ``flux(x, u, theta) -> f``, (nf,), in the fluxes' units. ``rhs`` is then made of the two and may be left
+            out.
+        balance: ``balance(x, u, theta, f) -> dx/dt``, (nx,), in the states' units per second.
+        says: what it is, in words.
         calibrate: parameters that a fit may move; all of them if left out.
         drifts: those of the parameters that may change while the machine runs (its health).
         mechanisms: names of the mechanisms that were switched on.
@@ -132,15 +157,22 @@ class Simulator:
             self.index(name)
 
     def theta(self) -> Array:
-        """The parameters' nominal values, (np,)."""
+        """The parameters' nominal values, (np,), each in its unit."""
         return np.array([v.nominal for v in self.parameters])
 
     def index(self, parameter: str) -> int:
-        """Where a parameter stands in theta."""
+        """Where a parameter stands in theta.
+
+        Args:
+            parameter: its name.
+
+        Raises:
+            ValueError: there is none of that name.
+        """
         return index_of(self.parameters, parameter, f"simulator {self.name!r} has no parameter")
 
     def with_values(self, **values: float) -> Simulator:
-        """The same machine with other nominal parameter values."""
+        """The same machine with other nominal parameter values, by name and in the parameters' units."""
         parameters = list(self.parameters)
         for name, value in values.items():
             i = self.index(name)

@@ -22,6 +22,10 @@ _P_SUC_BAR, _T_SUC_K = 0.95, 298.0
 def steady_state(simulator: Simulator, u: Array, theta: Array | None = None) -> Array:
     """The state (nx,) at which every balance closes under constant inputs u (nu,).
 
+    Args:
+        u: (nu,) inputs in their units, constant.
+        theta: (np,), each in its parameter's unit; the simulator's nominal values if left out.
+
     Raises:
         ValueError: the machine does not settle there.
     """
@@ -39,7 +43,12 @@ def steady_state(simulator: Simulator, u: Array, theta: Array | None = None) -> 
 
 
 def valve_for(N_rpm: Array, pressure_ratio: Array) -> Array:
-    """Valve command that holds a pressure ratio on the healthy plant at 0.95 bar, by interpolation."""
+    """Valve command that holds a pressure ratio on the healthy plant at 0.95 bar, by interpolation.
+
+    Args:
+        N_rpm: speeds of any shape, in rpm.
+        pressure_ratio: of any shape that goes with it, dimensionless.
+    """
     points = np.stack(np.broadcast_arrays(N_rpm, pressure_ratio), axis=-1)
     return _valve_table()(points).reshape(points.shape[:-1])
 

@@ -34,6 +34,13 @@ ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
 
 
+FOLDERS = sorted(page for page in ROOT.glob("*/README.md") if not page.parent.name.startswith("."))
+READ = (*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *FOLDERS)
+LONGEST_WORDS = 35
+"""A sentence of a page has at most as many: longer ones cannot be read aloud."""
+ABBREVIATIONS = ("e.g.", "i.e.", "cf.", "vs.", "etc.", "et al.", "Eq.", "Eqs.", "Fig.", "Figs.")
+
+
 def example() -> str:
     """The first Python block of the page on adding a baseline."""
     block = re.search(r"```python\n(.*?)```", (ROOT / "docs/add_your_baseline.md").read_text(), re.DOTALL)
@@ -398,3 +405,58 @@ def test_pythons_are_the_same_everywhere():
 
 def test_setting_up_installs_what_export_needs():
     assert "-e '.[export]'" in (ROOT / "Makefile").read_text(encoding="utf-8")
+
+
+def sentences(text: str) -> list[str]:
+    """The sentences of a page: code is one word, a link its text; list items and table cells stand alone.
+
+    Headings, code blocks, formulas on lines of their own and what a command wrote (from a comment with its name to
+    ``<!-- end -->``) are left out.
+    """
+    text = re.sub(r"^```.*?^```$", "\n", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"<!-- (?!end)[^>]*-->.*?<!-- end -->", "\n", text, flags=re.DOTALL)
+    text = re.sub(r"^\$\$.*?\$\$$", "\n", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^(?:#.*|\|[-:| ]+\||!\[.*)$", "", text, flags=re.MULTILINE)
+    text = re.sub(r"`[^`]+`|\$[^$]+\$", "Code", text)
+    text = re.sub(r"!?\[([^]]*)\]\([^)]*\)", r"\1", text)
+    text = re.sub(r"^\|.*$", lambda row: row[0].replace("|", "\n\n"), text, flags=re.MULTILINE)
+    text = re.sub(r"^ *(?:[-*+>]|\d+\.) ", "\n", text, flags=re.MULTILINE)
+    found = []
+    for block in re.split(r"\n\s*\n", text):
+        begun: list[str] = []
+        for word in block.split():
+            begun.append(word)
+            bare = word.strip("\"'()[]*_")
+            ends = word.rstrip("\"')]*_").endswith((".", "!", "?")) and bare != "..."
+            if ends and not any(" ".join(begun).rstrip("\"')]*_").endswith(a) for a in ABBREVIATIONS):
+                found.append(" ".join(begun))
+                begun = []
+        found.append(" ".join(begun))
+    return [sentence for sentence in found if sentence]
+
+
+def long_sentences(text: str) -> list[str]:
+    """Each with its number of words; what has neither letter nor digit is no word."""
+    counted = [(sum(any(c.isalnum() for c in word) for word in s.split()), s) for s in sentences(text)]
+    return [f"{count} words: {sentence}" for count, sentence in counted if count > LONGEST_WORDS]
+
+
+def test_sentences_are_told_apart():
+    text = (
+        "# A heading. Not one.\n\nIt costs 2.5 s, e.g. here. Then `a b c. d`\nends! See [the page](x.md).\n\n"
+        "```sh\nx. y\n```\n"
+        "- One item (in brackets.)\n- **Bold.** Next, Eqs. (1) and (2)\n\n| a. b | c |\n|---|---:|\n| d | e |\n\n"
+        "<!-- results/x.md -->\nMade. By a command.\n<!-- end -->\nLast $x. y$ one"
+    )
+    assert sentences(text) == [
+        "It costs 2.5 s, e.g. here.", "Then Code ends!", "See the page.", "One item (in brackets.)", "**Bold.**",
+        "Next, Eqs. (1) and (2)", "a.", "b", "c", "d", "e", "Last Code one",
+    ]  # fmt: skip
+    assert long_sentences("w " * 35 + "– .") == []
+    assert long_sentences("w " * 36 + "– .") == ["36 words: " + "w " * 36 + "– ."]
+
+
+@pytest.mark.parametrize("page", READ, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_sentence_of_the_docs_is_longer_than_35_words(page):
+    found = long_sentences(page.read_text(encoding="utf-8"))
+    assert not found, "\n".join(f"{page.relative_to(ROOT)}: {sentence}" for sentence in found)

@@ -70,14 +70,26 @@ PYTHON: Rhs = held(_plain)
 
 
 def whole_recording(rhs: Rhs, x0: Array, u: Array, values: Array, method: str, rtol: float) -> Array:
-    """States (N, 8) at the samples from one call."""
+    """States (N, 8) at the samples from one call.
+
+    Args:
+        x0: (8,) state at the first sample, in the states' units.
+        u: (N, 4) inputs in their units, order INPUTS.
+        values: (N, 5) health in the parameters' units, order HEALTH.
+    """
     t = np.arange(len(u)) * SAMPLE_PERIOD_S
     held_rows = (u, values, PLANT.theta())
     return solve_ivp(rhs, (0.0, t[-1]), x0, method, t, args=held_rows, rtol=rtol, atol=rtol * SCALE).y.T
 
 
 def sample_by_sample(rhs: Rhs, x0: Array, u: Array, values: Array, method: str, rtol: float) -> Array:
-    """States (N, 8) at the samples, a call for each, so that no step crosses a jump of what is held."""
+    """States (N, 8) at the samples, a call for each, so that no step crosses a jump of what is held.
+
+    Args:
+        x0: (8,) state at the first sample, in the states' units.
+        u: (N, 4) inputs in their units, order INPUTS.
+        values: (N, 5) health in the parameters' units, order HEALTH.
+    """
     x = np.empty((len(u), len(SCALE)))
     x[0] = x0
     for k in range(len(u) - 1):

@@ -72,7 +72,13 @@ def soak(weights, twin, memory, said, t, readings, lag_s, C):  # type: ignore[no
 
 
 def faulty(readings: Array, spread: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Readings (N, 7) with random faults in them, and how late (N, 7) in seconds they come."""
+    """Readings (N, 7) with random faults in them, and how late (N, 7) in seconds they come.
+
+    Args:
+        readings: (N, 7) in the channels' units, order CHANNELS.
+        spread: (7,) of the channels, in their units.
+        rng: what the faults are drawn from.
+    """
     out, lag_s = readings.copy(), np.zeros(readings.shape)
     for _ in range(FAULTS_PER_BLOCK):
         begin, c = rng.integers(len(out)), rng.integers(out.shape[1])
@@ -98,7 +104,11 @@ def faulty(readings: Array, spread: Array, rng: np.random.Generator) -> tuple[Ar
 
 
 def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dict[str, Any]:
-    """Soak a twin in recordings (B, N, 7), and say how it was."""
+    """Soak a twin in recordings (B, N, 7), and say how it was.
+
+    Args:
+        recordings: (B, N, 7) readings in the channels' units, order CHANNELS.
+    """
     rng = np.random.default_rng(seed)
     spread = np.nanstd(recordings.reshape(-1, recordings.shape[-1]), axis=0)
     memory, said, room = twin.init(1).memory[0].copy(), np.zeros(1, SAID), scratch(twin.weights)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from twinbench.bench.roster import LABELS
 
-SHELLS = ("bash", "zsh", "fish")
 _NAMED = {
     "estimator": " ".join(LABELS),
     "profile": " ".join(sorted(p.stem for p in (Path(__file__).parents[1] / "profiles").glob("*.toml"))),

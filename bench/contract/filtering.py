@@ -58,6 +58,15 @@ def textbook_filter(
     """The Kalman filter as in the textbook: means (N, n) and covariances (N, n, n) after each row of (N, m).
 
     x0 and P0 stand before the first prediction; NaN is missing.
+
+    Args:
+        F: (n, n) how a tick moves the state, in the states' units.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+        x0: (n,) mean before the first prediction, each in its state's unit.
+        P0: (n, n) covariance before the first prediction, in the states' units squared.
+        measurements: (N, m) in the sensors' units; NaN means missing.
     """
     x, P, means, covs = x0, P0, [], []
     for y in measurements:

@@ -35,7 +35,20 @@ FAULTS = ("undisturbed", "missing", "late", "spiked", "stuck")
 
 
 class Trace(NamedTuple):
-    """What an estimator said at N ticks of B machines; every array leads with (N, B)."""
+    """What an estimator said at N ticks of B machines: the fields of State and Info.
+
+    Attributes:
+        mean: (N, B, 10) in the quantities' units, order ESTIMATED.
+        low: (N, B, 10) likewise.
+        high: (N, B, 10) likewise.
+        cov: (N, B, 10, 10) in those units squared.
+        innovation: (N, B, 3) in the outputs' units, order OUTPUTS.
+        S: (N, B, 3, 3) in those units squared.
+        nis: (N, B) dimensionless.
+        accepted: (N, B, 3) bool.
+        flags: (N, B) integers, dimensionless: bitwise or of the FLAG_ constants.
+        age_s: (N, B, 7) seconds, order CHANNELS.
+    """
 
     mean: Array
     low: Array
@@ -143,7 +156,11 @@ class Subject:
 
 
 def record(estimator: Estimator, measured: Array) -> Trace:
-    """Step through readings (B, N, 7) from the beginning and keep everything."""
+    """Step through readings (B, N, 7) from the beginning and keep everything.
+
+    Args:
+        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+    """
     state = begun(estimator, len(measured))
     ticks = []
     for k in range(measured.shape[1]):
@@ -172,7 +189,11 @@ def begun(estimator: Estimator, machines: int) -> State:
 
 
 def state_after(estimator: Estimator, measured: Array) -> State:
-    """The state after the last of the readings (B, N, 7)."""
+    """The state after the last of the readings (B, N, 7).
+
+    Args:
+        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+    """
     state = begun(estimator, len(measured))
     for k in range(measured.shape[1]):
         state, _ = estimator.step(state, sample_at(measured, k))
@@ -180,6 +201,12 @@ def state_after(estimator: Estimator, measured: Array) -> State:
 
 
 def sample_at(measured: Array, k: int) -> Sample:
+    """One tick of readings, as an estimator gets it.
+
+    Args:
+        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        k: which tick.
+    """
     return Sample(k * SAMPLE_PERIOD_S, measured[:, k].copy())
 
 

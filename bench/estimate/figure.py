@@ -37,11 +37,12 @@ class Readings:
     """What was read and what became of it. N ticks of 20 Hz.
 
     Attributes:
-        time_s: (N,).
-        measured: (N, 7), order CHANNELS; NaN where missing.
+        time_s: (N,) seconds.
+        measured: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
         accepted: (N, 7) bool, used by the estimator.
         every: (7,) ticks between two readings as the recording goes; 0: the channel is not there.
-        low, high: (7,) the training range.
+        low: (7,) where the training range begins, in the channels' units, order CHANNELS.
+        high: (7,) where it ends, likewise.
         warning: stands over the figure where the estimate is not usable.
     """
 
@@ -78,7 +79,10 @@ def estimate_figure(time_s: Array, mean: Array, low: Array, high: Array, reading
     """Draw estimates with 95 % bands over one recording into ``path``, a .png or an .svg.
 
     Args:
-        time_s: (M,) mean, low, high: (M, 10), order ESTIMATED, physical units.
+        time_s: (M,) seconds.
+        mean: (M, 10) in the quantities' units, order ESTIMATED.
+        low: (M, 10) likewise, where the 95 % band begins.
+        high: (M, 10) likewise, where it ends.
     """
     figure = recording_estimates(time_s, mean, low, high, readings)
     path.write_bytes(svg(figure).encode() if path.suffix == ".svg" else png(figure))
@@ -87,7 +91,14 @@ def estimate_figure(time_s: Array, mean: Array, low: Array, high: Array, reading
 @styled
 def recording_estimates(time_s: Array, mean: Array, low: Array, high: Array, readings: Readings) -> Figure:
     """Outputs against readings on top, the five health parameters, and which readings were used; as
-    ``estimate_figure``."""
+    ``estimate_figure``.
+
+    Args:
+        time_s: (M,) seconds.
+        mean: (M, 10) in the quantities' units, order ESTIMATED.
+        low: (M, 10) likewise, where the 95 % band begins.
+        high: (M, 10) likewise, where it ends.
+    """
     keep = thin(len(time_s), MOST_POINTS)
     minutes = time_s[keep] / 60.0
     bands = [np.asarray(a[keep], dtype=float) for a in (mean, low, high)]

@@ -102,8 +102,10 @@ def judge(
     """Facts and verdict of one recording.
 
     Args:
-        measured: (N, 7) as recorded, on the 20 Hz grid, nothing joined.
-        estimates, seen: of this recording alone, B = 1.
+        measured: (N, 7) readings in the channels' units, order CHANNELS, as recorded, on the 20 Hz grid, nothing
+            joined.
+        estimates: of this recording alone, B = 1.
+        seen: likewise.
         who: the estimator's printed name.
     """
     narrowest = narrowing(estimates, references.estimator.init(1))[0]

@@ -47,7 +47,12 @@ PERIODS_TICKS = (1200, 600, 400, 200, 100, 40, 20, 10, 4, 2, 1)
 
 
 class Envelope(NamedTuple):
-    """Where the training recordings were read, (7,) each, order CHANNELS."""
+    """Where the training recordings were read.
+
+    Attributes:
+        low: (7,) lower ends in the channels' units, order CHANNELS.
+        high: (7,) upper ends in the channels' units, order CHANNELS.
+    """
 
     low: Array
     high: Array
@@ -64,11 +69,11 @@ class Reference:
     """An estimator over B validation recordings of N ticks.
 
     Attributes:
-        nis: (B, N) float32, each over the median of its chi-square; NaN where no channel was accepted.
-        off: (B, N, 3) float16, absolute innovation over its expected sd, order OUTPUTS.
-        accepted: (B, 7), share of the readings that were used.
+        nis: (B, N) float32, dimensionless, each over the median of its chi-square; NaN where no channel was accepted.
+        off: (B, N, 3) float16, dimensionless, absolute innovation over its expected sd, order OUTPUTS.
+        accepted: (B, 7) dimensionless, share of the readings that were used, order CHANNELS.
         covered: share of the truths, five states and five health parameters, that lay in their 95 % intervals.
-        narrowest: (5,) typical width of the health intervals over that at the start, order HEALTH.
+        narrowest: (5,) dimensionless, typical width of the health intervals over that at the start, order HEALTH.
     """
 
     nis: np.ndarray
@@ -158,7 +163,11 @@ def sound(reference: Reference, trained: Reference) -> bool:
 
 
 def learns(narrowest: Array) -> bool:
-    """Is any health parameter's interval narrower than at the start?"""
+    """Is any health parameter's interval narrower than at the start?
+
+    Args:
+        narrowest: (5,) dimensionless, widths of the health intervals over those at the start, order HEALTH.
+    """
     return bool((narrowest < NARROWER).any())
 
 

@@ -18,7 +18,11 @@ LONGEST_JOIN = 1.5
 
 
 def manner_of(measured: Array) -> Manner:
-    """The median spacing of each channel's readings in (N, C), in ticks."""
+    """The median spacing of each channel's readings in (N, C), in ticks.
+
+    Args:
+        measured: (N, C) readings in the channels' units; NaN means missing.
+    """
     spacings = []
     for values in measured.T:
         read = np.flatnonzero(~np.isnan(values))
@@ -33,7 +37,12 @@ def period_s(manner: Manner) -> float:
 
 
 def joined(measured: Array, manner: Manner) -> Array:
-    """Readings (B, N, 7) with inputs on every tick, by straight lines between two readings of one channel."""
+    """Readings (B, N, 7) with inputs on every tick, by straight lines between two readings of one channel.
+
+    Args:
+        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        manner: of these readings.
+    """
     filled = measured.copy()
     for c in range(len(INPUTS)):
         if manner[c] > 1:
@@ -54,7 +63,12 @@ def _join(values: Array, longest: float) -> None:
 
 
 def read_as(measured: Array, manner: Manner) -> Array:
-    """Other readings (B, N, 7), of every tick, as seldom as ``manner`` says."""
+    """Other readings (B, N, 7), of every tick, as seldom as ``manner`` says.
+
+    Args:
+        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        manner: to be read in.
+    """
     thinned = np.full_like(measured, np.nan)
     for c, every in enumerate(manner):
         if every:

@@ -18,14 +18,23 @@ NO_FORECASTS = 1e9
 
 
 class Witnessed(NamedTuple):
-    """Diagnostics of every tick. B sequences of N ticks."""
+    """Diagnostics of every tick. B sequences of N ticks.
 
-    accepted: np.ndarray  # (B, N, 7) bool, order CHANNELS: read at this tick, and used
-    nis: np.ndarray  # (B, N) float32, over the accepted channels; NaN if none
-    dof: np.ndarray  # (B, N) int8, channels it is of
-    off: np.ndarray  # (B, N, 3) float32, innovation over its expected sd, order OUTPUTS; NaN where missing
-    innovation: np.ndarray  # (B, N, 3) float32, physical units
-    flags: np.ndarray  # (B, N) int16, bitwise or of the FLAG_ constants
+    Attributes:
+        accepted: (B, N, 7) bool, order CHANNELS: read at this tick, and used.
+        nis: (B, N) float32, dimensionless, over the accepted channels; NaN if none.
+        dof: (B, N) int8, dimensionless, channels it is of.
+        off: (B, N, 3) float32, dimensionless, innovation over its expected sd, order OUTPUTS; NaN where missing.
+        innovation: (B, N, 3) float32, in the outputs' units, order OUTPUTS.
+        flags: (B, N) int16, dimensionless: bitwise or of the FLAG_ constants.
+    """
+
+    accepted: np.ndarray
+    nis: np.ndarray
+    dof: np.ndarray
+    off: np.ndarray
+    innovation: np.ndarray
+    flags: np.ndarray
 
 
 @dataclass

@@ -60,13 +60,22 @@ def ukf(z, P, before, readings):  # type: ignore[no-untyped-def]
 
 
 class CompiledPeer:
-    """One of the two, one call an update."""
+    """One of the two, one call an update.
+
+    Args:
+        first: (7,) in the channels' units, order CHANNELS, none missing.
+        tick: ``ekf`` or ``ukf``.
+    """
 
     def __init__(self, first: Array, tick: Callable[..., tuple[Array, Array]]) -> None:
         self._tick, self._u = tick, first[:4].copy()
         self.mean, self.cov = start(first)
 
     def update(self, readings: Array) -> None:
-        """One tick of readings (7,), none missing."""
+        """One tick of readings (7,), none missing.
+
+        Args:
+            readings: (7,) in the channels' units, order CHANNELS, none missing.
+        """
         self.mean, self.cov = self._tick(self.mean, self.cov, self._u, readings)
         self._u = readings[:4].copy()

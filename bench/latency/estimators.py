@@ -51,12 +51,20 @@ def recording(store: Store, todo: list[Cell]) -> Array:
 
 
 def samples(readings: Array) -> list[Sample]:
-    """One machine's ticks."""
+    """One machine's ticks.
+
+    Args:
+        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+    """
     return [Sample(SAMPLE_PERIOD_S * k, row[None]) for k, row in enumerate(readings)]
 
 
 def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name, tuple[Timed, Stepped]], list[Outcome]]:
-    """Warm runners of every implementation, and who fails before it is warm; the prior does nothing worth timing."""
+    """Warm runners of every implementation, and who fails before it is warm; the prior does nothing worth timing.
+
+    Args:
+        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+    """
     ready: dict[Name, tuple[Timed, Stepped]] = {}
     failed = []
     ticks = samples(readings)
@@ -106,7 +114,11 @@ def write(out: Path, table: pd.DataFrame) -> None:
 
 
 def save_samples(took: dict[str, dict[Name, Array]], path: Path) -> None:
-    """Every timed update in microseconds: by mode, estimator, implementation and window an array of an ``.npz``."""
+    """Every timed update in microseconds: by mode, estimator, implementation and window an array of an ``.npz``.
+
+    Args:
+        took: (n,) us, by mode and name.
+    """
     named = {".".join((mode, *map(str, name))): us for mode, by_name in took.items() for name, us in by_name.items()}
     with open(path, "wb") as file:
         np.savez_compressed(file, allow_pickle=False, **named)

@@ -32,7 +32,11 @@ def with_window(twin: DeepONetKalman, window: int) -> DeepONetKalman:
 
 
 def whole_updates(twin: DeepONetKalman, readings: Array) -> Iterator[Timed]:
-    """One machine in place, for each window, and the plain form in single precision."""
+    """One machine in place, for each window, and the plain form in single precision.
+
+    Args:
+        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+    """
     rows = list(readings)
     for window in WINDOWS:
         yield Timed(Name(twin.name, IN_PLACE, window), Online(with_window(twin, window)).update, rows)
@@ -44,6 +48,9 @@ def operators(twin: DeepONetKalman, filled: Array) -> Iterator[Timed]:
     """The operator alone, its window taking in a sample and its increments with their Jacobian coming out.
 
     As ONNX only where onnx and onnxruntime are installed.
+
+    Args:
+        filled: (N, 7) in the channels' units, order CHANNELS, none missing.
     """
     window = twin.config["window"]
     forms = {"compiled": _compiled, "ONNX": _onnx, "torch": _torch}

@@ -38,14 +38,22 @@ Observe = Callable[[Array, Array], Array]
 
 
 def start(readings: Array) -> tuple[Array, Array]:
-    """z (10,) and P (10, 10) of a healthy machine at its first readings (7,)."""
+    """z (10,) and P (10, 10) of a healthy machine at its first readings (7,).
+
+    Args:
+        readings: (7,) in the channels' units, order CHANNELS, none missing.
+    """
     z = np.zeros(SIZE)
     z[:N_STATES] = NOMINAL.initial(readings[:4], readings[4:], CONSTANTS)[:N_STATES]  # type: ignore[misc]
     return z, np.diag(np.concatenate([np.array([0.01, 0.05, 5.0, 10.0, 0.02]) ** 2, np.ones(len(HEALTH))]))
 
 
 def variance(readings: Array) -> Array:
-    """R (3, 3) of the outputs at readings (7,)."""
+    """R (3, 3) of the outputs at readings (7,).
+
+    Args:
+        readings: (7,) in the channels' units, order CHANNELS, none missing.
+    """
     white, coloured = output_sd(readings[None])
     return np.diag(white[0] ** 2 + coloured[0] ** 2)
 
@@ -55,7 +63,12 @@ def _numpy_rhs(x: Array, u: Array, theta: Array) -> Array:
 
 
 def numpy_move(z: Array, u: Array) -> Array:
-    """One Runge-Kutta step of the equations as they are written, in Python and NumPy."""
+    """One Runge-Kutta step of the equations as they are written, in Python and NumPy.
+
+    Args:
+        z: (10,) states in their units, then dimensionless coordinates of health.
+        u: (4,) inputs in their units, order INPUTS.
+    """
     theta = np.concatenate([to_theta(z[N_STATES:]), CONSTANTS[len(HEALTH) :]])
     x, h = np.concatenate([z[:N_STATES], [z[2], u[3], z[2]]]), SAMPLE_PERIOD_S
     k1 = _numpy_rhs(x, u, theta)
@@ -66,7 +79,12 @@ def numpy_move(z: Array, u: Array) -> Array:
 
 
 def numpy_observe(z: Array, u: Array) -> Array:
-    """What the sensors read, in Python and NumPy."""
+    """What the sensors read, in Python and NumPy.
+
+    Args:
+        z: (10,) states in their units, then dimensionless coordinates of health.
+        u: (4,) inputs in their units, order INPUTS.
+    """
     theta = np.concatenate([to_theta(z[N_STATES:]), CONSTANTS[len(HEALTH) :]])
     return np.asarray(NOMINAL.output(np.concatenate([z[:N_STATES], [z[2], u[3], z[2]]]), u, theta))
 
@@ -120,7 +138,13 @@ class _EKF(ExtendedKalmanFilter):
 
 
 class FilterpyEKF:
-    """filterpy's extended Kalman filter on readings (7,), none missing."""
+    """filterpy's extended Kalman filter on readings (7,), none missing.
+
+    Args:
+        first: (7,) in the channels' units, order CHANNELS, none missing.
+        move: z one tick on.
+        observe: what the sensors read of z.
+    """
 
     def __init__(self, first: Array, move: Move, observe: Observe) -> None:
         self._filter, self._move, self._observe, self._u = _EKF(SIZE, 3), move, observe, first[:4]
@@ -128,7 +152,11 @@ class FilterpyEKF:
         self._filter.Q, self._filter.move = Q, move
 
     def update(self, readings: Array) -> None:
-        """One tick."""
+        """One tick.
+
+        Args:
+            readings: (7,) in the channels' units, order CHANNELS, none missing.
+        """
         ekf, u = self._filter, readings[:4]
         ekf.F = _differences(self._move, ekf.x, self._u)
         ekf.predict(self._u)
@@ -149,7 +177,13 @@ class FilterpyEKF:
 
 
 class FilterpyUKF:
-    """filterpy's unscented Kalman filter on readings (7,), none missing."""
+    """filterpy's unscented Kalman filter on readings (7,), none missing.
+
+    Args:
+        first: (7,) in the channels' units, order CHANNELS, none missing.
+        move: z one tick on.
+        observe: what the sensors read of z.
+    """
 
     def __init__(self, first: Array, move: Move, observe: Observe) -> None:
         points = MerweScaledSigmaPoints(SIZE, ALPHA, beta=2.0, kappa=0.0)
@@ -159,7 +193,11 @@ class FilterpyUKF:
         self._move, self._observe, self._u = move, observe, first[:4]
 
     def update(self, readings: Array) -> None:
-        """One tick."""
+        """One tick.
+
+        Args:
+            readings: (7,) in the channels' units, order CHANNELS, none missing.
+        """
         before, u = self._u, readings[:4]
         self._filter.predict(fx=lambda z, _: self._move(z, before))
         self._filter.update(readings[4:], R=variance(readings), hx=lambda z: self._observe(z, u))

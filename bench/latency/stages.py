@@ -93,7 +93,7 @@ def stages(twin: DeepONetKalman, filled: Array) -> dict[str, float]:
     """Microseconds of each of STAGES, medians over interleaved rounds.
 
     Args:
-        filled: readings (N, 7), none missing, N at least 2 TICKS.
+        filled: (N, 7) in the channels' units, order CHANNELS, none missing, N at least 2 TICKS.
     """
     kernels = (_whole, _preprocessing, _operator, _sensitivity, _filter_and_sensitivity)
     loops: list[_Loop | _Calls] = [*(_Loop(kernel, twin, filled) for kernel in kernels), _Calls(twin, filled)]

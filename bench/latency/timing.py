@@ -86,7 +86,11 @@ def _swept() -> Iterator[None]:
 
 
 def percentiles(us: Array) -> dict[str, float]:
-    """Of the time of an update; jitter is the mean change from one update to the next."""
+    """Of the time of an update; jitter is the mean change from one update to the next.
+
+    Args:
+        us: (n,) us, one per update.
+    """
     p50, p95, p99 = np.percentile(us, (50, 95, 99))
     figures = {"p50_us": p50, "p95_us": p95, "p99_us": p99, "max_us": us.max(), "jitter_us": _jitter(us)}
     return {name: round(float(value), 2) for name, value in figures.items()}

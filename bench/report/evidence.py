@@ -32,7 +32,13 @@ NIS_WINDOWS_S = {"normal": (0.0, np.inf), **dict.fromkeys(("fouling", "bias"), (
 
 
 class Track(NamedTuple):
-    """One estimator's answer over one sequence; each (M, 10), order ESTIMATED, physical units."""
+    """One estimator's answer over one sequence.
+
+    Attributes:
+        mean: (M, 10) in the quantities' units, order ESTIMATED.
+        low: (M, 10) likewise.
+        high: (M, 10) likewise.
+    """
 
     mean: Array
     low: Array
@@ -41,7 +47,13 @@ class Track(NamedTuple):
 
 @dataclass
 class Example:
-    """One test sequence with everybody's estimates of it; truth (M, 10), order ESTIMATED."""
+    """One test sequence with everybody's estimates of it.
+
+    Attributes:
+        time_s: (M,) seconds.
+        truth: (M, 10) in the quantities' units, order ESTIMATED.
+        tracks: by estimator.
+    """
 
     sequence: str
     time_s: Array
@@ -60,8 +72,8 @@ class Evidence:
         degradations: per degrading health parameter, the test sequence in which it moves most.
         flow: (2, n) true and estimated mass flow of the proposed method, kg/s, all over the test split.
         scenes: the paper's own, ``data.scenes``, by name; empty where the run has none.
-        nis: of the proposed method's updates with all channels, in the scenes ``normal``, ``fouling`` and ``bias``,
-            the latter two from their onset on.
+        nis: (n,) dimensionless, of the proposed method's updates with all channels, in the scenes ``normal``,
+            ``fouling`` and ``bias``, the latter two from their onset on.
     """
 
     coverage: pd.DataFrame = field(default_factory=pd.DataFrame)

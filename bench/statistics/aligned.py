@@ -12,6 +12,9 @@ from twinbench.data.batch import Array, Batch, Truth
 def truth_at(truth: Batch, names: Sequence[str], time_s: Array) -> Truth:
     """The truth of some sequences at some times, in the order asked for; shapes (B, M, ...).
 
+    Args:
+        time_s: (M,) seconds, each within half a period of a tick of ``truth``.
+
     Raises:
         ValueError: ``truth`` carries no truth, or lacks a sequence or a time.
     """

@@ -29,7 +29,7 @@ class SequenceScores:
     """One metric of E estimators on S sequences.
 
     Attributes:
-        values: (E, S), seeds averaged; NaN where an estimator has no score.
+        values: (E, S) in the metric's unit, seeds averaged; NaN where an estimator has no score.
         reasons: why an estimator's scores are incomplete; complete ones have no entry.
         undefined: sequences left out because the metric needs a change of health and no estimator
             has a score there.
@@ -185,6 +185,10 @@ def interval(resampled: Array, n: int) -> tuple[float, float]:
 
     The percentiles are moved out so that ten blocks get the width that Student's t gives them; plain
     ones cover some 90 %. Hesterberg (2015), The American Statistician 69(4), 371-386, expanded percentiles.
+
+    Args:
+        resampled: (R,) the statistic in each resample, in its own unit.
+        n: how many blocks were resampled.
     """
     if n < 2:
         return np.nan, np.nan

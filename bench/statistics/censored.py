@@ -90,8 +90,9 @@ def survival(time_s: Array, seen: np.ndarray, weights: Array) -> tuple[Array, Ar
     """Kaplan and Meier's estimate of the share that still waits.
 
     Args:
-        time_s, seen: (n,) times, and whether it happened then (else: watched until then).
-        weights: (R, n) of the runs in each of R resamples.
+        time_s: (n,) seconds, when it happened or until when it was watched.
+        seen: (n,) bool, whether it happened then.
+        weights: (R, n) dimensionless shares of the runs in each of R resamples.
 
     Returns:
         (n,) the times in order, and (R, n) the share that waits longer than each.
@@ -105,7 +106,13 @@ def survival(time_s: Array, seen: np.ndarray, weights: Array) -> tuple[Array, Ar
 
 
 def median(time_s: Array, seen: np.ndarray, weights: Array) -> Array:
-    """(R,) the first time by which at most half still wait; inf where that is not seen while enough are watched."""
+    """(R,) the first time by which at most half still wait; inf where that is not seen while enough are watched.
+
+    Args:
+        time_s: (n,) seconds, when it happened or until when it was watched.
+        seen: (n,) bool, whether it happened then.
+        weights: (R, n) dimensionless shares of the runs in each of R resamples.
+    """
     ordered_s, waits = survival(time_s, seen, weights)
     w = weights[:, np.lexsort((~seen, time_s))]
     watched_share = np.cumsum(w[:, ::-1], axis=1)[:, ::-1] / w.sum(axis=1, keepdims=True)

@@ -49,6 +49,8 @@ def regimes(time_s: Array, truth: Truth, changes: list[tuple[float, float] | Non
     """Masks (B, M) of the samples in each of REGIMES.
 
     Args:
+        time_s: (M,) seconds, the stored ticks.
+        truth: at those ticks, as ``truth_at`` gives it.
         changes: start and end of each sequence's health change, seconds; None where it has none.
     """
     speed = truth.inputs[..., 2]
@@ -172,20 +174,12 @@ def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:
     return 100.0 * float(low), 100.0 * float(high)
 
 
-def chi2_band(dof: int, n: int, level: float = LEVEL) -> tuple[float, float]:
-    """Bounds of the mean over n independent values of chi-square(dof) / dof, for NIS and NEES.
-
-    Bar-Shalom, Li and Kirubarajan (2001), Estimation with Applications to Tracking and Navigation, 5.4.
-    """
-    low, high = chi2.ppf([0.5 - level / 2, 0.5 + level / 2], dof * n) / (dof * n)
-    return float(low), float(high)
-
-
 def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
     """Mean NIS over mean dof, median of NIS over its expected median, per cent of ticks in their band; each (B,).
 
     Args:
-        nis: (B, M), innovation' S^-1 innovation. dof: (B, M), accepted channels; 0 is left out.
+        nis: (B, M) dimensionless, innovation' S^-1 innovation.
+        dof: (B, M) dimensionless counts of accepted channels; 0 is left out.
     """
     used = dof > 0
     ticks = np.where(used.any(axis=1), used.sum(axis=1), np.nan)
@@ -198,7 +192,12 @@ def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
 
 
 def nis_median_ratio(nis: Array, dof: np.ndarray | int) -> float:
-    """Median of normalised innovations squared, (n,), each over the median of its chi-square."""
+    """Median of normalised innovations squared, (n,), each over the median of its chi-square.
+
+    Args:
+        nis: (n,) dimensionless, innovation' S^-1 innovation.
+        dof: degrees of freedom of all, or (n,) of each, dimensionless.
+    """
     return float(np.median(nis / chi2.median(dof)))
 
 
@@ -206,6 +205,10 @@ def nees(error: Array, cov: Array) -> Array:
     """error' cov^-1 error, (B, O), of errors (B, O, n) and covariances (B, O, n, n); NaN where singular.
 
     Quantities are brought to unit variance first: their units are six decades apart.
+
+    Args:
+        error: (B, O, n), each in its quantity's unit.
+        cov: (B, O, n, n), in those units squared.
     """
     sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1).clip(0.0))
     usable = np.isfinite(cov).all(axis=(-2, -1)) & (sd > 0).all(axis=-1) & np.isfinite(error).all(axis=-1)

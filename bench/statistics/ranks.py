@@ -48,7 +48,8 @@ class Ranking:
     """E estimators ranked on S sequences, the best mean rank first.
 
     Attributes:
-        ranks: (E, S), 1 is best, ties share their mean rank.
+        ranks: (E, S) dimensionless, 1 is best, ties share their mean rank.
+        mean_ranks: (E,) dimensionless, their means over the sequences, ascending.
         friedman_p: of all being alike; NaN with fewer than three estimators.
         cliques: groups whose mean ranks lie within the critical difference: the diagram's bars.
         pairs: columns ``first, second, rank_gap, nemenyi_p, median_difference`` (second minus first,
@@ -122,7 +123,11 @@ def rank(table: SequenceScores, alpha: float = 0.05) -> Ranking:
 
 
 def friedman(ranks: Array) -> tuple[float, float]:
-    """Friedman's statistic, corrected for ties, and its p-value, of ranks (k, n); NaN for k < 3."""
+    """Friedman's statistic, corrected for ties, and its p-value, of ranks (k, n); NaN for k < 3.
+
+    Args:
+        ranks: (k, n) dimensionless ranks of k estimators on n sequences.
+    """
     if len(ranks) < 3:
         return np.nan, np.nan
     if (ranks == ranks[0]).all():
@@ -141,7 +146,13 @@ def _rank_sd(k: int, n: int) -> float:
 
 
 def cliques(names: tuple[str, ...], mean_ranks: Array, gap: float) -> tuple[tuple[str, ...], ...]:
-    """Largest runs of two or more neighbours whose mean ranks, ascending, span no more than ``gap``."""
+    """Largest runs of two or more neighbours whose mean ranks, ascending, span no more than ``gap``.
+
+    Args:
+        names: of the estimators, the best first.
+        mean_ranks: (k,) dimensionless, ascending.
+        gap: the critical difference of mean ranks.
+    """
     found: list[tuple[str, ...]] = []
     reached = 0
     for i in range(len(names)):
@@ -153,7 +164,13 @@ def cliques(names: tuple[str, ...], mean_ranks: Array, gap: float) -> tuple[tupl
 
 
 def compare_pairs(names: tuple[str, ...], scores: Array, mean_ranks: Array, alpha: float) -> pd.DataFrame:
-    """Every pair of estimators, as ``Ranking.pairs`` describes; scores (k, n), less is better."""
+    """Every pair of estimators, as ``Ranking.pairs`` describes; scores (k, n), less is better.
+
+    Args:
+        scores: (k, n) in the metric's unit, of k estimators on n sequences.
+        mean_ranks: (k,) dimensionless, ascending.
+        alpha: family-wise level.
+    """
     k, n = scores.shape
     rows = []
     for i, j in combinations(range(k), 2):
@@ -183,6 +200,9 @@ def wilcoxon_p(difference: Array) -> float:
     """Two-sided p-value of Wilcoxon's signed-rank test of paired differences (n,); 1 if all are zero.
 
     Exact up to 50 pairs without ties, by scipy, or ``MOST_SIGNS`` with, by going through all signs.
+
+    Args:
+        difference: (n,) in any unit, one per sequence.
     """
     moved = difference[difference != 0]
     if not len(moved):
@@ -204,7 +224,11 @@ def _signs(n: int) -> Array:
 
 
 def holm(p: Array) -> Array:
-    """Step-down Holm: family-wise adjusted p-values, in the order given."""
+    """Step-down Holm: family-wise adjusted p-values, in the order given.
+
+    Args:
+        p: (n,) dimensionless p-values.
+    """
     order = np.argsort(p, kind="stable")
     steps = np.arange(len(p), 0, -1) * p[order]
     adjusted = np.empty(len(p))
@@ -216,6 +240,9 @@ def rank_biserial(difference: Array) -> float:
     """Matched-pairs rank-biserial correlation, -1 to 1: share of the rank sum that is positive less negative.
 
     Kerby (2014), Comprehensive Psychology 3, 11.IT.3.1. Zero differences are left out; 0 if all are.
+
+    Args:
+        difference: (n,) in any unit, one per sequence.
     """
     moved = difference[difference != 0]
     if not len(moved):

@@ -31,6 +31,10 @@ def health_change(time_s: Array, health: Array) -> HealthChange | None:
     """When a sequence's health changed, from its true health (N, 5); None if it did not.
 
     Start and end span every parameter that changed.
+
+    Args:
+        time_s: (N,) seconds.
+        health: (N, 5) true health, in the parameters' units, order HEALTH.
     """
     moved = np.ptp(health, axis=0)
     changed = moved > MOVED * SPAN
@@ -50,6 +54,12 @@ def effective_delay(time_s: Array, estimate: Array, true: Array, change: HealthC
 
     Resolved to one stored tick. The stretch that is compared reaches a minute past the change on
     either side, less where the recording ends, so that all lags are judged on the same truth.
+
+    Args:
+        time_s: (M,) seconds, the stored ticks.
+        estimate: (M,) of the parameter that changed, in its unit.
+        true: (M,) its true values, in its unit.
+        change: as ``health_change`` found it.
     """
     if len(time_s) < 2:
         return np.nan
@@ -68,7 +78,14 @@ def effective_delay(time_s: Array, estimate: Array, true: Array, change: HealthC
 
 
 def recovery_time(time_s: Array, estimate: Array, true: Array, change: HealthChange) -> float:
-    """Seconds from the end of the change until the error stays below a fifth of it; NaN if it never does."""
+    """Seconds from the end of the change until the error stays below a fifth of it; NaN if it never does.
+
+    Args:
+        time_s: (M,) seconds, the stored ticks.
+        estimate: (M,) of the parameter that changed, in its unit.
+        true: (M,) its true values, in its unit.
+        change: as ``health_change`` found it.
+    """
     after = time_s >= change.end_s
     if not after.any():
         return np.nan

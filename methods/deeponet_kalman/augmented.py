@@ -78,16 +78,29 @@ LATE = 0.5
 
 
 class Model(NamedTuple):
-    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record."""
+    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record.
 
-    state_mean: Array  # (5,)
-    state_scale: Array  # (5,)
-    increment: Array  # (5,)
-    Q: Array  # (19, 19) process noise of one tick
-    noise_keep: Array  # (3,) AR(1) factors of the coloured sensor noise
-    error_keep: float  # AR(1) factor of the operator's slow errors
-    zeta_low: Array  # (5,) bounds of the coordinates, far outside a machine's life
-    zeta_high: Array  # (5,)
+    Attributes:
+        state_mean: (5,) means of the training states in their units, order STATES.
+        state_scale: (5,) their spreads in the same units.
+        increment: (5,) spread of the states' change in a tick, in the same units.
+        Q: (19, 19) process noise of one tick, in the units of z squared.
+        noise_keep: (3,) dimensionless AR(1) factors of the coloured sensor noise.
+        error_keep: AR(1) factor of the operator's slow errors.
+        zeta_low: (5,) dimensionless lower bounds of the coordinates, far outside a machine's life.
+        zeta_high: (5,) dimensionless upper bounds.
+        settings: of the safeguards.
+        envelope: where the operator was trained.
+    """
+
+    state_mean: Array
+    state_scale: Array
+    increment: Array
+    Q: Array
+    noise_keep: Array
+    error_keep: float
+    zeta_low: Array
+    zeta_high: Array
     settings: Settings
     envelope: Envelope
 
@@ -102,7 +115,11 @@ MODEL = record({
 
 
 def room_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """Room for what one tick reckons in between."""
+    """Room for what one tick reckons in between.
+
+    Args:
+        weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
+    """
     square, wide, narrow = (SIZE, SIZE), (N_OUTPUTS, SIZE), (N_OUTPUTS, N_OUTPUTS)
     return record(
         {
@@ -422,7 +439,8 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         measured: (3,) outputs, NaN where missing or rejected.
         lag: (3,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
             gets a correction of its own at its time; what is older than the last tick is left out.
-        white_sd, coloured_sd: (3,) present sd of the output noise.
+        white_sd: (3,) present sd of the outputs' white noise, in their units.
+        coloured_sd: (3,) present sd of the outputs' coloured noise, in their units.
         out: innovation (3,), S (3, 3), nis, accepted (3,), flags.
     """
     safety, informs = m.safety, model.settings.least_information > 0.0

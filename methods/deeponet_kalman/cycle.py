@@ -43,10 +43,15 @@ KEEP = np.r_[0 : len(STATES), ZETA:NOISE]
 
 
 class Scaling(NamedTuple):
-    """Standardisation of the operator's query; that of its samples is the front end's."""
+    """Standardisation of the operator's query; that of its samples is the front end's.
 
-    mean: Array  # (5,)
-    scale: Array  # (5,)
+    Attributes:
+        mean: (5,) means of the query in its units: rpm, 1, K, bar, 1.
+        scale: (5,) their spreads in the same units.
+    """
+
+    mean: Array
+    scale: Array
 
 
 TWIN = record(
@@ -74,7 +79,11 @@ def twin_record(filter_: Model, front: Fitted, query: Scaling, update_every: int
 
 
 def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """What one machine carries from update to update."""
+    """What one machine carries from update to update.
+
+    Args:
+        weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
+    """
     return record(
         {
             "recent": ("f8", (WINDOW, N_CHANNELS)),
@@ -90,7 +99,11 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
 
 
 def scratch(weights: np.ndarray) -> np.ndarray:
-    """(1,) of room for one update."""
+    """(1,) of room for one update.
+
+    Args:
+        weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
+    """
     return np.zeros(
         1,
         record(
@@ -165,9 +178,11 @@ def update(weights, twin, memory, measured, lag_s, said, t):  # type: ignore[no-
     """One update of B machines, in place on ``memory`` and ``said``.
 
     Args:
-        weights, twin: (1,), of ``methods.deeponet_kalman.stream.pack`` and ``twin_record``.
+        weights: (1,) of ``methods.deeponet_kalman.stream.pack``.
+        twin: (1,) of ``twin_record``.
         memory: (B,) of ``memory_type``.
-        measured, lag_s: (B, 7), as in Sample.
+        measured: (B, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        lag_s: (B, 7) seconds, how long before the tick each was read.
         said: (B,) of SAID.
         t: (1,) of ``scratch``.
     """

@@ -52,7 +52,6 @@ class DeepONetKalman(Estimator):
         "learning_rate": 1e-2,
         "smoothness": 1e-3,
         "feasibility": 0.1,
-        "sobolev": 0.0,
         "counterfactual": True,
         "conditioned": True,
         "augmented": True,
@@ -99,7 +98,6 @@ class DeepONetKalman(Estimator):
         "trust_alone": {"extrapolation": 0.0},
         "extrapolation_alone": {"trust_reach": np.inf},
         "no_counterfactuals": {"counterfactual": False},
-        "sobolev": {"sobolev": 0.1},
         "no_conditioning": {"conditioned": False},
         "no_observability": {"least_information": 0.0},
         "no_gate": {"channel_gate": np.inf, "hampel": False},
@@ -121,7 +119,7 @@ class DeepONetKalman(Estimator):
         from twinbench.methods.operator import Operator
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
-        from twinbench.methods.transitions import draw_transitions, plant_slopes
+        from twinbench.methods.transitions import draw_transitions
 
         config = self.config
         rng, _ = seeded(seed)
@@ -142,8 +140,7 @@ class DeepONetKalman(Estimator):
         scales = Scales.fit(transitions)
         operator = Operator(window=window)
         recipe = Recipe(**{field.name: config[field.name] for field in dataclasses.fields(Recipe)})
-        slopes = plant_slopes(train, transitions, rng) if recipe.sobolev else None
-        losses = fit_operator(operator, source, transitions, scales, rng, recipe, slopes)
+        losses = fit_operator(operator, source, transitions, scales, rng, recipe)
         held_out = WindowSource(validation, front_end, source.query_mean, source.query_scale, window)
         checked = audit(operator, held_out, validation, scales, rng)
         envelope = np.quantile(source.query[:, ::20], ENVELOPE, axis=(0, 1))

@@ -15,8 +15,9 @@ class Online:
     """A trained DeepONet-Kalman on one machine, from the first sample on.
 
     Attributes:
-        state, info: what ``DeepONetKalman.step`` returns, leading axis 1. They are views, which every update fills
-            anew: copy what is to be kept.
+        state: what ``DeepONetKalman.step`` returns, leading axis 1. It is a view, which every update fills anew: copy
+            what is to be kept.
+        info: the same, of what is diagnostic.
     """
 
     def __init__(self, twin: DeepONetKalman) -> None:
@@ -37,7 +38,12 @@ class Online:
         self.info = Info(said["innovation"], said["S"], said["nis"], accepted, said["flags"], said["age_s"])
 
     def update(self, measured: ArrayLike, lag_s: ArrayLike = 0.0) -> None:
-        """Take in readings (7,), order CHANNELS, NaN where missing, and how long ago each was read."""
+        """Take in readings (7,), order CHANNELS, NaN where missing, and how long ago each was read.
+
+        Args:
+            measured: (7,) readings in the channels' units, order CHANNELS; NaN means missing.
+            lag_s: (7,) seconds, how long ago each was read, or one number for all.
+        """
         self._measured[0] = measured
         self._lag_s[0] = lag_s
         update(*self._arguments)

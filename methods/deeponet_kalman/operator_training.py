@@ -15,8 +15,8 @@ from twinbench.methods.deeponet_kalman.stream import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw
-from twinbench.methods.transitions import Slopes, Transitions, draw_transitions, plant_sensitivities
-from twinbench.physics.health import d_theta_d_zeta, to_zeta
+from twinbench.methods.transitions import Transitions, draw_transitions, plant_sensitivities
+from twinbench.physics.health import to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
 """Query times of the training transitions: mostly one tick, some shorter and longer."""
@@ -28,7 +28,13 @@ REFINED_WINDOWS = 8192
 
 @dataclass(frozen=True)
 class Scales:
-    """How states enter the heads and increments leave them, each (5,)."""
+    """How states enter the heads and increments leave them.
+
+    Attributes:
+        state_mean: (5,) means of the training states in their units, order STATES.
+        state_scale: (5,) their spreads in the same units.
+        increment: (5,) spread of the states' change in a tick, in the same units.
+    """
 
     state_mean: Array
     state_scale: Array
@@ -41,7 +47,12 @@ class Scales:
         return Scales(transitions.x.mean(axis=0), transitions.x.std(axis=0), transitions.increment[tick].std(axis=0))
 
     def condition(self, x: Array, zeta: Array) -> np.ndarray:
-        """What the heads are conditioned on, (..., 9) float32, from x (..., 5) and zeta (..., 4 or 5)."""
+        """What the heads are conditioned on, (..., 9) float32, from x (..., 5) and zeta (..., 4 or 5).
+
+        Args:
+            x: (..., 5) states in their units, order STATES.
+            zeta: (..., 4) or (..., 5) dimensionless coordinates of health.
+        """
         standard = (x - self.state_mean) / self.state_scale
         return np.concatenate([standard, zeta[..., :N_ZETA] / ZETA_SCALE], axis=-1).astype(np.float32)
 
@@ -53,7 +64,6 @@ class Recipe:
     Attributes:
         iterations, windows, learning_rate: of AdamW, whose weight decay is the ridge of Eq. (4).
         smoothness, feasibility: weights of the derivative and feasibility terms.
-        sobolev: weight of the sensitivities' error.
         conditioned: do the heads see the health parameters?
         augmented: is noise drawn anew for every window?
         refinement: iterations of L-BFGS on the heads, afterwards.
@@ -64,19 +74,18 @@ class Recipe:
     learning_rate: float
     smoothness: float = 1e-3
     feasibility: float = 0.1
-    sobolev: float = 0.0
     conditioned: bool = True
     augmented: bool = False
     refinement: int = 0
 
 
-def feasibility(x: Tensor, x_next: Tensor, suction: Tensor) -> Tensor:
+def feasibility(x_next: Tensor, suction: Tensor) -> Tensor:
     """Penalty of Eq. (4) on what no compressor does, mean over the batch.
 
     Negative flow, gas leaving colder than it entered, a pressure ratio outside the simulated range.
 
     Args:
-        x, x_next: (B, 5) states in physical units.
+        x_next: (B, 5) states after the tick in physical units, order STATES.
         suction: (B, 2) suction pressure in bar and temperature in K.
     """
     flow = torch.relu(-x_next[:, 4])
@@ -93,7 +102,6 @@ class _Examples:
         self,
         source: WindowSource,
         transitions: Transitions,
-        slopes: Slopes | None,
         scales: Scales,
         conditioned: bool,
     ) -> None:
@@ -109,10 +117,6 @@ class _Examples:
         self.state, self.time_s = tensor(transitions.x), tensor(transitions.dt_s)
         self.increment = tensor(scales.increment)
         self.q_mean, self.q_scale = tensor(source.query_mean), tensor(source.query_scale)
-        if slopes is not None:
-            along = slopes.theta[:, :N_ZETA] / d_theta_d_zeta(zeta)[:, :N_ZETA] / ZETA_SCALE * conditioned
-            self.tangent = tensor(np.concatenate([slopes.x / scales.state_scale, along], axis=1))
-            self.slope = tensor(slopes.increment / scales.increment)
 
     def rows(self, group: np.ndarray) -> np.ndarray:
         """Transitions of given windows."""
@@ -130,14 +134,9 @@ def fit_operator(
     scales: Scales,
     rng: np.random.Generator,
     recipe: Recipe,
-    slopes: Slopes | None = None,
 ) -> list[float]:
-    """Minimise Eq. (4); every iteration draws windows with all their transitions.
-
-    Args:
-        slopes: the plant's derivatives at the transitions, needed where ``recipe.sobolev`` is not zero.
-    """
-    examples = _Examples(source, transitions, slopes if recipe.sobolev else None, scales, recipe.conditioned)
+    """Minimise Eq. (4); every iteration draws windows with all their transitions."""
+    examples = _Examples(source, transitions, scales, recipe.conditioned)
     if not recipe.conditioned:
         with torch.no_grad():
             operator.heads.from_condition.weight[:, N_STATES:] = 0.0
@@ -161,14 +160,8 @@ def fit_operator(
         value = value + recipe.smoothness * rate.square().mean()
         suction = query[:, [3, 2]] * examples.q_scale[[3, 2]] + examples.q_mean[[3, 2]]
         state = examples.state[rows]
-        infeasible = feasibility(state, state + predicted * examples.increment, suction)
+        infeasible = feasibility(state + predicted * examples.increment, suction)
         value = value + recipe.feasibility * infeasible
-        if recipe.sobolev:
-            some = slice(0, len(rows), 3)
-            slope = torch.func.jvp(
-                lambda c: operator(latent[some], c, dt[some]), (condition[some],), (examples.tangent[rows[some]],)
-            )[1]
-            value = value + recipe.sobolev * 2.0 * functional.huber_loss(slope, examples.slope[rows[some]])
         return value
 
     losses = adamw(operator, loss, recipe.iterations, recipe.learning_rate)
@@ -248,13 +241,16 @@ class Audit:
     """Is the operator fit to be a filter's model? Each checkpoint is asked before it is used.
 
     Attributes:
-        residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation
-            recordings themselves.
-        slow_sd: (5,) sd of its one-minute means, the part that does not average out, in the recordings' second halves.
-        first_sd: (5,) the same at their beginning, where the running means have not yet seen what the metal has.
-        G_cosine, G_size: (4,) agreement of each health column of G with the plant's, over the
-            sensitivities of all states in units of the increments; 1 and 1 is perfect.
-        F_cosine: (5,) the same for the state columns of F - I.
+        residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation recordings themselves,
+            in the states' units squared.
+        slow_sd: (5,) sd of its one-minute means, the part that does not average out, in the recordings' second halves,
+            in the states' units.
+        first_sd: (5,) the same at their beginning, where the running means have not yet seen what the metal has, in the
+            states' units.
+        G_cosine: (4,) dimensionless agreement of the direction of each health column of G with the plant's, over the
+            sensitivities of all states in units of the increments; 1 is perfect.
+        G_size: (4,) dimensionless, the size of each over the plant's, likewise.
+        F_cosine: (5,) dimensionless, the same as G_cosine for the state columns of F - I.
     """
 
     residual_cov: Array

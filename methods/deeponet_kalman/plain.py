@@ -123,7 +123,12 @@ class PlainTwin:
         return (query_of(readings) - self.scaling.mean) / self.scaling.scale
 
     def take_in(self, readings: Array, mask: Array) -> None:
-        """Readings (7,) enter the window, and the whole window goes through the operator."""
+        """Readings (7,) enter the window, and the whole window goes through the operator.
+
+        Args:
+            readings: (7,) in the channels' units, order CHANNELS, gaps filled.
+            mask: (7,) dimensionless, 1 where accepted.
+        """
         fitted = self.front_end.fitted
         value = np.clip((readings - fitted.mean) / fitted.scale, -LIMIT, LIMIT)
         temperature, keep = value[5], np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))

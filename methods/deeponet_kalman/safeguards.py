@@ -74,10 +74,15 @@ class Settings(NamedTuple):
 
 
 class Envelope(NamedTuple):
-    """Where the operator was trained: a box in its standardised query."""
+    """Where the operator was trained: a box in its standardised query.
 
-    low: Array  # (5,)
-    high: Array  # (5,)
+    Attributes:
+        low: (5,) standardised lower edges.
+        high: (5,) standardised upper edges.
+    """
+
+    low: Array
+    high: Array
 
 
 SAFETY = record(

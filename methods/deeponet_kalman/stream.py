@@ -45,6 +45,9 @@ def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
     """Weights (1,) of a compiled operator, from a state dict of ``Operator`` whose names start with ``net.``.
 
     Matrices are (out, in), float32; those of the heads are (in, out).
+
+    Args:
+        state: by name, weights of any shape, dimensionless.
     """
     layers = {
         "block_1": "branch.block_1",
@@ -75,7 +78,11 @@ def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """What the operator carries from tick to tick of one machine."""
+    """What the operator carries from tick to tick of one machine.
+
+    Args:
+        weights: (1,) of ``pack``, a record of dimensionless weights.
+    """
     width_1, width_2 = (weights[name].shape[1] for name in ("block_1_bias", "block_2_bias"))
     tokens = weights["position"].shape[1]
     return record(
@@ -94,7 +101,11 @@ def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
 
 
 def scratch_type(weights: np.ndarray) -> np.dtype[np.void]:
-    """Room for what is reckoned in between."""
+    """Room for what is reckoned in between.
+
+    Args:
+        weights: (1,) of ``pack``, a record of dimensionless weights.
+    """
     width = weights["hidden"].shape[-1]
     wide = {name: weights[f"{name}_bias"].shape[1] for name in ("block_2", "gate_tanh", "embedding", "trunk_hidden")}
     return record(
@@ -231,8 +242,11 @@ def push(w, s, t, sample, mask, query):  # type: ignore[no-untyped-def]
     """One tick of one machine, in place: window, convolutions, latent, first layer of the heads.
 
     Args:
-        w, s, t: records of the weights, of the machine's stream and of scratch.
-        sample, mask: (7,) standardised values, which are bounded in place, and 1 where accepted.
+        w: record of the weights.
+        s: record of the machine's stream.
+        t: record of scratch.
+        sample: (7,) standardised values, which are bounded in place.
+        mask: (7,) dimensionless, 1 where accepted.
         query: (5,) standardised inputs that hold until the next tick.
     """
     for c in range(N_CHANNELS):

@@ -15,25 +15,37 @@ from twinbench.methods.operator import SLOW_TAU_S, WINDOW
 
 
 def query_of(filled: Array) -> Array:
-    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve."""
+    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve.
+
+    Args:
+        filled: (..., 7) values in the channels' units, order CHANNELS.
+    """
     p_suc, T_suc, N, valve, p_dis = (filled[..., i] for i in range(5))
     return np.stack([N, p_dis / p_suc, T_suc, p_suc, valve], axis=-1)
 
 
 class WindowBatch(NamedTuple):
-    """What the operator reads, float32."""
+    """What the operator reads, float32.
 
-    values: Tensor  # (B, window + 1, 7)
-    masks: Tensor  # (B, window, 7)
-    slow: Tensor  # (B, 2)
-    query: Tensor  # (B, 5)
+    Attributes:
+        values: (B, window + 1, 7) standardised, order CHANNELS; the first sample only for its difference.
+        masks: (B, window, 7) dimensionless, 1 where accepted.
+        slow: (B, n_slow) standardised discharge temperature less its running means.
+        query: (B, 5) standardised, order N, pressure ratio, T_suc, p_suc, valve.
+    """
+
+    values: Tensor
+    masks: Tensor
+    slow: Tensor
+    query: Tensor
 
 
 class WindowSource:
     """Sequences after the front end, standardised, ready to be cut into windows.
 
     Attributes:
-        query_mean, query_scale: (5,) standardisation of the query.
+        query_mean: (5,) means of the query in its units: rpm, 1, K, bar, 1.
+        query_scale: (5,) their spreads in the same units.
         window: samples in a window.
     """
 
@@ -63,7 +75,12 @@ class WindowSource:
         return cls(train, front_end, query.mean(axis=(0, 1)), query.std(axis=(0, 1)), window)
 
     def at(self, sequence: np.ndarray, sample: np.ndarray) -> WindowBatch:
-        """Windows that end at the given samples, the sample itself included."""
+        """Windows that end at the given samples, the sample itself included.
+
+        Args:
+            sequence: (M,) integers, positions in the batch.
+            sample: (M,) integers, positions in the sequence.
+        """
         rows = sequence[:, None]
         ticks = sample[:, None] + np.arange(-self.window, 1)
         return WindowBatch(

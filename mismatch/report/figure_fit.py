@@ -47,6 +47,7 @@ def fit_over_time(
     """Two rows per channel, the readings and the errors; the whole recording left, a window of it right.
 
     Args:
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
         spikes: readings that were taken out, of any recording and channel.
     """
     figure = canvas(PAGE_MM, 12.0 + 62.0 * len(channels))

@@ -33,7 +33,11 @@ LEVEL = "error / noise"
 
 @styled
 def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
-    """Course of the free force at the likeliest port, if one was located, above the error, per recording."""
+    """Course of the free force at the likeliest port, if one was located, above the error, per recording.
+
+    Args:
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
+    """
     # The recordings in which it shows most, in their own order.
     order = sorted(range(len(learnt)), key=lambda r: -np.nan_to_num(level(learnt[r].before, sd)))[:MOST_RECORDINGS]
     located = verdict.located
@@ -87,7 +91,11 @@ def _force_unit(simulator: Simulator, port: str) -> str:
 
 @styled
 def over_regime(shown: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
-    """Error over each input, and over each output that a named regime bounds."""
+    """Error over each input, and over each output that a named regime bounds.
+
+    Args:
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
+    """
     simulator = verdict.diagnosis.simulator
     names = [v.name for v in (*simulator.inputs, *simulator.outputs)]
     bounds = [bound for f in verdict.findings for bound in regime_bounds(f.regime, names)]
@@ -133,7 +141,12 @@ def regime_bounds(regime: str, names: Sequence[str]) -> list[tuple[str, float]]:
 
 
 def equally_full(values: Array, bins: int = BINS) -> list[np.ndarray]:
-    """Indices of the finite values, sorted into bins of about the same number; equal values stay together."""
+    """Indices of the finite values, sorted into bins of about the same number; equal values stay together.
+
+    Args:
+        values: (n,) in any unit; NaN means missing.
+        bins: at most so many.
+    """
     finite = values[np.isfinite(values)]
     distinct = np.unique(finite)
     if len(distinct) <= bins:

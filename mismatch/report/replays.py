@@ -16,7 +16,8 @@ class Replay(NamedTuple):
     """One recording of B blocks.
 
     Attributes:
-        before, after: (B, ny) measured minus simulated, in the outputs' units; no ``after`` if nothing was added.
+        before: (B, ny) measured minus simulated, in the outputs' units.
+        after: (B, ny) likewise, with what was found; None if nothing was added.
     """
 
     track: Track
@@ -43,7 +44,11 @@ def deviation(d: Diagnosis) -> Array:
 
 
 def most_telling(some: Sequence[Replay], sd: Array, most: int = 2) -> tuple[Replay, list[int]]:
-    """The recording in which most is removed, or is wrong if nothing was added, and its most telling outputs."""
+    """The recording in which most is removed, or is wrong if nothing was added, and its most telling outputs.
+
+    Args:
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
+    """
     scores = [_score(r, sd) for r in some]
     best = max(range(len(some)), key=lambda r: np.nansum(scores[r]))
     order = [int(c) for c in np.argsort(-np.nan_to_num(scores[best], nan=-np.inf)) if np.isfinite(scores[best][c])]
@@ -58,7 +63,12 @@ def _score(replay: Replay, sd: Array) -> Array:
 
 
 def level(residual: Array, sd: Array) -> float:
-    """Root mean square (any number of blocks, ny) in standard deviations of the noise; NaN without a reading."""
+    """Root mean square (any number of blocks, ny) in standard deviations of the noise; NaN without a reading.
+
+    Args:
+        residual: (n, ny), any number of blocks, in the outputs' units.
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
+    """
     z = residual / sd
     z = z[np.isfinite(z)]
     return float(np.sqrt(np.mean(z**2))) if len(z) else np.nan

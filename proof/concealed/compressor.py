@@ -135,7 +135,12 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under inputs u (4,)."""
+    """A guess of the state under inputs u (4,).
+
+    Args:
+        u: (4,) inputs in their units.
+        p: (n_parameters,) the law's own, each in its unit.
+    """
     return np.array([0.98e5 * u[0], 3.0e5, 430.0, 355.0, 1.0, 430.0, u[3], 370.0, 0.0, 3.0e5, 1.0])
 
 

@@ -57,7 +57,8 @@ def faulty(kind: str, size: float, time_s: Array, values: Array, span: tuple[flo
         size: bias and quantisation step in the channel's unit; drift in units per hour from the start of
             a recording; lag and delay in s; gain a share; saturation the share of the span that is cut
             off; stuck the share of a recording at its end.
-        time_s: (N,).
+        time_s: (N,) seconds.
+        values: (N,) in the channel's unit.
         span: lowest and highest value of the channel over all recordings.
         last: is this the last training recording? A sensor sticks in that one only.
     """
@@ -103,5 +104,9 @@ def first_size(kind: str, sigma: float, span: tuple[float, float]) -> tuple[floa
 
 
 def span_of(series: Sequence[Array]) -> tuple[float, float]:
-    """Lowest and highest value of several series."""
+    """Lowest and highest value of several series.
+
+    Args:
+        series: (N,) each, all in one unit.
+    """
     return min(float(s.min()) for s in series), max(float(s.max()) for s in series)

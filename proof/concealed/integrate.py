@@ -58,7 +58,11 @@ def run(
     """Run one recording of N samples; inputs u (N, nu) are held between samples.
 
     Args:
-        before, after: the parameters until and from ``onset_s``, a time on the suite's clock like ``start_s``.
+        u: (N, nu) inputs in their units.
+        x0: (nx,) each state in its unit, at the first sample.
+        before: (n_parameters,) the parameters until ``onset_s``, each in its unit.
+        after: (n_parameters,) those from then on, likewise.
+        onset_s: a time on the suite's clock, like ``start_s``.
 
     Returns:
         Clean readings (N, channels) and the last state (nx,).

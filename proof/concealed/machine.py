@@ -117,7 +117,12 @@ class Machine:
         return np.array([self.noise[name].sigma for name in self.outputs])
 
     def settled(self, u: Array, p: Array, start_s: float, onset_s: float) -> Array:
-        """The state (nx,) after ``settle_s`` under the first inputs of u."""
+        """The state (nx,) after ``settle_s`` under the first inputs of u.
+
+        Args:
+            u: (N, nu) inputs in their units.
+            p: (n_parameters,) the law's own, each in its unit.
+        """
         held = np.tile(u[0], (round(self.settle_s / self.period_s), 1))
         began = start_s - self.settle_s
         return run(
@@ -147,7 +152,14 @@ def levels(
     hold_s: tuple[float, float],
     ramp_s: tuple[float, float],
 ) -> Array:
-    """Held levels joined by ramps, at times t (N,); hold times are drawn evenly in their logarithm."""
+    """Held levels joined by ramps, at times t (N,); hold times are drawn evenly in their logarithm.
+
+    Args:
+        t: (N,) seconds.
+        limits: of the levels.
+        hold_s: least and most that a level lasts.
+        ramp_s: least and most that a ramp does.
+    """
     knots = [(0.0, rng.uniform(*limits))]
     while knots[-1][0] < t[-1]:
         leave = knots[-1][0] + float(np.exp(rng.uniform(*np.log(hold_s))))

@@ -79,7 +79,12 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under inputs u (2,)."""
+    """A guess of the state under inputs u (2,).
+
+    Args:
+        u: (2,) inputs in their units.
+        p: (n_parameters,) the law's own, each in its unit.
+    """
     w = (u[0] - 0.6 * u[1]) / 1.05
     return np.array([u[1], w, 320.0, 320.0, math.copysign(0.9, w), u[0], w])
 

@@ -20,8 +20,6 @@ SHARES = {
     "left_out": 0.08, "foreign": 0.05, "poor_excitation": 0.06, "onset": 0.06,
 }  # fmt: skip
 assert tuple(SHARES) == CELLS
-DEVELOPMENT_SEED, REPORTED_SEED = 1, 20_267
-"""The engine was made with the first; what is reported comes from the other."""
 
 
 def cases(n: int, seed: int, machines: Mapping[str, Machine] = MACHINES) -> list[Item]:

@@ -13,7 +13,12 @@ JITTER = 0.04
 
 
 def recorded(machine: Machine, channels: tuple[str, ...], clean: Array, rng: np.random.Generator) -> Array:
-    """Readings (N, C) of clean series (N, C)."""
+    """Readings (N, C) of clean series (N, C).
+
+    Args:
+        clean: (N, C) in the channels' units, none missing.
+        rng: what the errors are drawn from.
+    """
     n = len(clean)
     late = JITTER * rng.standard_normal(n)
     measured = clean + late[:, None] * np.gradient(clean, axis=0)

@@ -31,7 +31,12 @@ STEPS, CLOSE = 8, 0.03
 
 @dataclass(frozen=True)
 class Take:
-    """One recording to be made: when on the suite's clock, under which inputs (N, nu)."""
+    """One recording to be made: when, under which inputs.
+
+    Attributes:
+        start_s: on the suite's clock.
+        u: (N, nu) inputs in their units.
+    """
 
     name: str
     start_s: float
@@ -45,7 +50,14 @@ class Take:
 def readings(
     machine: Machine, take: Take, u: Array, x0: Array, before: Array, after: Array, onset_s: float, substeps: int
 ) -> Array:
-    """Clean readings (N, ny) of one take under inputs u."""
+    """Clean readings (N, ny) of one take under inputs u.
+
+    Args:
+        u: (N, nu) inputs in their units.
+        x0: (nx,) each state in its unit, at the first sample.
+        before: (n_parameters,) the parameters until ``onset_s``, each in its unit.
+        after: (n_parameters,) those from then on, likewise.
+    """
     return run(
         machine.law,
         machine.reading,
@@ -62,7 +74,13 @@ def readings(
 
 
 class Yardstick:
-    """Measures changes of a machine's readings over its takes."""
+    """Measures changes of a machine's readings over its takes.
+
+    Args:
+        machine: that is measured.
+        takes: its recordings.
+        p: (n_parameters,) the truth's own, each in its unit.
+    """
 
     def __init__(self, machine: Machine, takes: Sequence[Take], p: Array) -> None:
         self.machine, self.takes, self.p = machine, tuple(takes), p
@@ -86,7 +104,11 @@ class Yardstick:
             self._free.append(np.stack(columns, axis=-1) if columns else np.zeros((len(self._own[-1]), 0)))
 
     def with_parameters(self, after: Array, onset_s: float = -np.inf) -> list[Array]:
-        """Readings of every take with parameters ``after`` from ``onset_s`` on."""
+        """Readings of every take with parameters ``after`` from ``onset_s`` on.
+
+        Args:
+            after: (n_parameters,) the law's own, each in its unit.
+        """
         machine = self.machine
         made = []
         for take in self.takes:
@@ -96,11 +118,19 @@ class Yardstick:
         return made
 
     def with_inputs(self, inputs: Sequence[Array]) -> list[Array]:
-        """Readings of every take had the inputs been others."""
+        """Readings of every take had the inputs been others.
+
+        Args:
+            inputs: (N, nu) per take, in the inputs' units.
+        """
         return [self._run(t, u, x, self.p) for t, u, x in zip(self.takes, inputs, self.starts, strict=True)]
 
     def measure(self, changed: Sequence[Array]) -> tuple[float, float]:
-        """The two rms values, held-out and training, of readings that became ``changed``."""
+        """The two rms values, held-out and training, of readings that became ``changed``.
+
+        Args:
+            changed: (N, ny) per take, in the channels' units.
+        """
         change = [self._whole(c - b) for c, b in zip(changed, self.base, strict=True)]
         train = [i for i, t in enumerate(self.takes) if not t.held_out]
         held = [i for i, t in enumerate(self.takes) if t.held_out]

@@ -66,7 +66,12 @@ def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
 
 
 def start(u: Array, p: Array) -> Array:
-    """A guess of the state under input u (1,)."""
+    """A guess of the state under input u (1,).
+
+    Args:
+        u: (1,) inputs in their units.
+        p: (n_parameters,) the law's own, each in its unit.
+    """
     flow = p[0] * u[0]
     h1, h2 = ((flow / hole) ** 2 / (2.0 * 981.0) for hole in (p[1], p[2]))
     return np.array([h1, h2, u[0], flow, h1, h2, h2 / 20.0])

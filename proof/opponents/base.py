@@ -31,7 +31,8 @@ class Calibrated:
 
     Attributes:
         found: the engine's own calibration, from an empty catalogue.
-        problem, z: the same fit on a machine that holds the whole catalogue, all of it absent.
+        problem: the same fit on a machine that holds the whole catalogue, all of it absent.
+        z: (K,) where its unknowns stand, each in its own unit.
     """
 
     found: Diagnosis
@@ -120,7 +121,8 @@ def told(
     """A verdict like ``Verdict.to_dict()``, as far as a judge reads it.
 
     Args:
-        after: held-out errors (ny,) of the mended simulator; those of the calibrated one if left out or not finite.
+        after: held-out errors (ny,) of the mended simulator, in the outputs' units; those of the calibrated one if left
+            out or not finite.
     """
     assert found.held_before is not None
     before = found.held_before.rmse

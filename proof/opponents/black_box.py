@@ -79,7 +79,12 @@ def diagnose(
 
 
 def features(track: Track, simulated: Array) -> Array:
-    """Inputs and simulated block means (B, ny), gaps held, as they are and averaged over the past, (B, F)."""
+    """Inputs and simulated block means (B, ny), gaps held, as they are and averaged over the past, (B, F).
+
+    Args:
+        track: the recording.
+        simulated: (B, ny) block means, in the outputs' units; NaN means missing.
+    """
     now = np.concatenate((track.coarse.u, held(simulated)), axis=1)
     found = []
     for share in MEMORY:

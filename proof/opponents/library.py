@@ -41,10 +41,12 @@ class Path:
     """One recording as a path through the space of states, N samples, s measured states.
 
     Attributes:
-        x: (N, s) measured states, as recorded.
-        rate: (N, s) their derivatives by the calibrated simulator's equations.
-        terms: (N, s, J) what each of the candidates adds to these at its typical size.
-        moved_x, moved_rate: (N, s, K) change of both with each unknown of the calibration, by its scale.
+        time_s: (N,) seconds.
+        x: (N, s) measured states, as recorded, in the states' units.
+        rate: (N, s) their derivatives by the calibrated simulator's equations, in those units per second.
+        terms: (N, s, J) what each of the candidates adds to these at its typical size, in the same units.
+        moved_x: (N, s, K) change of x with each unknown of the calibration, by its scale, in the states' units.
+        moved_rate: (N, s, K) change of the derivatives, likewise.
     """
 
     time_s: Array

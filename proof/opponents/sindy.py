@@ -44,7 +44,13 @@ _Operator = Callable[[Array], Array]
 
 
 class System(NamedTuple):
-    """One recording's regression: y (M,), X (M, J), and the calibration's directions N (M, K)."""
+    """One recording's regression, its balances one below the other.
+
+    Attributes:
+        y: (M,) dimensionless, what the calibrated equations miss, each balance over its typical error.
+        X: (M, J) dimensionless, what the candidates add at their typical sizes, likewise.
+        N: (M, K) dimensionless, the calibration's directions, likewise.
+    """
 
     y: Array
     X: Array
@@ -93,6 +99,11 @@ def _diagnose(
 
 
 def smooth(x: Array) -> Array:
+    """Savitzky and Golay's filter over time, (N, s).
+
+    Args:
+        x: (N, s) in the states' units.
+    """
     return np.asarray(savgol_filter(x, WINDOW, ORDER, axis=0))
 
 

@@ -33,9 +33,9 @@ def scores() -> pd.DataFrame:
 
 def test_the_map_shows_every_level_of_noise_and_dropout(scores):
     axes = noise_and_dropout(scores).axes[0]
-    assert axes.images[0].get_array().shape == (len(NOISE_LEVELS), len(DROPOUT_LEVELS))
+    assert axes.collections[0].get_array().shape == (len(NOISE_LEVELS), len(DROPOUT_LEVELS))
     assert len(axes.texts) == len(NOISE_LEVELS) * len(DROPOUT_LEVELS)
-    assert (np.diff(np.asarray(axes.images[0].get_array()), axis=0) > 0).all()
+    assert (np.diff(np.asarray(axes.collections[0].get_array()), axis=0) > 0).all()
 
 
 def test_four_treatments_of_the_envelope_are_told_apart(scores):

@@ -11,9 +11,11 @@ import pytest
 from twinbench.data.batch import CHANNELS, ESTIMATED, HEALTH, OUTPUTS
 from twinbench.data.benchmark import PARTS, DesignConfig, design, fingerprint, run, simulate_benchmark
 from twinbench.data.corrupt import Corruption
-from twinbench.data.scenario import N_LIMITS_RPM, P_SUC_LIMITS_BAR, RATIO_RANGE
+from twinbench.data.scenario import N_LIMITS_RPM, P_SUC_LIMITS_BAR
 
 PAIRS = tuple(combinations(PARTS, 2))
+RATIO_RANGE = (2.1, 5.0)
+"""What comes of RATIO_LIMITS as suction and health change, but for 0.1 % at either end."""
 SMALL = DesignConfig(n_train=2, n_validation=1, n_test=2, minutes=2.0, warmup_minutes=0.5)
 
 

@@ -13,7 +13,7 @@ from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener
-from twinbench.mismatch.onset import Onset, find_onsets, first_onset, settled_onsets, told_onsets
+from twinbench.mismatch.onset import Onset, find_onsets, settled_onsets, told_onsets
 from twinbench.mismatch.picture import picture, variants
 from twinbench.mismatch.tracks import prepare
 
@@ -51,7 +51,6 @@ def test_a_start_in_mid_recording_is_found_and_settles_within_seconds():
     assert since is not None
     assert since[0] == np.inf
     assert since[1] == pytest.approx(BEGINS_S, abs=6.0)
-    assert first_onset(since) == since[1]
     sliding = problem.machine.candidates[0]
     theta = problem.theta.copy()
     theta[list(sliding.at)] = sliding.typical
@@ -66,14 +65,8 @@ def test_what_is_there_all_the_time_or_never_has_no_start(since_s):
     assert starts(*since_s)[1] is None
 
 
-def test_the_first_start_is_told_on_the_recordings_clock():
-    assert first_onset((-np.inf, -np.inf)) is None
-    assert first_onset((np.inf, 150.0)) == 150.0
-
-
 def test_what_begins_in_no_recording_has_no_time_but_is_told_recording_by_recording():
     """It was in one recording throughout and in another not at all: "since 0 s" would be false."""
-    assert first_onset((np.inf, -np.inf)) is None
     tracks = prepare([record("monday", 1, seconds=20.0), record("friday", 2, seconds=20.0)], MOTOR)
     assert told_onsets((np.inf, -np.inf), tracks) == (Onset("monday", "not"), Onset("friday", "throughout"))
     late = replace(tracks[1], time_s=tracks[1].time_s + 100.0)

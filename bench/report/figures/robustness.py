@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from seaborn import heatmap
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
 from twinbench.bench.roster import ABLATION, PROPOSED, condition_label, is_ablation, label, ordered
@@ -36,20 +37,27 @@ def noise_and_dropout(table: pd.DataFrame) -> Figure:
     """
     means = _means(table, PROPOSED, "p_nrmse_pct")
     names = {(c.corruption.noise, c.corruption.dropout): c.name for c in CONDITIONS if c.group == "noise and dropout"}
-    values = np.array([[means.get(names[n, d], np.nan) for d in DROPOUT_LEVELS] for n in NOISE_LEVELS])
+    values = pd.DataFrame(
+        [[means.get(names[n, d], np.nan) for d in DROPOUT_LEVELS] for n in NOISE_LEVELS],
+        [f"{n:g} ×" for n in NOISE_LEVELS],
+        [f"{d:.0%}" for d in DROPOUT_LEVELS],
+    )
     figure = canvas(COLUMN_MM, 62.0)
     axes = figure.subplots()
     axes.grid(visible=False)
-    image = axes.imshow(values, cmap="cividis_r", aspect="auto", vmin=0.0)
-    axes.set_xticks(range(len(DROPOUT_LEVELS)), [f"{d:.0%}" for d in DROPOUT_LEVELS])
-    axes.set_yticks(range(len(NOISE_LEVELS)), [f"{n:g} ×" for n in NOISE_LEVELS])
+    heatmap(
+        values,
+        vmin=0.0,
+        cmap="cividis_r",
+        annot=values.map(lambda v: f"{v:.2f}" if np.isfinite(v) else "–"),
+        fmt="",
+        annot_kws={"fontsize": 7},
+        cbar_kws={"label": "pressure error, %"},
+        ax=axes,
+    )
+    axes.tick_params(axis="y", rotation=0)
     axes.set_xlabel("samples that are missing")
     axes.set_ylabel("sensor noise")
-    middle = 0.55 * float(np.nanmax(values)) if np.isfinite(values).any() else 0.0
-    for (i, j), value in np.ndenumerate(values):
-        said = f"{value:.2f}" if np.isfinite(value) else "–"
-        axes.text(j, i, said, ha="center", va="center", color="white" if value > middle else INK, fontsize=7)
-    figure.colorbar(image, ax=axes, label="pressure error, %")
     return figure
 
 

@@ -73,7 +73,11 @@ def ramps(scenes: Mapping[str, Example], column: int) -> Figure:
 
 @styled
 def flow_parity(flow: Array) -> Figure:
-    """Fig. 3c: density of estimated against true mass flow; flow (2, n) in kg/s."""
+    """Fig. 3c: density of estimated against true mass flow.
+
+    Args:
+        flow: (2, n) true and estimated mass flow in kg/s.
+    """
     figure = canvas(COLUMN_MM, 80.0)
     axes = figure.subplots()
     true, estimated = 1e3 * flow
@@ -92,7 +96,11 @@ def flow_parity(flow: Array) -> Figure:
 
 
 def r_squared(flow: Array) -> float:
-    """Share of the variance of the true flow, row 0, that the estimate, row 1, explains."""
+    """Share of the variance of the true flow, row 0, that the estimate, row 1, explains.
+
+    Args:
+        flow: (2, n) true and estimated, in kg/s.
+    """
     true, estimated = flow
     return 1.0 - float(np.sum((estimated - true) ** 2) / np.sum((true - true.mean()) ** 2))
 
@@ -110,7 +118,11 @@ def wear(example: Example, parameter: str) -> Figure:
 
 @styled
 def innovations(nis: Mapping[str, Array]) -> Figure:
-    """Fig. 6c: normalised innovations squared, with the chi-square density and its central 95 %."""
+    """Fig. 6c: normalised innovations squared, with the chi-square density and its central 95 %.
+
+    Args:
+        nis: (n,) dimensionless, by scene.
+    """
     figure = canvas(PAGE_MM, 60.0)
     panels = figure.subplots(1, len(NIS_PANELS), sharey=True)
     bins = np.geomspace(*NIS_LIMITS, 60)

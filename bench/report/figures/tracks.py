@@ -27,7 +27,11 @@ TRUTH_STYLE: dict[str, Any] = {"color": "#aab4bd", "linewidth": 4.0, "solid_caps
 
 
 def states(estimated: Array) -> Array:
-    """(M, 3) discharge pressure in bar, gas temperature in degC, mass flow in g/s from (M, 10)."""
+    """(M, 3) discharge pressure in bar, gas temperature in degC, mass flow in g/s from (M, 10).
+
+    Args:
+        estimated: (M, 10) in the quantities' units, order ESTIMATED.
+    """
     healthy_sensor = estimated.copy()
     healthy_sensor[..., ESTIMATED.index("T_bias_K")] = 0.0
     return observe(healthy_sensor) * [1.0, 1.0, 1e3] - [0.0, ZERO_C_K, 0.0]
