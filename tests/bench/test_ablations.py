@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from tiny_run import parts, twinbench, write_profile
+from helpers.tiny_run import parts, twinbench, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from refusals import refused
-from sample_run import write_run
-from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import refused
+from helpers.sample_run import write_run
+from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.report.write import write_report
 

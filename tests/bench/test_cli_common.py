@@ -14,8 +14,8 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from refusals import refused
-from tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import refused
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cli.completion import script
 from twinbench.bench.cli.main import COMMANDS as COMMANDS_OF

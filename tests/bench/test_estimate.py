@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from refusals import listing
-from tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import listing
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cli.main import build_parser
 from twinbench.bench.estimate.reference import Reference

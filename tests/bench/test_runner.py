@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile

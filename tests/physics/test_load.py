@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from linked_tanks import LEAK, TANK, write
+from helpers.linked_tanks import LEAK, TANK, write
 
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.load import builtin_catalogue, check_catalogue, load_catalogue, load_simulator

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from helpers.tiny_profile import PROFILE
-
 from twinbench.bench.cli.main import main
 
 ESTIMATOR = """

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 from helpers.oven import loss_found
-from sample_run import write_run
+from helpers.sample_run import write_run
 
 from twinbench.bench.report.write import write_report
 from twinbench.mismatch.report.write import write_page
