@@ -10,37 +10,34 @@ import venv
 from pathlib import Path
 
 import pytest
+from helpers.tiny_profile import PROFILE
 
 ROOT = Path(__file__).parents[1]
 OWN = "raise RuntimeError('a user file of this name was imported')\n"
-PROFILE = """
-scenes = false
-[data]
-n_train = 2
-n_validation = 1
-n_test = 2
-minutes = 2.5
-warmup_minutes = 0.5
-[evaluation]
-origin_every_s = 20.0
-[latency]
-updates = 0
-"""
 
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The Python of an environment that holds the wheel, and of ours what it depends on."""
     folder = tmp_path_factory.mktemp("package")
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
-    made = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(ROOT)]
-    subprocess.run(made, check=True, cwd=folder)
+    made = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
+    subprocess.run(made, check=True, cwd=ROOT, capture_output=True)
     venv.create(folder / "env", with_pip=False, symlinks=True)
     python = folder / "env" / "bin" / "python"
     code = "import sysconfig; print(sysconfig.get_path('purelib'))"
     packages = Path(subprocess.run([python, "-c", code], check=True, capture_output=True, text=True).stdout.strip())
     (wheel,) = folder.glob("twinbench-*.whl")
-    subprocess.run([*pip, "install", "--no-deps", "--target", str(packages), str(wheel)], check=True)
+    pip = [
+        sys.executable,
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--quiet",
+        "install",
+        "--no-deps",
+        "--no-compile",
+    ]
+    subprocess.run([*pip, "--target", str(packages), str(wheel)], check=True)
     # A path in a .pth file is looked in, and .pth files that it holds are not: the checkout stays out.
     (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return python
@@ -100,6 +97,6 @@ def test_the_first_verdict_of_the_tutorial(installed: Path, workplace: Path) -> 
 def test_a_tiny_run_with_a_users_estimator(installed: Path, workplace: Path) -> None:
     (workplace / "tiny.toml").write_text(PROFILE)
     (workplace / "mine.py").write_text((ROOT / "examples" / "regression.py").read_text())
-    run = ("-m", "twinbench", "run", "--profile", "tiny.toml", "--only", "mine.py", "--out", "out")
+    run = ("-m", "twinbench", "run", "--profile", "tiny.toml", "--only", "mine.py", "--out", "out", "--jobs", "1")
     assert "report:" in said(installed, workplace, *run)
     assert (workplace / "out" / "report.html").is_file()

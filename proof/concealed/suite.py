@@ -5,9 +5,8 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -35,7 +34,6 @@ from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import COLUMNS
 from twinbench.proof.concealed.plan import cases
 
-OURS = MappingProxyType({"twinbench": ENGINES["twinbench"]})
 _Plan = Sequence[tuple[Item, Mapping[str, str]]]
 """Cases, and the engines that get each of them."""
 
@@ -52,7 +50,7 @@ class Study:
 
     n: int
     seed: int
-    engines: Mapping[str, str] = OURS
+    engines: Mapping[str, str] = field(default_factory=lambda: {"twinbench": ENGINES["twinbench"]})
     opponent_cases: int | None = None
 
 

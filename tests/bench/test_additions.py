@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from refusals import refused
-from sample_run import write_run
-from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import refused
+from helpers.sample_run import write_run
+from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.report.write import write_report
 
@@ -104,19 +104,19 @@ def test_it_adds_to_a_folder_that_holds_the_tables_alone(two: SimpleNamespace, r
 
 
 @pytest.mark.parametrize(
-    ("more", "key", "says"),
+    ("key", "says"),
     [
-        ("", "minutes = 3.0", "there data.minutes is 2.5, here it is 3.0"),
-        ("", "origin_every_s = 30.0", "there evaluation.origin_every_s is 20.0, here it is 30.0"),
-        ("seeds = [4]\n", "", "there seeds is [0], here it is [4]"),
+        ("minutes = 3.0", "there data.minutes is 2.5, here it is 3.0"),
+        ("origin_every_s = 30.0", "there evaluation.origin_every_s is 20.0, here it is 30.0"),
+        ("seeds = [4]", "there seeds is [0], here it is [4]"),
     ],
 )
 def test_rows_that_cannot_be_compared_are_refused(
-    two: SimpleNamespace, run: Path, capsys: pytest.CaptureFixture[str], more: str, key: str, says: str
+    two: SimpleNamespace, run: Path, capsys: pytest.CaptureFixture[str], key: str, says: str
 ) -> None:
     profile = run.parent / "other.toml"
     lines = two.profile.read_text().splitlines()
-    profile.write_text(more + "\n".join(key if key.partition(" ")[0] == ln.partition(" ")[0] else ln for ln in lines))
+    profile.write_text("\n".join(key if key.partition(" ")[0] == ln.partition(" ")[0] else ln for ln in lines))
     line = refused(run, capsys, *run_arguments(profile, run, [two.third]))
     assert says in line
     assert f"--out {run}_more" in line
@@ -202,12 +202,16 @@ def test_a_report_without_the_store_keeps_what_needed_it_and_says_so(
 
 
 def test_figures_of_estimates_are_figures(tmp_path: Path) -> None:
+    from twinbench.bench.report.evidence import gather
     from twinbench.bench.report.figures import FROM_ESTIMATES, WEAR, draw
-    from twinbench.bench.report.write import _evidence, load_results
+    from twinbench.bench.results import load_results
     from twinbench.bench.statistics.summary import summarise
 
     results = load_results(write_run(tmp_path / "run", {"oracle": 1.0, "deeponet_kalman": 1.2}, 2, seconds=200))
     summary = summarise(results.scores, results.failures)
-    names = [d.name for d in draw(summary, _evidence(results), results.latency, results.robustness)]
+    truth = results.truth()
+    assert truth is not None
+    evidence = gather(results.estimates(), truth, results.failures)
+    names = [d.name for d in draw(summary, evidence, results.latency, results.robustness)]
     assert set(FROM_ESTIMATES) <= set(names)
     assert set(WEAR) <= set(FROM_ESTIMATES)

@@ -14,8 +14,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from refusals import listing, refused
-from tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import listing, refused
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.data.batch import CHANNELS, ESTIMATED
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from refusals import refused
-from tiny_run import twinbench
+from helpers.refusals import refused
+from helpers.tiny_run import twinbench
 
 from twinbench.bench.cli.mismatch_status import NAMED, SAYS, STATUS
 from twinbench.common.errors import BadInput

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from sample_run import write_run
+from helpers.sample_run import write_run
 
 from twinbench.bench.results import load_results
 from twinbench.common.errors import BadInput

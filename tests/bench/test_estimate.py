@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import io
 import json
 import re
 from pathlib import Path
@@ -10,8 +13,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from refusals import listing
-from tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import listing
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cli.main import build_parser
 from twinbench.bench.estimate.reference import Reference
@@ -45,27 +48,37 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return SimpleNamespace(profile=profile, run=folder / "run", tables=tables)
 
 
+Ended = tuple[int, dict, set[str]]
+"""Exit status, summary, and the names of the files written."""
+
+
+def estimated(trained: SimpleNamespace, table: pd.DataFrame, folder: Path, *more: object) -> Ended:
+    mine = folder / "mine.csv"
+    table.to_csv(mine, index=False)
+    arguments = ("estimate", "oracle", mine, "--profile", trained.profile, "--results", trained.run)
+    with contextlib.redirect_stdout(io.StringIO()) as said:
+        status = twinbench(*arguments, "--out", folder / "out", "--json", *more)
+    return status, json.loads(said.getvalue())[0], {p.name for p in listing(folder / "out")}
+
+
 @pytest.fixture
-def estimate(trained, tmp_path, capsys):
-    """Estimate one table; exit status, summary, and the names of the files written."""
+def estimate(trained, tmp_path):
+    """Estimate one table."""
+    return lambda table, *more: estimated(trained, table, tmp_path, *more)
 
-    def run(table: pd.DataFrame, *more: object) -> tuple[int, dict, set[str]]:
-        table.to_csv(tmp_path / "mine.csv", index=False)
-        mine = tmp_path / "mine.csv"
-        arguments = ("estimate", "oracle", mine, "--profile", trained.profile, "--results", trained.run)
-        capsys.readouterr()
-        status = twinbench(*arguments, "--out", tmp_path / "out", "--json", *more)
-        return status, json.loads(capsys.readouterr().out)[0], {p.name for p in listing(tmp_path / "out")}
 
-    return run
+@pytest.fixture(scope="module")
+def sound(trained, tmp_path_factory):
+    """Of a recording as it is, by its number; each once."""
+    return functools.cache(lambda which: estimated(trained, trained.tables[which], tmp_path_factory.mktemp("sound")))
 
 
 ALL = {"mine.estimates.csv", "mine.png", "mine.summary.json"}
 
 
 @pytest.mark.parametrize("which", [0, 1, 2])
-def test_a_sound_recording_is_usable_and_says_what_was_used(trained, estimate, which):
-    status, said, written = estimate(trained.tables[which])
+def test_a_sound_recording_is_usable_and_says_what_was_used(trained, sound, which):
+    status, said, written = sound(which)
     assert (status, said["usable"], said["verdict"], said["because"]) == (0, True, "usable", "")
     assert written == ALL
     for name, use in said["channels"].items():
@@ -143,8 +156,8 @@ def test_suction_pressure_in_gauge_is_asked_about(trained, tmp_path, capsys):
     assert "barg" in out + err
 
 
-def test_gauge_pressure_that_is_said_to_be_gauge_changes_nothing(trained, estimate):
-    _, told, _ = estimate(trained.tables[0])
+def test_gauge_pressure_that_is_said_to_be_gauge_changes_nothing(trained, estimate, sound):
+    _, told, _ = sound(0)
     maps = ("--map", f"{P_SUC}[barg]={P_SUC}", "--map", f"{P_DIS}[bar(g)]={P_DIS}")
     status, said, _ = estimate(gauge(P_SUC, P_DIS)(trained.tables[0]), *maps)
     assert status == 0
@@ -175,8 +188,8 @@ def test_of_two_recordings_the_usable_one_is_written(trained, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("every", [4, 20, 40])
-def test_an_estimate_survives_seldom_readings_because_inputs_are_joined(trained, estimate, every):
-    _, whole, _ = estimate(trained.tables[1])
+def test_an_estimate_survives_seldom_readings_because_inputs_are_joined(trained, estimate, sound, every):
+    _, whole, _ = sound(1)
     status, said, _ = estimate(trained.tables[1][::every])
     assert status == 0, said["because"]
     assert said["channels"][P_DIS]["period_s"] == pytest.approx(0.05 * every)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.benchmarks.evaluation import measure
 from twinbench.bench.estimate.apply import trained_cells

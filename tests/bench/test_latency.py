@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.tiny_run import run_arguments, twinbench, write_profile
 from rich.console import Console
-from tiny_run import run_arguments, twinbench, write_profile
 
 from twinbench.bench.latency import forms, stages, timing
 from twinbench.bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles

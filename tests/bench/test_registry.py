@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from tiny_run import write_estimator
+from helpers.tiny_run import write_estimator
 
 from twinbench.bench.registry import discover, find
 from twinbench.common.errors import BadInput

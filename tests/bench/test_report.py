@@ -11,7 +11,7 @@ import matplotlib.image
 import numpy as np
 import pandas as pd
 import pytest
-from sample_run import LEVELS, write_run
+from helpers.sample_run import LEVELS, write_run
 
 from twinbench.bench.report.figures.latency import pareto
 from twinbench.bench.report.table_formats import to_text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
-from tiny_run import parts, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, twinbench, write_estimator, write_profile
 
 from twinbench.bench import robustness
 from twinbench.bench.cells import make_cell

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
@@ -173,7 +173,7 @@ def test_seeds_share_what_draws_nothing(inputs: tuple[Path, list[str]], tmp_path
     spec = Path(write_estimator(tmp_path, "still", fit="if seed: raise RuntimeError('not for me')"))
     spec.write_text(spec.read_text().replace("    window = 7\n", "    window, draws = 7, False\n"))
     profile, out = tmp_path / "two.toml", tmp_path / "out"
-    profile.write_text("seeds = [0, 1]\n" + inputs[0].read_text())
+    profile.write_text(inputs[0].read_text().replace("seeds = [0]", "seeds = [0, 1]"))
     assert twinbench(*run_arguments(profile, out, [str(spec)])) == 0
     assert sorted(name.split("/")[1] for name in parts(out)) == ["data", "estimate", "fit"]
     one, other = (rows.drop(columns="seed") for _, rows in pd.read_csv(out / "scores.csv").groupby("seed"))

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from sample_run import make_estimates
+from helpers.sample_run import make_estimates
+from helpers.tiny_run import parts, twinbench, write_estimator, write_profile
 from scipy.stats import chi2
-from tiny_run import parts, twinbench, write_estimator, write_profile
 
 from twinbench.bench.report.claims import claims, claims_table
 from twinbench.bench.report.evidence import Evidence, add_scenes, gather

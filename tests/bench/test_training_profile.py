@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tiny_run import write_estimator
+from helpers.tiny_run import write_estimator
 
 from twinbench.bench.benchmarks.training_profile import MOST, profile
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark

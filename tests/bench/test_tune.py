@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from tiny_run import parts, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, twinbench, write_estimator, write_profile
 
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find

@@ -6,8 +6,8 @@ import json
 from pathlib import Path
 
 import pytest
-from refusals import refused
-from tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.refusals import refused
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.common import trial
 

@@ -6,10 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
+from twinbench.common.errors import BadInput
 from twinbench.data.batch import CHANNELS
+from twinbench.data.recording import read_recording
 
 TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.1, 430.0, 0.12])
+MENDS = ("check", "copy", "record", "name", "--map", "leave", "sort", "give", "write", "every row", "choose", "move")
+MENDS += ("save", "export", "split", "mend")
 
 
 def table(samples: int = 8) -> pd.DataFrame:
@@ -27,3 +32,14 @@ def write(frame: pd.DataFrame, folder: Path, name: str = "run.csv") -> Path:
     else:
         frame.to_csv(path, index=False)
     return path
+
+
+def refusal(path, *mapping: str, must_vary: tuple[str, ...] = ()) -> str:
+    """The one line; it names the file or the option, and tells what to do."""
+    with pytest.raises(BadInput) as caught:
+        read_recording(path, mapping, must_vary=must_vary)
+    line = str(caught.value)
+    assert "\n" not in line
+    assert path.name.split(".")[0] in line or "--map" in line
+    assert any(word in line.lower() for word in (*MENDS, "try", "needs", "must"))
+    return line

@@ -8,8 +8,7 @@ import zipfile
 import numpy as np
 import pandas as pd
 import pytest
-from recording_files import TYPICAL, table, write
-from test_refusals import refusal
+from recording_files import TYPICAL, refusal, table, write
 
 from twinbench.common.shown import LONGEST_LINE as LONGEST_MESSAGE
 from twinbench.common.shown import as_map, printable, shown

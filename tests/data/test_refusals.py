@@ -7,25 +7,11 @@ import gzip
 import numpy as np
 import pandas as pd
 import pytest
-from recording_files import table, write
+from recording_files import refusal, table, write
 
 from twinbench.common.errors import BadInput
 from twinbench.data.batch import CHANNELS
 from twinbench.data.recording import Recording, check_overlap, read_recording
-
-MENDS = ("check", "copy", "record", "name", "--map", "leave", "sort", "give", "write", "every row", "choose", "move")
-MENDS += ("save", "export", "split", "mend")
-
-
-def refusal(path, *mapping: str, must_vary: tuple[str, ...] = ()) -> str:
-    """The one line; it names the file or the option, and tells what to do."""
-    with pytest.raises(BadInput) as caught:
-        read_recording(path, mapping, must_vary=must_vary)
-    line = str(caught.value)
-    assert "\n" not in line
-    assert path.name.split(".")[0] in line or "--map" in line
-    assert any(word in line.lower() for word in (*MENDS, "try", "needs", "must"))
-    return line
 
 
 def spoilt(column: str, row: int, value: object) -> pd.DataFrame:

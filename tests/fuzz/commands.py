@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from helpers.tiny_profile import PROFILE
 
 from fuzz.arguments import ARGUMENTS
 from fuzz.cases import REFUSED, SAME, Case, Mutator, generator
@@ -16,7 +17,7 @@ from fuzz.estimators import ESTIMATORS, MINE
 from fuzz.finished_runs import RUNS
 from fuzz.given import Given
 from fuzz.models import MODEL, MODELS
-from fuzz.profiles import PROFILE, PROFILES
+from fuzz.profiles import PROFILES
 from fuzz.recording_cells import CELLS
 from fuzz.recording_files import FILES
 from fuzz.recording_names import NAMES

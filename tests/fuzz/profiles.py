@@ -3,26 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from helpers.tiny_profile import PROFILE
 
 from fuzz.cases import ORDERLY, REFUSED, SAME, Shelf, pick
 
-PROFILE = """# As small as a run can be.
-seeds = [0]
-scenes = false
-
-[data]
-n_train = 2
-n_validation = 1
-n_test = 2
-minutes = 2.5
-warmup_minutes = 0.5
-
-[evaluation]
-origin_every_s = 20.0
-
-[latency]
-updates = 0
-"""
 TRAINED = (
     PROFILE.replace("n_train = 2", "n_train = 6")
     .replace("n_validation = 1", "n_validation = 6")

@@ -4,35 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import torch
+from augmented_filter import COLOURED, OFF, WHITE, corrected, machine, off_by, ticked
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.augmented import correct, tick
-from twinbench.methods.deeponet_kalman.cycle import SAID, Scaling, memory_type, roll_out, scratch, twin_record
+from twinbench.methods.deeponet_kalman.cycle import roll_out, scratch
 from twinbench.methods.deeponet_kalman.forecast import predict, predict_mean
-from twinbench.methods.deeponet_kalman.layout import pack
-from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, SIZE, ZETA, Model, room_type
+from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, SIZE, ZETA, room_type
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATION_UPDATES,
     INSIDE_LEAST,
     OUTSIDE_MOST,
     UPDATES,
-    Envelope,
-    Settings,
     empty_safety,
 )
-from twinbench.methods.frontend import Fitted
-from twinbench.methods.operator import Operator
-from twinbench.methods.training import weights_of
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import theta_and_slope
-
-OFF = Settings(
-    trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
-    channel_gate=np.inf, rollback=False, steps=False, inflation=1.0, difference=0.0,
-)  # fmt: skip
-"""No safeguard at all: the plain augmented filter."""
 
 
 def predicted(problem, z, P, away=0.0, push=(0.0,) * 5, part=1.0, model=None):
@@ -49,38 +36,6 @@ def forecast(problem, z):
     z = z.copy()
     predict_mean(weights[0], model, base, z, np.zeros(1, room_type(weights))[0])
     return z
-
-
-def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None):
-    """z, P, innovation, the same of what was used, S and NIS after a correction; ``safety`` (1,) moves on."""
-    weights, own, *_ = problem
-    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
-    nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, room[0])
-    return z, P, *(room[name][0] for name in ("innovation", "used", "S")), nis
-
-
-@pytest.fixture(scope="module")
-def problem():
-    torch.manual_seed(1)
-    weights = pack(weights_of(Operator()))
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(SIZE, SIZE)) * 1e-3
-    model = Model(
-        state_mean=np.array([0.92, 3.2, 440.0, 352.0, 0.9]),
-        state_scale=np.array([0.07, 0.7, 32.0, 11.0, 0.19]),
-        increment=np.array([0.003, 0.0065, 0.53, 0.0023, 0.0083]),
-        Q=A @ A.T,
-        noise_keep=np.array([0.88, 0.98, 0.92]),
-        error_keep=0.999,
-        zeta_low=np.full(5, -10.0),
-        zeta_high=np.full(5, 10.0),
-        settings=OFF,
-        envelope=Envelope(np.full(5, -3.0), np.full(5, 3.0)),
-    )
-    z = np.concatenate([model.state_mean, [435.0], rng.normal(size=SIZE - 6) * 0.1])
-    B = rng.normal(size=(SIZE, SIZE))
-    base = rng.normal(size=weights["from_latent_bias"].size).astype(np.float32)
-    return weights, model, base, z, B @ B.T * 1e-4
 
 
 def test_prediction_propagates_the_covariance_with_the_true_jacobian(problem):
@@ -142,15 +97,6 @@ def test_correction_is_the_textbook(problem):
     assert z1 == pytest.approx(z + K @ r)
     assert P1 == pytest.approx((np.eye(SIZE) - K @ H) @ P, abs=1e-12)
     assert nis == pytest.approx(r @ np.linalg.inv(S) @ r)
-
-
-WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
-
-
-def off_by(z: np.ndarray, sd: float) -> np.ndarray:
-    """Readings that lie so many standard deviations of the sensors above what is expected."""
-    bias = theta_and_slope(z[ZETA:NOISE])[0][4]
-    return np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) + COLOURED * z[NOISE:ERROR] + sd * WHITE
 
 
 def test_an_inconsistent_spell_leaves_health_where_it_was_and_lets_it_move_faster_afterwards(problem):
@@ -252,18 +198,6 @@ def test_health_is_held_within_its_coordinates(problem):
     assert moved[ZETA] <= 10.0
 
 
-def machine(problem, machines=1):
-    """A twin whose front end lets everything pass, and the memory of so many machines that are as in ``problem``."""
-    weights, model, base, z, P = problem
-    mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
-    query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
-    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.full(7, np.inf), np.inf)
-    memory = np.zeros(machines, memory_type(weights))
-    memory["z"], memory["P"], memory["safety"] = z, P, empty_safety(machines)
-    memory["stream"]["ticks"], memory["stream"]["base"] = 1, base
-    return twin_record(model, front, Scaling(query, 0.1 * query), 1), memory
-
-
 def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
     weights = problem[0]
     rng = np.random.default_rng(3)
@@ -278,21 +212,6 @@ def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
     roll_out(weights, twin, one, inputs[1:], single, scratch(weights))
     assert np.array_equal(out[1], single[0])
     assert np.isfinite(out).all()
-
-
-def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
-    """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago.
-
-    Fields of its safety are set as given.
-    """
-    weights, model, *_ = problem
-    _, memory = machine(problem)
-    for name, value in safety.items():
-        memory["safety"][name] = value
-    said, room = np.zeros(1, SAID), scratch(weights)
-    query, measured = np.zeros(5, np.float32), np.array(measured)
-    tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
-    return memory["z"][0], memory["P"][0], said
 
 
 def same_covariance(P, expected):

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from test_operator_training import small_batch
+from helpers.compressor_recordings import small_batch, trained_twin
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.windows import WindowSource
 from twinbench.methods.estimator import Sample
 from twinbench.methods.frontend import FrontEnd
@@ -16,9 +15,7 @@ from twinbench.methods.training import load_weights
 
 
 def test_the_window_online_is_the_one_trained_on_and_a_step_held_back_is_put_right_in_it():
-    train, test = small_batch(1), small_batch(3, sequences=2, samples=700)
-    twin = DeepONetKalman(**DeepONetKalman.contract_settings)
-    twin.fit(train, train, seed=0)
+    test, twin = small_batch(3, sequences=2, samples=700), trained_twin()
     operator = Operator()
     load_weights(operator, twin.arrays)
     front_end = FrontEnd.from_arrays(twin.arrays)

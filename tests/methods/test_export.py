@@ -10,7 +10,7 @@ import onnxruntime
 import pandas as pd
 import pytest
 import torch
-from test_operator_training import small_batch
+from helpers.compressor_recordings import small_batch, trained_twin
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.cli.main import main
@@ -40,10 +40,7 @@ TICKS = 400
 
 @pytest.fixture(scope="module")
 def twin() -> DeepONetKalman:
-    train = small_batch(1)
-    twin = DeepONetKalman(**DeepONetKalman.contract_settings)
-    twin.fit(train, train, seed=0)
-    return twin
+    return trained_twin()
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from helpers.compressor_recordings import small_batch
 
-from twinbench.data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.data.batch import CHANNELS, HEALTH, Batch
 from twinbench.methods.deeponet_kalman.augmentation import (
     DROPOUT,
     FLOW,
@@ -23,29 +24,7 @@ from twinbench.methods.operator import Operator
 from twinbench.methods.training import adamw, load_weights, seeded, weights_of
 from twinbench.methods.transitions import Sampling, draw_transitions, plant_sensitivities
 from twinbench.physics.compressor import PLANT
-from twinbench.physics.integrate import Varying, advance, simulate
-from twinbench.physics.steady import steady_state, valve_for
-
-
-def small_batch(seed: int, sequences: int = 3, samples: int = 2600) -> Batch:
-    """Load steps and drifting health, light white noise."""
-    rng = np.random.default_rng(seed)
-    n = samples + 1
-    pieces = n // 200 + 1
-    N = np.repeat(rng.uniform(900, 1800, (sequences, pieces)), 200, axis=1)[:, :n]
-    ratio = np.repeat(rng.uniform(2.1, 5.0, (sequences, pieces)), 200, axis=1)[:, :n]
-    p = np.repeat(rng.uniform(0.82, 1.08, (sequences, pieces)), 200, axis=1)[:, :n]
-    u = np.stack([p, np.full_like(p, 298.0), N, valve_for(N, ratio)], axis=-1)
-    healthy, worn = np.array([1, 1, 0.015, 1, 0.0]), np.array([0.88, 0.9, 0.052, 0.65, 5.0])
-    share = rng.random((sequences, 1, 5)) * np.linspace(0, 1, n)[None, :, None]
-    health = healthy + share * (worn - healthy)
-    x0 = np.stack([steady_state(PLANT, u[b, 0]) for b in range(sequences)])
-    x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
-    clean = np.concatenate([u, y], axis=-1)
-    noise = np.array([1e-3, 0.2, 1.5, 0.0, 0.01, 0.6, 1e-3])
-    measured = clean + noise * rng.normal(size=clean.shape)
-    names = tuple(f"small-{seed}-{b}" for b in range(sequences))
-    return Batch(names, np.arange(n) * SAMPLE_PERIOD_S, measured, Truth(x, health, y, u))
+from twinbench.physics.integrate import Varying, advance
 
 
 @pytest.fixture(scope="module")
@@ -190,16 +169,16 @@ def test_heads_that_do_not_see_health_have_no_sensitivity_to_it(train):
 
 
 def test_refining_the_heads_lowers_the_loss_and_leaves_the_rest(train):
-    source, transitions, scales, rng = setting(train, 3000, each=3)
-    operator = Operator()
-    losses = fit_operator(operator, source, transitions, scales, rng, Recipe(30, 64, 1e-2))
-    before = weights_of(operator)
-    from twinbench.methods.deeponet_kalman.operator_training import _Examples, refine_heads
-
-    examples = _Examples(source, transitions, scales, True)
-    refined = refine_heads(operator, examples, rng, 30)
+    found = []
+    for refinement in (0, 30):
+        source, transitions, scales, rng = setting(train, 3000, each=3)
+        operator = Operator()
+        recipe = Recipe(30, 64, 1e-2, refinement=refinement)
+        found.append((fit_operator(operator, source, transitions, scales, rng, recipe), weights_of(operator)))
+    (losses, before), (both, after) = found
+    assert both[:30] == losses
+    refined = both[30:]
     assert refined[-1] < 0.7 * refined[0] < losses[0]
-    after = weights_of(operator)
     changed = {name for name in before if not np.array_equal(before[name], after[name])}
     assert changed
     assert all(name.startswith("net.heads.") for name in changed)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from augmented_filter import OFF
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from test_augmented import OFF
 
 from twinbench.data.scenario import WORN
 from twinbench.methods.deeponet_kalman.safeguards import (

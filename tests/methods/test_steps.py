@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from augmented_filter import COLOURED, OFF, WHITE, corrected, machine, off_by, ticked
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_augmented import COLOURED, OFF, WHITE, corrected, machine, off_by, problem, ticked  # noqa: F401
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
 from twinbench.methods.deeponet_kalman.augmented import SHIFTS, SLOW, WANDERING
@@ -105,7 +105,7 @@ def test_health_is_free_to_return_to_each_place_on_its_way():
     assert np.array_equal(P, before)
 
 
-def settled(problem, updates=1, at=None):  # noqa: F811
+def settled(problem, updates=1, at=None):
     """A filter with steps, its safety after so many updates, and a sure P."""
     z = problem[3].copy()
     safety = empty_safety(1)
@@ -114,7 +114,7 @@ def settled(problem, updates=1, at=None):  # noqa: F811
     return problem[1]._replace(settings=OFF._replace(steps=True)), safety, z, 1e-6 * np.eye(SIZE)
 
 
-def stepping(problem, channel, sd=20.0, **setting):  # noqa: F811
+def stepping(problem, channel, sd=20.0, **setting):
     """Model, safety, z, P and what was used in the update in which a step of a channel is seen."""
     model, safety, z, P = settled(problem, **setting)
     step = np.where(np.arange(3) == channel, sd, 0.0)
@@ -125,7 +125,7 @@ def stepping(problem, channel, sd=20.0, **setting):  # noqa: F811
 
 
 @pytest.mark.parametrize("channel", range(3))
-def test_a_channel_that_steps_is_left_out_and_let_in_when_it_fits_again(problem, channel):  # noqa: F811
+def test_a_channel_that_steps_is_left_out_and_let_in_when_it_fits_again(problem, channel):
     model, safety, z, P, used, before = stepping(problem, channel)
     assert np.isnan(used).tolist() == [c == channel for c in range(3)]
     assert z[SHIFTS[channel]] == pytest.approx(before[SHIFTS[channel]], abs=0.01)
@@ -140,7 +140,7 @@ def test_a_channel_that_steps_is_left_out_and_let_in_when_it_fits_again(problem,
 
 
 @pytest.mark.parametrize("channel", range(3))
-def test_a_shift_that_lasts_is_let_in_at_last_and_put_down_to_what_it_may_be(problem, channel):  # noqa: F811
+def test_a_shift_that_lasts_is_let_in_at_last_and_put_down_to_what_it_may_be(problem, channel):
     model, safety, z, P, *_ = stepping(problem, channel, 8.0)
     step = np.where(np.arange(3) == channel, 8.0, 0.0)
     k, at = SHIFTS[channel], z.copy()
@@ -154,7 +154,7 @@ def test_a_shift_that_lasts_is_let_in_at_last_and_put_down_to_what_it_may_be(pro
     assert abs(left[channel]) < 0.3 * abs(innovation[channel])
 
 
-def test_without_the_safeguard_a_step_is_corrected_by_at_once(problem):  # noqa: F811
+def test_without_the_safeguard_a_step_is_corrected_by_at_once(problem):
     _, safety, z, P = settled(problem)
     for _ in range(2):
         z, P, _, used, *_ = corrected(problem, safety, z, P, off_by(z, 20.0), WHITE, COLOURED, 6.0)
@@ -163,7 +163,7 @@ def test_without_the_safeguard_a_step_is_corrected_by_at_once(problem):  # noqa:
 
 
 @pytest.mark.parametrize("channel", [0, 2])
-def test_health_that_moved_goes_back_when_a_channel_steps(problem, channel):  # noqa: F811
+def test_health_that_moved_goes_back_when_a_channel_steps(problem, channel):
     was = problem[3][ZETA:NOISE] + np.array([0.3, -0.2, 0.1, 0.0, 0.4])
     _, safety, z, P, used, before = stepping(problem, channel, at=was)
     assert np.isfinite(used[channel])
@@ -176,7 +176,7 @@ def test_health_that_moved_goes_back_when_a_channel_steps(problem, channel):  # 
     assert z[PROBE] != pytest.approx(before[PROBE], abs=0.1)
 
 
-def test_a_step_of_the_temperature_never_sends_health_back(problem):  # noqa: F811
+def test_a_step_of_the_temperature_never_sends_health_back(problem):
     was = problem[3][ZETA:NOISE] + 0.3
     _, safety, z, _, used, before = stepping(problem, 1, at=was)
     assert np.isnan(used[1])
@@ -184,7 +184,7 @@ def test_a_step_of_the_temperature_never_sends_health_back(problem):  # noqa: F8
     assert z[ZETA:NOISE] == pytest.approx(before[ZETA:NOISE], abs=0.01)
 
 
-def test_while_the_query_is_unknown_no_reading_is_a_step(problem):  # noqa: F811
+def test_while_the_query_is_unknown_no_reading_is_a_step(problem):
     model, safety, z, P = settled(problem)
     safety["unknown"] = 5
     for _ in range(4):
@@ -194,7 +194,7 @@ def test_while_the_query_is_unknown_no_reading_is_a_step(problem):  # noqa: F811
 
 
 @pytest.mark.parametrize("channel", [0, 2, 4, 5])
-def test_health_stays_while_the_query_is_unknown_and_as_long_as_the_window_holds_it(problem, channel):  # noqa: F811
+def test_health_stays_while_the_query_is_unknown_and_as_long_as_the_window_holds_it(problem, channel):
     weights = problem[0]
     twin, memory = machine(problem)
     said, room = np.zeros(1, SAID), scratch(weights)
@@ -219,7 +219,7 @@ def test_health_stays_while_the_query_is_unknown_and_as_long_as_the_window_holds
         assert all(moves[ends + 1 :])
 
 
-def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_rolled_back(problem):  # noqa: F811
+def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_rolled_back(problem):
     model, safety, z, P = settled(problem)
     model = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
     P = problem[4]
@@ -234,21 +234,21 @@ def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_
     assert np.linalg.eigvalsh(P)[0] > 0.0
 
 
-def test_while_the_query_is_unknown_the_states_may_go_anywhere(problem):  # noqa: F811
+def test_while_the_query_is_unknown_the_states_may_go_anywhere(problem):
     known, unknown = (ticked(problem, NOTHING, unknown=left)[1] for left in (0, 3))
     more = np.diag(unknown - known)
     assert more[:5] == pytest.approx((WANDERING * problem[1].increment) ** 2)
     assert not more[5:].any()
 
 
-def test_what_is_left_out_is_flagged(problem):  # noqa: F811
+def test_what_is_left_out_is_flagged(problem):
     steps = np.zeros(1, STEPS)
     assert not ticked(problem, NOTHING, steps=steps)[2]["flags"][0] & FLAG_GATED
     steps["out"][0, 2] = 7
     assert ticked(problem, NOTHING, steps=steps)[2]["flags"][0] & FLAG_GATED
 
 
-def test_after_an_inconsistent_spell_health_is_free_to_return(problem):  # noqa: F811
+def test_after_an_inconsistent_spell_health_is_free_to_return(problem):
     was = problem[3][ZETA:NOISE] + np.array([0.0, 0.7, 0.0, 0.0, 0.0])
     P_health = []
     for inflating in (0, INFLATION_UPDATES):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from motor import MOTOR
 from motor_case import record
-from test_engine import CATALOGUE, dry_friction
+from motor_friction import CATALOGUE, dry_friction, friction_found
 
 from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.evidence import (
@@ -30,8 +30,7 @@ DRY = "coulomb_friction@omega_rad_s"
 
 @pytest.fixture(scope="module")
 def friction() -> Verdict:
-    fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
-    return diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
+    return friction_found()
 
 
 def weighed(losses: dict[frozenset[str], float], chosen: tuple[str, ...] = ("a",)):

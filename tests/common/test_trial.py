@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from test_load import LEAK, TANK, write
+from helpers.linked_tanks import LEAK, TANK, write
 
 from twinbench.common import trial
 from twinbench.physics.load import load_catalogue, load_simulator

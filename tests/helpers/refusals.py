@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tiny_run import twinbench
+
+from helpers.tiny_run import twinbench
 
 
 def listing(folder: Path) -> list[Path]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tiny_run import run_arguments, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, write_estimator, write_profile
 
 pytestmark = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
 

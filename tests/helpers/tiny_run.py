@@ -5,21 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from helpers.tiny_profile import PROFILE
 from twinbench.bench.cli.main import main
 
-PROFILE = """
-scenes = false
-[data]
-n_train = 2
-n_validation = 1
-n_test = 3
-minutes = 2.5
-warmup_minutes = 0.5
-[evaluation]
-origin_every_s = 20.0
-[latency]
-updates = {updates}
-"""
 ESTIMATOR = """
 import numpy as np
 from twinbench.methods.estimator import Estimator, gaussian_state, no_info, register
@@ -50,7 +38,8 @@ class Constant(Estimator):
 def write_profile(folder: Path, updates: int = 0, more: str = "") -> Path:
     """The tiny profile, ``tiny.toml``."""
     path = folder / "tiny.toml"
-    path.write_text(PROFILE.format(updates=updates) + more)
+    text = PROFILE.replace("n_test = 2", "n_test = 3").replace("updates = 0", f"updates = {updates}")
+    path.write_text(text + more)
     return path
 
 

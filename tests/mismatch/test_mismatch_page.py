@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib.text
 import numpy as np
 import pytest
-from test_mismatch_report import CATALOGUE, LOSS, OVEN, diagnosed, page, record, write
+from helpers.oven import CATALOGUE, LOSS, OVEN, loss_found, page, record, write
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch import Verdict, diagnose
@@ -27,7 +27,7 @@ AWKWARD = "$p^{2", "a_b & <b>"
 
 @pytest.fixture(scope="module")
 def named() -> Verdict:
-    return diagnosed(with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss")))
+    return loss_found()
 
 
 def visible(text: str) -> str:

@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from sample_run import LEVELS, make_estimates, make_truth
+from helpers.sample_run import LEVELS, make_estimates, make_truth
 
 from twinbench.bench.report.evidence import gather
 from twinbench.bench.report.figures.looks import looks

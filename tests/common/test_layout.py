@@ -8,17 +8,15 @@ import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ET
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sample_run import write_run
-from test_mismatch_report import LOSS, OVEN, diagnosed
+from helpers.oven import loss_found
+from helpers.sample_run import write_run
 
 from twinbench.bench.report.write import write_report
 from twinbench.mismatch.report.write import write_page
-from twinbench.physics.compose import with_mechanism
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 FLAGS = (
@@ -58,7 +56,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A report of eight estimators, and one of a mismatch with a name."""
     report, mismatch = (tmp_path_factory.mktemp(name) for name in ("report", "mismatch"))
     write_report(write_run(report, seconds=300))
-    write_page(diagnosed(with_mechanism(OVEN, replace(LOSS, name="loss"))), mismatch)
+    write_page(loss_found(), mismatch)
     return {"report": report / "report.html", "mismatch": mismatch / "report.html"}
 
 

@@ -1,0 +1,46 @@
+"""Which tests share a process, and which begin: what is costly is made once, and what lasts longest starts first."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from twinbench.common.threads import pin
+
+pin()  # before NumPy: threads of two processes that wait for each other on two cores take three times the work
+
+import pytest  # noqa: E402
+
+TOGETHER = (
+    ("test_engine", "test_evidence"),
+    ("test_mismatch_report", "test_mismatch_page", "test_layout"),
+    ("test_online", "test_export", "test_soak", "test_cycle"),
+)
+"""Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin."""
+LONGEST = (
+    "test_contract", "test_fuzz", "test_engine", "test_evidence", "test_latency", "test_prove", "test_opponents",
+    "test_package", "test_real_recordings", "test_tutorial", "test_estimate", "test_cli", "test_additions",
+)  # fmt: skip
+"""Files that begin, so that none of them runs on alone at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    rank = {name: k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Files by process, in the order of collection."""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    group = {name: names[0] for names in TOGETHER for name in names}
+
+    class Together(LoadFileScheduling):  # type: ignore[misc]
+        def _split_scope(self, nodeid: str) -> str:
+            file = super()._split_scope(nodeid)
+            return group.get(file.rpartition("/")[2].removesuffix(".py"), file)
+
+    config.option.loadscopereorder = False
+    return Together(config, log)

@@ -1,0 +1,61 @@
+"""The augmented filter of an untrained operator, part by part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twinbench.methods.deeponet_kalman.augmented import correct, tick
+from twinbench.methods.deeponet_kalman.cycle import SAID, Scaling, memory_type, scratch, twin_record
+from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, ZETA, room_type
+from twinbench.methods.deeponet_kalman.safeguards import Settings, empty_safety
+from twinbench.methods.frontend import Fitted
+from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.health import theta_and_slope
+
+OFF = Settings(
+    trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
+    channel_gate=np.inf, rollback=False, steps=False, inflation=1.0, difference=0.0,
+)  # fmt: skip
+"""No safeguard at all: the plain augmented filter."""
+WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
+
+
+def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None):
+    """z, P, innovation, the same of what was used, S and NIS after a correction; ``safety`` (1,) moves on."""
+    weights, own, *_ = problem
+    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
+    nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, room[0])
+    return z, P, *(room[name][0] for name in ("innovation", "used", "S")), nis
+
+
+def off_by(z: np.ndarray, sd: float) -> np.ndarray:
+    """Readings that lie so many standard deviations of the sensors above what is expected."""
+    bias = theta_and_slope(z[ZETA:NOISE])[0][4]
+    return np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) + COLOURED * z[NOISE:ERROR] + sd * WHITE
+
+
+def machine(problem, machines=1):
+    """A twin whose front end lets everything pass, and the memory of so many machines that are as in ``problem``."""
+    weights, model, base, z, P = problem
+    mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
+    query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
+    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.full(7, np.inf), np.inf)
+    memory = np.zeros(machines, memory_type(weights))
+    memory["z"], memory["P"], memory["safety"] = z, P, empty_safety(machines)
+    memory["stream"]["ticks"], memory["stream"]["base"] = 1, base
+    return twin_record(model, front, Scaling(query, 0.1 * query), 1), memory
+
+
+def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
+    """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago.
+
+    Fields of its safety are set as given.
+    """
+    weights, model, *_ = problem
+    _, memory = machine(problem)
+    for name, value in safety.items():
+        memory["safety"][name] = value
+    said, room = np.zeros(1, SAID), scratch(weights)
+    query, measured = np.zeros(5, np.float32), np.array(measured)
+    tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
+    return memory["z"][0], memory["P"][0], said
