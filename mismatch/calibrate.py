@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twinbench.mismatch.explanation import rewhitened
-from twinbench.mismatch.fit import DRIFT_S, KNOTS, NEARLY, Problem, Unknown, solve
+from twinbench.mismatch.fit import DRIFT_S, KNOTS, Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener, noise_floor
+from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 

@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from twinbench.mismatch.explanation import Explanation, with_candidates
-from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.noise import LONGEST
 from twinbench.mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
 from twinbench.mismatch.place import CLOCK
+from twinbench.mismatch.solve import solve
 from twinbench.physics.simulator import Array, Term
 
 GROSS, CHEAP_BLOCKS = 5.0, 1200

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from twinbench.mismatch.fit import Problem, Unknown, solve
+from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.noise import fit_whitener
 from twinbench.mismatch.picture import Picture, Variant, is_amplitude, is_fault, price, shape_count, typical
+from twinbench.mismatch.solve import solve
 from twinbench.physics.simulator import Array
 
 

@@ -1,8 +1,8 @@
-"""Fit by forward runs: Gauss-Newton within bounds and priors, whitened residuals, all recordings at once."""
+"""What a fit is about: a machine, its recordings, what is unknown of them, and the residuals that it leaves."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
@@ -17,16 +17,6 @@ from twinbench.physics.simulator import Array
 
 KNOTS, DRIFT_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
-ENOUGH = 0.05
-"""A fit is done when a step gains less than this, in units of twice the log-likelihood."""
-NEARLY = 0.01
-"""Share of the cost that a round of a fit which need only be near must gain to be followed by another."""
-LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-4, 100.0
-"""Damping of a step: none to speak of, what is tried first where that is not enough, and the most."""
-TRIES, AGREES = 6, 0.25
-"""How often damping is raised tenfold, and the share of the promised fall in cost at which a step is good enough."""
-LITTLE = 0.1
-"""Share of the cost by which a fit may fall and still be where it was, more or less."""
 ENDLESS = 1e100
 """Of any reading, in any unit. Nothing depends on it but that its square is a number and no machine reads it."""
 STEP = 0.02
@@ -324,95 +314,3 @@ def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
         return [tasks[0]()]
     with ThreadPoolExecutor(cores()) as pool:
         return list(pool.map(lambda task: task(), tasks))
-
-
-def solve(
-    problem: Problem,
-    z: Array,
-    rounds: int = 8,
-    chords: int = 2,
-    known: Sequence[Array] | None = None,
-    share: float = 0.0,
-    advance: Callable[[float], None] = lambda share: None,
-) -> tuple[Array, float]:
-    """Damped Gauss-Newton; each Jacobian serves a few steps.
-
-    Args:
-        z: (K,) where the unknowns begin, each in its own unit.
-        rounds: Jacobians at most.
-        chords: steps that each serves besides the first.
-        known: whitened columns per recording, (B, ny, K), from nearby, for the first round.
-        share: a round that gains less than this of the cost is the last, for a fit that need only be near.
-        advance: told the share of the rounds that is done, round by round.
-
-    Returns:
-        The unknowns (K,) and their cost.
-    """
-    low, high = (np.array([getattr(u, side) for u in problem.unknowns]) for side in ("low", "high"))
-    scale = np.array([u.scale for u in problem.unknowns])
-    z = np.clip(z, low, high)
-    cost = problem.cost(z)
-    damping = LEAST_DAMPING
-    whitened, near = known, False
-    for k in range(rounds):
-        advance(k / rounds)
-        exact = not near and (k > 0 or known is None)
-        if k or known is None:
-            whitened = problem.whitened(z, problem.residuals(z), whitened if near else None)
-        G, b, whitened = problem.normal(z, problem.residuals(z), whitened)
-        before = cost
-        for _ in range(chords + 1):
-            last = cost
-            z, cost, damping = _step(problem, z, cost, G, b, low, high, scale, damping)
-            if last - cost < ENOUGH:
-                break
-            b = _right_side(problem, z, whitened)
-        if (exact and before - cost < ENOUGH) or before - cost < share * before:
-            break
-        # Start states' columns serve again as long as the fit moves on with them, but not far.
-        near = ENOUGH <= before - cost < LITTLE * before
-    advance(1.0)
-    return z, cost
-
-
-def _right_side(problem: Problem, z: Array, whitened: Sequence[Array]) -> Array:
-    b = np.array([u.sd**-2 * (u.mean - v) for u, v in zip(problem.unknowns, z, strict=True)])
-    for column, residual in zip(whitened, problem.residuals(z), strict=True):
-        r = problem.whitener(residual)
-        seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
-        b += column[seen].T @ r[seen]
-    return b
-
-
-def _step(
-    problem: Problem, z: Array, cost: float, G: Array, b: Array, low: Array, high: Array, scale: Array, damping: float
-) -> tuple[Array, float, float]:
-    """One step within the bounds, damped until the cost falls as it should (Levenberg and Marquardt).
-
-    Returns:
-        Where it ends, z itself if nothing helped, the cost there, and the damping for the next step.
-    """
-    free = ~(((z <= low) & (b < 0)) | ((z >= high) & (b > 0)))
-    if not free.any():
-        return z, cost, damping
-    A = G[np.ix_(free, free)]
-    damps = np.diag(np.maximum(np.diag(A), 1e-12 / scale[free] ** 2))
-    best, lowest, mild = z, cost, damping
-    for _ in range(TRIES):
-        step = np.zeros_like(z)
-        try:
-            step[free] = np.linalg.solve(A + damping * damps, b[free])
-        except np.linalg.LinAlgError:
-            step[free] = np.linalg.lstsq(A + damping * damps, b[free], rcond=None)[0]
-        candidate = np.clip(z + step, low, high)
-        step = candidate - z
-        found = problem.cost(candidate)
-        agrees = (cost - found) / max(float(2.0 * b @ step - step @ G @ step), 1e-12)
-        if agrees > AGREES:
-            return candidate, found, max(damping / 10.0, LEAST_DAMPING) if agrees > 1.0 - AGREES else damping
-        if found < lowest - 1e-9:
-            best, lowest, mild = candidate, found, damping
-        elif lowest < cost:
-            break
-        damping = min(10.0 * max(damping, FIRST_DAMPING), MOST_DAMPING)
-    return best, lowest, mild if lowest < cost else damping

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from twinbench.mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
-from twinbench.mismatch.fit import NEARLY, Problem, solve
+from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.noise import ORDER, Whitener
 from twinbench.mismatch.picture import Picture, Variant, is_fault, picture
 from twinbench.mismatch.search import LARGEST, PENALTY, local_search, wander
+from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.physics.simulator import Array
 
 MANY = 3

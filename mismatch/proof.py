@@ -14,7 +14,8 @@ import numpy as np
 from scipy.stats import ttest_1samp
 
 from twinbench.mismatch.checks import holm
-from twinbench.mismatch.fit import Problem, Unknown, parallel, solve
+from twinbench.mismatch.fit import Problem, Unknown, parallel
+from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Variable
 

@@ -12,11 +12,12 @@ from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.fit import Problem, Unknown, solve
+from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Candidate, Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.picture import Variant, switched
 from twinbench.mismatch.proof import held_out
+from twinbench.mismatch.solve import solve
 from twinbench.mismatch.walk import examine
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 

@@ -13,13 +13,14 @@ from scipy.signal import lfilter
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.faults import faults
-from twinbench.mismatch.fit import Problem, Unknown, solve
+from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.many import completed
 from twinbench.mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from twinbench.mismatch.picture import RARE, Picture, Variant
 from twinbench.mismatch.proof import Gain
 from twinbench.mismatch.search import PENALTY, best_sets, local_search, wander
+from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import held, prepare
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL

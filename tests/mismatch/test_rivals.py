@@ -12,12 +12,13 @@ from motor_case import NOISE, record
 from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.explanation import Explanation, refit
-from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.picture import picture, variants
 from twinbench.mismatch.proof import held_out
 from twinbench.mismatch.rivals import NEAR, rivals
+from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import prepare
 
 NAMES = ("coulomb_friction@omega_rad_s", "quadratic_friction@omega_rad_s", "offset@omega_rad_s")

@@ -10,10 +10,11 @@ from scipy.stats import chi2
 
 from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
 from twinbench.mismatch.explanation import Explanation, rewhitened
-from twinbench.mismatch.fit import Problem, solve
+from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.proof import held_out
+from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import prepare
 from twinbench.mismatch.transfer import Transfer, transfer
 
