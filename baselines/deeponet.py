@@ -32,7 +32,7 @@ SIZE = ZETA + len(HEALTH)
 """Where the parts of z stand, and how many entries it has."""
 KEEP = np.r_[0 : len(STATES), ZETA:SIZE]
 N_IN = len(INPUTS)
-LONGEST_S = 60.0
+LONGEST_LEAD_S = 60.0
 TIMES_S = (0.2, 2.0, 20.0)
 """The trunk sees the query time as its share of these, saturating, and of the longest."""
 N_QUERY = len(TIMES_S) + 1 + 2 * N_IN
@@ -108,7 +108,7 @@ class DeepONet(Estimator):
         def loss(_: int) -> torch.Tensor:
             sequence = rng.integers(source.target.shape[0], size=config["windows"])
             sample = rng.integers(source.target.shape[1], size=config["windows"])
-            ahead = np.round(20 * LONGEST_S * rng.random((config["windows"], config["queries"])) ** 3).astype(int)
+            ahead = np.round(20 * LONGEST_LEAD_S * rng.random((config["windows"], config["queries"])) ** 3).astype(int)
             ahead[:, 0] = rng.integers(2, size=config["windows"])
             later = np.minimum(sample[:, None] + ahead, source.target.shape[1] - 1)
             latent = network.branch(*(torch.from_numpy(part) for part in source.window(sequence, sample)))
@@ -193,7 +193,7 @@ class DeepONet(Estimator):
         standard = (inputs - front.mean[:N_IN]) / front.scale[:N_IN]
         count = np.arange(1, inputs.shape[1] + 1)
         mean = np.cumsum(standard, axis=1) / count[:, None]
-        ahead = np.minimum(count * SAMPLE_PERIOD_S, LONGEST_S)
+        ahead = np.minimum(count * SAMPLE_PERIOD_S, LONGEST_LEAD_S)
         query = _query(np.broadcast_to(ahead, standard.shape[:2]), standard, mean)
         z = _bounded(self._answer(latent, query))
         bias_K = state.mean[:, -1:]
@@ -260,7 +260,7 @@ class _Source:
 def _query(ahead_s: Array, inputs: np.ndarray, mean: np.ndarray) -> Array:
     """(..., 12): the time ahead on four scales, the inputs then, and their mean until then."""
     times = [1.0 - np.exp(-ahead_s / tau) for tau in TIMES_S]
-    return np.concatenate([np.stack([*times, ahead_s / LONGEST_S], axis=-1), inputs, mean], axis=-1)
+    return np.concatenate([np.stack([*times, ahead_s / LONGEST_LEAD_S], axis=-1), inputs, mean], axis=-1)
 
 
 def _shifted(window: np.ndarray, newest: np.ndarray, fresh: np.ndarray) -> np.ndarray:

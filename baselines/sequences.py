@@ -12,7 +12,7 @@ from torch import Tensor
 from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFast
 from twinbench.methods.training import adamw
 
-STEPS = 75
+SLOW_STEPS = 75
 """Slow steps of back-propagation through time."""
 READOUTS = 2
 """Ticks read out, and compared, after every slow step."""
@@ -44,7 +44,7 @@ def fit_sequences(
         loss: of predictions (..., outputs) and targets (..., T).
     """
     usable = read.shape[1] // TICKS_PER_STEP
-    steps, batch = min(STEPS, usable), schedule.batch
+    steps, batch = min(SLOW_STEPS, usable), schedule.batch
     sequence = rng.integers(len(read), size=batch)
     at = steps * rng.integers(usable // steps, size=batch)
     carried = network.blank(batch)

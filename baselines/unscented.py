@@ -58,7 +58,7 @@ def moments(points, w_mean, w_cov, Q):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  # type: ignore[no-untyped-def]
-    """Correct by the measurements that are there. The function takes plain arrays because it is compiled.
+    """Correct by the measurements that are there. Plain arrays, because it is compiled.
 
     Args:
         z: (B, n) prior mean, each in the filter's own coordinate.
@@ -92,8 +92,7 @@ def correct(z, P, points, readings, measured, variance, w_mean, w_cov, clip):  #
                 for j in range(n):
                     cross[j, i] += w_cov[k] * (points[b, k, j] - z[b, j]) * y[i]
         innovation[b] = measured[b] - expected
-        r, bounded, solved = np.zeros((m, 1)), np.zeros(m), S[b].copy()
-        there = 0
+        r, bounded, solved, there = np.zeros((m, 1)), np.zeros(m), S[b].copy(), 0
         for i in range(m):
             if np.isnan(innovation[b, i]):  # a channel that nothing depends on
                 solved[i, :] = 0.0

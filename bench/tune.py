@@ -33,7 +33,7 @@ from twinbench.methods.estimator import Estimator
 ERRORS = (*STATE_ERRORS, *FORECAST_ERRORS)
 """What a twin is for: to say what the machine does, and what it will do."""
 COVERAGE, RIGHT_PCT = "coverage95_pct", 95.0
-PENALTY = 0.05
+COVERAGE_PENALTY = 0.05
 """Of one per cent that the intervals hold less, or more, than they promise: the share by which it makes the errors
 worse."""
 FAILED = 1e6
@@ -41,7 +41,7 @@ FAILED = 1e6
 MOST_TRIALS = 10_000
 """More is a slip of the finger."""
 EVALUATION = Evaluation(stride=10)
-SEED = 0
+TUNE_SEED = 0
 
 
 def merit(means: dict[str, float]) -> float:
@@ -50,7 +50,7 @@ def merit(means: dict[str, float]) -> float:
     The penalty is a share of the errors: in per cent of its own it would outweigh what a good filter errs by. It
     counts both ways: intervals that hold everything say nothing.
     """
-    return float(np.nanmean([means[m] for m in ERRORS])) * (1.0 + PENALTY * abs(means[COVERAGE] - RIGHT_PCT))
+    return float(np.nanmean([means[m] for m in ERRORS])) * (1.0 + COVERAGE_PENALTY * abs(means[COVERAGE] - RIGHT_PCT))
 
 
 def searched(
@@ -96,8 +96,8 @@ def tune(
     optuna.logging.set_verbosity(logging.WARNING)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(out / f"{kind.name}.journal"))),
-        study_name=cells.make_cell(spec, SEED, replace(profile, seeds=(SEED,))).fit,
-        sampler=optuna.samplers.TPESampler(seed=SEED, multivariate=True, n_startup_trials=max(4, trials // 4)),
+        study_name=cells.make_cell(spec, TUNE_SEED, replace(profile, seeds=(TUNE_SEED,))).fit,
+        sampler=optuna.samplers.TPESampler(seed=TUNE_SEED, multivariate=True, n_startup_trials=max(4, trials // 4)),
         load_if_exists=True,
     )
     if not study.trials:
@@ -108,7 +108,7 @@ def tune(
         while len(_finished(study)) < trials:
             trial = study.ask()
             chosen = {name: _suggest(trial, name, kind.settings[name], space) for name, space in spaces.items()}
-            means = _measure(spec, kind, replace(profile, seeds=(SEED,)), chosen, store)
+            means = _measure(spec, kind, replace(profile, seeds=(TUNE_SEED,)), chosen, store)
             for name, value in means.items():
                 trial.set_user_attr(name, value)
             study.tell(trial, means["merit"])
@@ -135,7 +135,7 @@ def _measure(
     """Merit of some settings on the validation sequences, and what it is made of."""
     own = {**profile.settings.get(kind.name, {}), **chosen}
     profile = replace(profile, settings={**profile.settings, kind.name: own})
-    cell = cells.make_cell(spec, SEED, profile)
+    cell = cells.make_cell(spec, TUNE_SEED, profile)
     began = time.perf_counter()
     cells.ensure_data(store, profile, cell.data)
     outcome = cells.fit(store, profile, cell)
@@ -143,7 +143,7 @@ def _measure(
         return {"merit": FAILED, "failed": outcome.reason}
     validation = cells.load_split(store, cell.data).validation
     try:
-        estimates = evaluate(cells.load_fit(store, cell), validation.without_truth(), EVALUATION, SEED)
+        estimates = evaluate(cells.load_fit(store, cell), validation.without_truth(), EVALUATION, TUNE_SEED)
     except FloatingPointError as error:
         return {"merit": FAILED, "failed": str(error)}
     table = score(estimates, validation).groupby("metric")["value"].mean()
@@ -159,7 +159,7 @@ def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[st
     lines = [f"# The best of {len(done)} trials; merit {study.best_value:.4g}.", f"[settings.{kind.name}]"]
     section = "\n".join([*lines, *(f"{n} = {v!r}" for n, v in best.items())]) + "\n"
     write_text(out / f"{kind.name}.toml", section)
-    about = {"estimator": kind.name, "trials": len(done), "seed": SEED, **facts, **provenance()}
+    about = {"estimator": kind.name, "trials": len(done), "seed": TUNE_SEED, **facts, **provenance()}
     write_text(out / f"{kind.name}.json", json.dumps(about, indent=2) + "\n")
     return section
 

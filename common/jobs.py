@@ -10,7 +10,7 @@ from twinbench.common.errors import BadInput
 
 VARIABLE = "LOKY_MAX_CPU_COUNT"
 """Where joblib reads it, too; processes that this one starts inherit it."""
-MOST = 1024
+MOST_JOBS = 1024
 """More is a slip of the finger."""
 
 
@@ -31,8 +31,8 @@ def at_most(jobs: int | None) -> Iterator[None]:
     if jobs is None:
         yield
         return
-    if not 1 <= jobs <= MOST:
-        raise BadInput(f"--jobs is {jobs}, must lie in [1, {MOST}]; leave it out for one job per core")
+    if not 1 <= jobs <= MOST_JOBS:
+        raise BadInput(f"--jobs is {jobs}, must lie in [1, {MOST_JOBS}]; leave it out for one job per core")
     before = os.environ.get(VARIABLE)
     os.environ[VARIABLE] = str(jobs)
     try:

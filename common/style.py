@@ -14,6 +14,10 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 INCH_MM = 25.4
 COLUMN_MM = 89.0
 PAGE_MM = 183.0
+MOST_POINTS = 800
+"""Points of a line: more cannot be told apart at page width."""
+ZERO_C_K = 273.15
+"""0 °C on the axes of those who think in °C."""
 
 INK = "#1b1f24"
 MUTED = "#6b7580"

@@ -24,7 +24,7 @@ CALL_S = 15.0
 included. A call of a simulator takes microseconds, and fits make a million; importing torch takes some five seconds."""
 IDLE_S = 10.0
 """Seconds on the clock after which what computes next to nothing is given up: it waits for what never comes."""
-_NOTHING = 0.005  # of a processor; a process that has to share a busy one gets more
+_IDLE_SHARE = 0.005  # of a processor; a process that has to share a busy one gets more
 _PATIENCE_S = 60.0  # on the clock, for machines so busy that neither of the two has ended it
 
 _here = threading.local()  # its ``tell`` is who listens to a trial in this thread
@@ -105,7 +105,7 @@ def _be_the_child(work: Callable[[], object], where: str, send: Connection) -> N
         def look(number: int, frame: object) -> None:
             nonlocal computed_s
             before_s, computed_s = computed_s, time.process_time()
-            if computed_s - before_s < _NOTHING * IDLE_S:
+            if computed_s - before_s < _IDLE_SHARE * IDLE_S:
                 os._exit(_IDLE)
 
         def tell(what: str) -> None:

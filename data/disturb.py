@@ -12,7 +12,7 @@ from twinbench.data.corrupt import Corruption
 from twinbench.data.scenario import N_LIMITS_RPM, RATIO_LIMITS, Scenario, stream
 from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE
 
-MINUTES = 10.0
+DISTURBED_MINUTES = 10.0
 """Length of a disturbed sequence: a filter has settled by half of it, and has time to recover in the other half."""
 FAULT_BEGINS_S = 300.0
 NOISE_LEVELS = (0.5, 1.0, 1.5, 2.0, 3.0)
@@ -86,8 +86,8 @@ CONDITIONS = (
 
 
 def simulate_condition(config: DesignConfig, condition: Condition) -> Batch:
-    """The test sequences, shortened to MINUTES after the warm-up, under a condition; with their truth."""
-    minutes = min(config.minutes, config.warmup_minutes + MINUTES)
+    """The test sequences, shortened to DISTURBED_MINUTES after the warm-up, under a condition; with their truth."""
+    minutes = min(config.minutes, config.warmup_minutes + DISTURBED_MINUTES)
     scenarios = design(replace(config, minutes=minutes))["test"]
     harder = tuple(_harder(s, condition) for s in scenarios)
     batch = run(harder, config.warmup_minutes, condition.corruption)

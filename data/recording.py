@@ -20,7 +20,7 @@ from twinbench.common.errors import BadInput
 from twinbench.common.shown import as_map, bare, shown
 from twinbench.data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
 from twinbench.data.mapping import TIME, TIME_UNIT, Source, sources
-from twinbench.data.table import LARGEST, TRUTH_PREFIX, numbers, read_table, row, stem
+from twinbench.data.table import LARGEST_READING, TRUTH_PREFIX, numbers, read_table, row, stem
 from twinbench.data.units import PLAUSIBLE, UNITS, Limits, check_plausible, convert
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["TIME", "Recording", "check_overlap", "read_recording", "truth_table"]
 
-LONGEST_S = 14 * 86400.0
+LONGEST_COMPRESSOR_RUN_S = 14 * 86400.0
 LONGEST_GAP = 10.0
 """Times of what was recorded that a gap may last: whatever runs over a recording runs over its gaps, too."""
 SHORT_GAP = 10_000
@@ -38,7 +38,7 @@ FIRST_EPOCH_S, LAST_EPOCH_S = 5e8, 5e9
 A_THOUSAND = 500.0
 """Ratio of sample periods that is a mistake in the unit of time, between s and ms or ms and us."""
 PARTS_OF_A_SECOND = {"ms": 1e3, "us": 1e6, "ns": 1e9}
-LONGEST_NAME = 150
+LONGEST_NAME_BYTES = 150
 """Bytes of a recording's name; files are named after it, with endings, and may have 255."""
 _DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 """Names that Windows keeps for devices, whatever their ending."""
@@ -83,10 +83,9 @@ def read_recording(
     path: Path,
     mapping: Sequence[str] = (),
     units: Mapping[str, str] = UNITS,
-    must_vary: Sequence[str] = (),
     limits: Mapping[str, Limits] = PLAUSIBLE,
     may_lack: Sequence[str] = (),
-    longest_s: float = LONGEST_S,
+    longest_s: float = LONGEST_COMPRESSOR_RUN_S,
     period_s: float = SAMPLE_PERIOD_S,
 ) -> Recording:
     """Read a recording and check it.
@@ -95,7 +94,6 @@ def read_recording(
         path: ``.csv``, ``.csv.gz`` or ``.parquet``.
         mapping: ``COLUMN=channel`` or ``COLUMN[unit]=channel``, each over a TOML sidecar's.
         units: the channels to read and their units; the compressor's by default.
-        must_vary: channels that must not be constant, because something is learnt from them.
         limits: where a channel's median has to lie; outside it is taken for another unit.
         may_lack: channels that are missing throughout where the file has no column for them.
         longest_s: the longest time span that is no mistake in the unit of time.
@@ -124,8 +122,6 @@ def read_recording(
         if channel in limits:
             where = f"{path}, column {bare(source.column)}"
             check_plausible(values, limits[channel], unit, where, source.column, channel)
-        if channel in must_vary and len(np.unique(values[~np.isnan(values)])) < 2:
-            raise BadInput(f"{path}: channel {channel} is constant; record the machine while its load changes")
         columns.append(values)
     read = {source.column for source in found.values()}
     unread = tuple(c for c in table.columns if c and c not in read)
@@ -141,8 +137,10 @@ def _name(path: Path) -> str:
     name = stem(path)
     if not name.strip(". ") or name.startswith(".") or not name.isprintable():
         raise BadInput(f"{path}: no result can be named after this; rename it, printable, without a point in front")
-    if len(name.encode(errors="surrogateescape")) > LONGEST_NAME:
-        raise BadInput(f"{path}: results are named after it, and it is longer than {LONGEST_NAME} bytes; rename it")
+    if len(name.encode(errors="surrogateescape")) > LONGEST_NAME_BYTES:
+        raise BadInput(
+            f"{path}: results are named after it, and it is longer than {LONGEST_NAME_BYTES} bytes; rename it"
+        )
     if _DEVICES.fullmatch(name):
         raise BadInput(f"{path}: Windows keeps {name} for a device and results are named after it; rename it")
     return name
@@ -191,7 +189,7 @@ def _clock(table: pd.DataFrame, clock: Source, path: Path, longest_s: float, per
 def _channel(table: pd.DataFrame, source: Source, unit: str, path: Path) -> Array:
     where = f"{path}, column {bare(source.column)}"
     values = convert(numbers(table, source.column, path), source.unit, unit, where)
-    if (np.abs(values) > LARGEST).any():
+    if (np.abs(values) > LARGEST_READING).any():
         raise BadInput(f"{where}: in {unit} it reaches {np.nanmax(np.abs(values)):.3g}; check its unit")
     return values
 

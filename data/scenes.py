@@ -16,7 +16,7 @@ from twinbench.data.corrupt import Corruption
 from twinbench.data.scenario import HEALTHY, WORN, Change, Scenario, draw
 
 WARMUP_MINUTES = 5.0
-MINUTES = 30.0
+SCENE_MINUTES = 30.0
 RAMP_MINUTES = 9.0
 ONSET_S = 480.0
 """When, after the warm-up, what is abrupt happens."""
@@ -71,5 +71,5 @@ def wearing(seed: int, level: Corruption = Corruption()) -> Batch:
 
 
 def _wearing(name: str, seed: int, changes: tuple[Change, ...]) -> Scenario:
-    fresh = draw(name, "none", seed, MINUTES, WARMUP_MINUTES, False, MIDDLE)
+    fresh = draw(name, "none", seed, SCENE_MINUTES, WARMUP_MINUTES, False, MIDDLE)
     return replace(fresh, start=HEALTHY.copy(), changes=changes)

@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 KINDS = (".csv", ".csv.gz", ".parquet")
 TRUTH_PREFIX = "true_"
-MOST_BYTES = 1 << 30
+MOST_TABLE_BYTES = 1 << 30
 """Of text, unpacked. Reading takes a few times as much memory, for which many machines would kill the command."""
 MOST_CELLS = 250_000_000
 """Rows times columns; fourteen days of the compressor at 20 Hz are 194 million. As numbers they take two gigabytes."""
-LONGEST_LINE = 1 << 20
+LONGEST_LINE_BYTES = 1 << 20
 """Bytes of one line of text: a row of ten thousand columns has a tenth of that. Longer ones are no table."""
-LARGEST = 1e30
+LARGEST_READING = 1e30
 """No reading in any unit is larger, and sums of squares of this are still numbers."""
-_BLOCK = 1 << 22  # bytes looked at together
+_CHUNK_BYTES = 1 << 22  # bytes looked at together
 _OTHERS = {
     b"PK\x03\x04": "a zip or Excel file; export the table as CSV",
     b"\xd0\xcf\x11\xe0": "an old Excel file; export the table as CSV",
@@ -106,7 +106,7 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
     if not (pd.api.types.is_numeric_dtype(cells) or cells.dtype == object or pd.api.types.is_string_dtype(cells)):
         raise BadInput(f"{where}: holds {bare(cells.dtype)}, not numbers; write numbers")
     values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
-    wrong = (np.isnan(values) & cells.notna().to_numpy()) | (np.abs(values) > LARGEST)
+    wrong = (np.isnan(values) & cells.notna().to_numpy()) | (np.abs(values) > LARGEST_READING)
     if wrong.any():
         text = str(cells.iloc[int(np.flatnonzero(wrong)[0])])
         raise BadInput(f"{path}, row {row(wrong)}, column {bare(column)}: {_no_number(text)}")
@@ -136,7 +136,9 @@ def _no_number(text: str) -> str:
         float(text)
     except ValueError:
         return f"{shown(text)} is no number; leave the cell empty if missing"
-    return f"{shown(text)} is no number that a sensor shows (at most {LARGEST:g}); leave the cell empty if missing"
+    return (
+        f"{shown(text)} is no number that a sensor shows (at most {LARGEST_READING:g}); leave the cell empty if missing"
+    )
 
 
 def _no_date(text: str) -> str:
@@ -174,7 +176,7 @@ def _scan(path: Path) -> int:
     """
     size = lines = begun = 0  # bytes of the line that the last block left unfinished
     with cast(BinaryIO, gzip.open(path) if path.suffix == ".gz" else path.open("rb")) as file:
-        while block := file.read(_BLOCK):
+        while block := file.read(_CHUNK_BYTES):
             if not size:
                 _check_beginning(path, block)
             letters = np.frombuffer(block, dtype=np.uint8)
@@ -183,15 +185,16 @@ def _scan(path: Path) -> int:
             if (nul := block.find(b"\0")) >= 0:
                 at = lines + int((ends < nul).sum()) + 1
                 raise BadInput(f"{path}, line {at}: holds a NUL byte; it is damaged or no text, export it again")
-            if lengths.max() > LONGEST_LINE:
-                at = lines + int(np.argmax(lengths > LONGEST_LINE)) + 1
+            if lengths.max() > LONGEST_LINE_BYTES:
+                at = lines + int(np.argmax(lengths > LONGEST_LINE_BYTES)) + 1
                 raise BadInput(
-                    f"{path}, line {at}: is longer than {LONGEST_LINE:,} bytes; that is no row of a table, mend it"
+                    f"{path}, line {at}: is longer than {LONGEST_LINE_BYTES:,} bytes; that is no row of a table, "
+                    "mend it"
                 )
             size, lines, begun = size + len(block), lines + len(ends), int(lengths[-1])
-            if size > MOST_BYTES:
+            if size > MOST_TABLE_BYTES:
                 raise BadInput(
-                    f"{path}: holds more than {MOST_BYTES / 1e9:.2g} GB of text; "
+                    f"{path}: holds more than {MOST_TABLE_BYTES / 1e9:.2g} GB of text; "
                     "split it, keep every tenth row, or only the columns that are read"
                 )
     return lines

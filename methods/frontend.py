@@ -18,7 +18,7 @@ from numba import njit
 
 from twinbench.data.batch import CHANNELS, INPUTS, SAMPLE_PERIOD_S, Array, Batch
 
-WINDOW = 11
+HAMPEL_WINDOW = 11
 """Samples in the Hampel window, the present one included."""
 THRESHOLD = 6.0
 STUCK_S = 3.0
@@ -32,8 +32,8 @@ class Memory(NamedTuple):
     """What the front end carries from tick to tick, B machines.
 
     Attributes:
-        recent: (B, WINDOW, 7) raw samples in the channels' units, order CHANNELS, newest last; NaN before the first and
-            where missing.
+        recent: (B, HAMPEL_WINDOW, 7) raw samples in the channels' units, order CHANNELS, newest last; NaN before the
+            first and where missing.
         filled: (B, 7) last accepted values in the channels' units, order CHANNELS.
         age_s: (B, 7) seconds since then; inf before the first.
         outlier: (B, 7) dimensionless, sign of the previous sample's rejection, 0 if none.
@@ -110,7 +110,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
         spike: (7,) bool, is written: was it rejected as an isolated spike?
         confirmed: (7,) bool, is written: was the reading of the tick before held back, and rightly there?
         before: (7,) is written: the values of the tick before, what is confirmed put right, in the channels' units.
-        kept: (WINDOW,) is scratch.
+        kept: (HAMPEL_WINDOW,) is scratch.
     """
     window, channels = m.recent.shape
     for c in range(channels):
@@ -163,7 +163,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
 @njit(cache=True)
 def _gate(memory, fitted, measured, accepted, spike, confirmed, before):  # type: ignore[no-untyped-def]
     """Advance all machines by one tick, in place."""
-    kept = np.empty(WINDOW)
+    kept = np.empty(HAMPEL_WINDOW)
     for b in range(measured.shape[0]):
         one = Memory(
             memory.recent[b], memory.filled[b], memory.age_s[b], memory.outlier[b], memory.last[b], memory.still[b]
@@ -243,7 +243,7 @@ class FrontEnd:
         """Before the first sample: the training means stand in."""
         n = len(CHANNELS)
         return Memory(
-            np.full((batch, WINDOW, n), np.nan),
+            np.full((batch, HAMPEL_WINDOW, n), np.nan),
             np.tile(self.mean, (batch, 1)),
             np.full((batch, n), np.inf),
             np.zeros((batch, n)),

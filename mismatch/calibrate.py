@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twinbench.mismatch.explanation import rewhitened
-from twinbench.mismatch.fit import DRIFT_S, KNOTS, Problem, Unknown
+from twinbench.mismatch.fit import KNOT_EVERY_S, KNOTS_LEAST, Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener, noise_floor
 from twinbench.mismatch.solve import NEARLY, solve
@@ -81,6 +81,6 @@ def own_unknowns(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown
             v = simulator.parameters[i]
             found += [
                 Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR * v.scale, v.scale, r, k)
-                for k in range(max(KNOTS, 1 + round((track.time_s[-1] - track.time_s[0]) / DRIFT_S)))
+                for k in range(max(KNOTS_LEAST, 1 + round((track.time_s[-1] - track.time_s[0]) / KNOT_EVERY_S)))
             ]
     return tuple(found)

@@ -33,7 +33,7 @@ CONTENTS = {"m", "cm", "mm", "m3", "m^3", "l", "L", "kg", "V", "%"}
 """Units of the content of a vessel, which can spill into the next."""
 FRICTION = ("viscous_friction", "quadratic_friction", "cubic_friction", "coulomb_friction")
 LOSSES = ("linear_loss", "quadratic_loss", "cubic_loss", "constant_drop")
-DRAWS = 5
+STRUCTURE_POINTS = 5
 """Points at which the equations are asked which state is whose rate."""
 _FASTEST_1_S = 1e12  # scales of a state in a second: faster is no machine, and overflows where it is squared
 _SLOWEST_S = 10.0  # a state that nothing seems to move: its scale in ten times this
@@ -153,7 +153,7 @@ def scattered(variables: tuple[Variable, ...], rng: np.random.Generator) -> Arra
     """Points (5, n) within a scale of the nominal ones."""
     nominal, scale = (np.array([getattr(v, name) for v in variables], dtype=float) for name in ("nominal", "scale"))
     low, high = ([getattr(v, name) for v in variables] for name in ("low", "high"))
-    return np.clip(nominal + scale * rng.uniform(-1.0, 1.0, (DRAWS, len(variables))), low, high)
+    return np.clip(nominal + scale * rng.uniform(-1.0, 1.0, (STRUCTURE_POINTS, len(variables))), low, high)
 
 
 def typical_rates(simulator: Simulator) -> Array:

@@ -14,7 +14,7 @@ from twinbench.mismatch.tracks import LOST, Track, lost
 from twinbench.physics.simulator import Array, Simulator
 
 LAGS = 20
-MOST_NAMED = 3
+MOST_SPIKES_NAMED = 3
 """Spikes that a remark names; the verdict's file holds all."""
 
 
@@ -64,8 +64,8 @@ def audit(tracks: Sequence[Track], simulator: Simulator) -> list[str]:
 
 def _spikes(taken: Sequence[Spike], readings: int) -> str:
     """Which readings were taken out, in words; the first few by name."""
-    first = ", ".join(f"{s.value:.4g} at {s.time_s:.6g} s" for s in taken[:MOST_NAMED])
-    more = f" and {len(taken) - MOST_NAMED} more" if len(taken) > MOST_NAMED else ""
+    first = ", ".join(f"{s.value:.4g} at {s.time_s:.6g} s" for s in taken[:MOST_SPIKES_NAMED])
+    more = f" and {len(taken) - MOST_SPIKES_NAMED} more" if len(taken) > MOST_SPIKES_NAMED else ""
     what = "one reading was" if len(taken) == 1 else f"{len(taken)} of {readings} readings were"
     return f"{what} taken out as spikes, which the simulator does not follow: {first}{more}"
 

@@ -10,15 +10,15 @@ import numpy as np
 from twinbench.mismatch.explanation import Explanation, with_candidates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Candidate
-from twinbench.mismatch.noise import LONGEST
-from twinbench.mismatch.picture import PROBE, Variant, is_fault, price, shape_count, typical
+from twinbench.mismatch.noise import MEMORY_BLOCKS_MOST
+from twinbench.mismatch.picture import PROBE_SIZE, Variant, is_fault, price, shape_count, typical
 from twinbench.mismatch.place import CLOCK
 from twinbench.mismatch.solve import solve
 from twinbench.physics.simulator import Array, Term
 
 GROSS, CHEAP_BLOCKS = 5.0, 1200
 """Errors of so many noises are far beyond any linear picture; with so few blocks in all, sets are fitted instead."""
-KEPT, EFFECTS, WITH_FAULTS = 4, 4, 2
+KEPT_SETS, CLIMBED_EFFECTS, WITH_FAULTS = 4, 4, 2
 """Sets of each size that are grown on, and effects that they grow to: of physics alone, and with faults among them."""
 FINISHED = 24
 """Sets of each size that are fitted to the end: those that promise most after a first step."""
@@ -52,11 +52,11 @@ def climb(
         pairs: keep more than one set of each size.
         advance: told the share that is done.
     """
-    kept = KEPT if pairs else 1
+    kept = KEPT_SETS if pairs else 1
     candidates = before.problem.machine.candidates
     every = [j for j, candidate in enumerate(candidates) if not _goes_by_clock(candidate)]
     physics = [j for j in every if not is_fault(candidates[j])]
-    found = _grown(before, choices, physics, EFFECTS, kept, RESTARTS, lambda share: advance(0.5 * share))
+    found = _grown(before, choices, physics, CLIMBED_EFFECTS, kept, RESTARTS, lambda share: advance(0.5 * share))
     found += _grown(before, choices, every, WITH_FAULTS, kept, 0, lambda share: advance(0.5 + 0.5 * share))
     first = {frozenset(e.names): e for e in sorted(found, key=misfit, reverse=True)}
     return sorted(first.values(), key=lambda e: misfit(e) + owed(e))
@@ -116,7 +116,7 @@ def _elsewhere(explanation: Explanation, rng: np.random.Generator) -> Array:
                 # What means the same (two effects that begin at one rim) is drawn the same.
                 z[at] = drawn.setdefault(v.says, rng.uniform(v.low, v.high))
             else:
-                small, large = PROBE * abs(typical(candidate)), 0.25 * max(abs(v.low), abs(v.high))
+                small, large = PROBE_SIZE * abs(typical(candidate)), 0.25 * max(abs(v.low), abs(v.high))
                 sign = np.sign(z[at] - candidate.null[0]) or 1.0
                 z[at] = candidate.null[0] + sign * np.exp(rng.uniform(np.log(small), np.log(max(large, small))))
             at += 1
@@ -131,7 +131,7 @@ def grafted(parent: Explanation, variants: Sequence[Variant]) -> Explanation:
     for variant in variants:
         whole = with_candidates(problem, [variant])
         z = np.concatenate((parent.z, whole.z0[len(parent.z) :]))
-        z[len(parent.z)] += PROBE * typical(candidate)
+        z[len(parent.z)] += PROBE_SIZE * typical(candidate)
         starts.append((*solve(whole, z, 1, chords=3), variant, whole))
     z, cost, variant, whole = min(starts, key=lambda s: s[1])
     return Explanation((*parent.names, candidate.name), (*parent.chosen, variant), whole, z, cost)
@@ -146,7 +146,7 @@ def _solved(explanation: Explanation, z: Array) -> Explanation:
 def owed(explanation: Explanation) -> float:
     """What an explanation must earn in independent readings: by BIC, and for the choice among so many candidates."""
     problem = explanation.problem
-    log_n = np.log(sum(len(t.starts) for t in problem.tracks) / LONGEST)
+    log_n = np.log(sum(len(t.starts) for t in problem.tracks) / MEMORY_BLOCKS_MOST)
     shapes = sum(shape_count(problem.machine.candidates[v.candidate]) for v in explanation.chosen)
     each = log_n + 2.0 * np.log(len(problem.machine.candidates))
     return float(price(len(explanation.names), explanation.faults, 0, each) + shapes * log_n)
@@ -155,6 +155,6 @@ def owed(explanation: Explanation) -> float:
 def misfit(explanation: Explanation) -> float:
     """Minus twice the log-likelihood with the noise's size free, in independent readings."""
     errors = np.concatenate(explanation.problem.residuals(explanation.z))
-    n = np.isfinite(errors).sum(axis=0) / LONGEST
+    n = np.isfinite(errors).sum(axis=0) / MEMORY_BLOCKS_MOST
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.nansum(n * np.log(np.nanmean(errors**2, axis=0))))

@@ -12,7 +12,7 @@ from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.onset import Onset, told_onsets
 from twinbench.mismatch.picture import is_fault
 from twinbench.mismatch.proof import piece_squares, resamples
-from twinbench.mismatch.rivals import NEAR
+from twinbench.mismatch.rivals import NEAR_UNITS
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Port
 
@@ -121,7 +121,7 @@ def weights(d: Diagnosis) -> dict[frozenset[str], float]:
     """
     if not d.losses:
         return {}
-    raw = {names: float(np.exp(-max(loss, 0.0) / NEAR)) for names, loss in d.losses.items()}
+    raw = {names: float(np.exp(-max(loss, 0.0) / NEAR_UNITS)) for names, loss in d.losses.items()}
     total = sum(raw.values())
     return {names: w / total for names, w in raw.items()}
 

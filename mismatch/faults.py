@@ -19,7 +19,7 @@ from twinbench.physics.simulator import Array, Port, Series, Simulator, Variable
 
 Change = Callable[[Array, Array, Array], Array]
 """What a fault makes of a record: ``change(time_s, values, theta)``, times and values (N,), its parameters (p,)."""
-_DRIFT_S = 600.0  # a typical drift moves by one scale in ten minutes
+_TYPICAL_DRIFT_S = 600.0  # a typical drift moves by one scale in ten minutes
 
 
 @functools.cache
@@ -117,7 +117,7 @@ class _Channel:
         return self._fault("delay", "comes late by a fixed time", formula, lambda t, y, p: delay(t, y, p[0]), size)
 
     def _drift(self) -> Series:
-        most, typical = self.span / _DRIFT_S, self.variable.scale / _DRIFT_S
+        most, typical = self.span / _TYPICAL_DRIFT_S, self.variable.scale / _TYPICAL_DRIFT_S
         size = self._size("drift", f"{bracketed(self.variable.unit)}/s", -most, most, typical)
         formula = f"{self.name} + {{drift_{self.name}}} (t - t_0)"
         says = "drifts at a steady rate from the start of the record"

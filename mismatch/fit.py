@@ -15,7 +15,7 @@ from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
-KNOTS, DRIFT_S = 5, 180.0
+KNOTS_LEAST, KNOT_EVERY_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
 ENDLESS = 1e100
 """Of any reading, in any unit. Nothing depends on it but that its square is a number and no machine reads it."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from twinbench.mismatch.leftover import LOUD
 from twinbench.mismatch.noise import noise_floor
-from twinbench.mismatch.proof import PIECES, resamples
+from twinbench.mismatch.proof import RESAMPLED_PIECES, resamples
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Variable
 
@@ -83,5 +83,5 @@ def _pieces(y: Array, residual: Array) -> list[tuple[float, float]]:
         return []
     off = np.where(seen, y - y[seen].mean(), 0.0)
     left = np.where(seen, residual, 0.0)
-    cut = zip(np.array_split(off, PIECES), np.array_split(left, PIECES), strict=True)
+    cut = zip(np.array_split(off, RESAMPLED_PIECES), np.array_split(left, RESAMPLED_PIECES), strict=True)
     return [(float(np.sum(a**2)), float(np.sum(b**2))) for a, b in cut]

@@ -23,7 +23,7 @@ FORCES = ("N", "N m")
 HIGHEST_POWER = 3
 """A size may be a force over so high a power of a state: cubic friction, a hardening spring."""
 _BRACKETS = re.compile(r"(\([^()]+\))\^(\d)")
-EXACT = 1e-6
+INVERSE_ROUND_OFF = 1e-6
 """Relative error up to which the equations count as inversely proportional to a parameter: that of rounding."""
 
 
@@ -90,6 +90,6 @@ def _divides(simulator: Simulator, state: int, parameter: int) -> bool:
     size = np.abs(np.array(rates)).max()
     return bool(
         np.isfinite(size)
-        and np.abs(first).max() > EXACT * size
-        and np.allclose(first, 2.0 * second, rtol=EXACT, atol=EXACT * size)
+        and np.abs(first).max() > INVERSE_ROUND_OFF * size
+        and np.allclose(first, 2.0 * second, rtol=INVERSE_ROUND_OFF, atol=INVERSE_ROUND_OFF * size)
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from twinbench.mismatch.calibrate import block_noise, calibrated
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.proof import PIECES, resamples
+from twinbench.mismatch.proof import RESAMPLED_PIECES, resamples
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
@@ -61,7 +61,7 @@ def how_joined(
 
         problem, z, _ = calibrated(machine, [track], floor, half)
         errors.append(track.y - problem.readings(0, z))
-    seen = np.flatnonzero(np.isfinite(errors[0] + errors[1]).sum(axis=0) >= PIECES)
+    seen = np.flatnonzero(np.isfinite(errors[0] + errors[1]).sum(axis=0) >= RESAMPLED_PIECES)
     if not len(seen):
         return Joined(HELD, "default")
     held, linear = (np.sqrt(np.nanmean(e[:, seen] ** 2, axis=0)).tolist() for e in errors)
@@ -94,7 +94,7 @@ def _piece(track: Track, rows: slice) -> Track:
 def _is_clearly_better(held: Array, linear: Array) -> bool:
     """Over all outputs, by a clear share, and in pieces of the stretch beyond chance?"""
     variance = np.nanmean(held**2, axis=0)
-    pairs = zip(*(np.array_split(e**2 / variance, PIECES) for e in (held, linear)), strict=True)
+    pairs = zip(*(np.array_split(e**2 / variance, RESAMPLED_PIECES) for e in (held, linear)), strict=True)
     squares = np.array([[np.nanmean(piece) for piece in pair] for pair in pairs if np.isfinite(sum(pair)).any()])
     better = squares[:, 0] - squares[:, 1]
     beyond_chance = np.quantile(better[resamples(len(better))].mean(axis=1), 0.05) > 0.0

@@ -9,19 +9,19 @@ import numpy as np
 
 from twinbench.mismatch.explanation import Explanation, present, refit, rewhitened, with_candidates
 from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.noise import ORDER, Whitener
+from twinbench.mismatch.noise import AUTOREGRESSION_ORDER, Whitener
 from twinbench.mismatch.picture import Picture, Variant, is_fault, picture
-from twinbench.mismatch.search import LARGEST, PENALTY, local_search, wander
+from twinbench.mismatch.search import EFFECT_PENALTY, MOST_EFFECTS, local_search, wander
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.physics.simulator import Array
 
 MANY = 3
 """From so many effects on."""
-TURNS = 4
+THINNINGS_MOST = 4
 """Pictures that are thinned out one after the other, at most."""
 KNOWN_SIZE = 6.0
 """Units by which an effect of roughly its usual size is better than chance, whatever how likely it is to be there."""
-RIDGE, TIGHT = 0.5, 0.5
+SIZE_PRIOR, TIGHT = 0.5, 0.5
 """Where all candidates are fitted at once: prior standard deviation of a size, in typical ones, and what all other
 priors are shortened to. Loose, such a fit ends where large effects cancel each other."""
 
@@ -47,16 +47,19 @@ def from_everything(
     # Each once, at its nominal shape, which comes first in the choices.
     physics = {v.candidate: v for v in choices[::-1] if not is_fault(machine.candidates[v.candidate])}
     at = everything(problem, tuple(physics.values()), lambda share: advance(0.5 * share))
-    for turn in range(TURNS):
-        advance(0.5 + 0.5 * turn / TURNS)
+    for turn in range(THINNINGS_MOST):
+        advance(0.5 + 0.5 * turn / THINNINGS_MOST)
         at = _under_own_noise(at, floor)
         around = replace(problem, whitener=at.problem.whitener, offsets=at.problem.offsets)
         z = at.z[: len(problem.unknowns)]
         shown = picture(around, z, choices, present(at))
         here = tuple(range(len(at.chosen)))
-        starts = ((), here if len(here) <= LARGEST else thinned(shown, here))
-        ends = {local_search(shown, wander(shown, start, LARGEST, PENALTY), LARGEST, PENALTY) for start in starts}
-        chosen = max(ends, key=lambda end: shown.score(end, PENALTY))
+        starts = ((), here if len(here) <= MOST_EFFECTS else thinned(shown, here))
+        ends = {
+            local_search(shown, wander(shown, start, MOST_EFFECTS, EFFECT_PENALTY), MOST_EFFECTS, EFFECT_PENALTY)
+            for start in starts
+        }
+        chosen = max(ends, key=lambda end: shown.score(end, EFFECT_PENALTY))
         if {shown.variants[i].candidate for i in chosen} == {v.candidate for v in at.chosen}:
             break
         at = refit(around, z, shown, chosen, rounds=3)
@@ -64,7 +67,7 @@ def from_everything(
         at = _under_own_noise(at, floor)
     # Under the noise of whichever leaves less: what is unexplained makes any explanation cheap.
     whitener = min((best.problem.whitener, at.problem.whitener), key=lambda w: float(np.log(w.variance()).sum()))
-    return min((_under(whitener, best), _under(whitener, at)), key=lambda e: e.score(PENALTY))
+    return min((_under(whitener, best), _under(whitener, at)), key=lambda e: e.score(EFFECT_PENALTY))
 
 
 def completed(best: Explanation, shown: Picture) -> Explanation:
@@ -79,7 +82,7 @@ def completed(best: Explanation, shown: Picture) -> Explanation:
     faults = {j for j, candidate in enumerate(best.problem.machine.candidates) if is_fault(candidate)}
     owner = [v.candidate for v in shown.variants]
     here = tuple(sorted(owner.index(v.candidate) for v in best.chosen))
-    chosen = local_search(shown, here, LARGEST, each_of_many(best), without=faults)
+    chosen = local_search(shown, here, MOST_EFFECTS, each_of_many(best), without=faults)
     return best if set(chosen) == set(here) else refit(best.bare, best.z[: best.first], shown, chosen, rounds=2)
 
 
@@ -99,7 +102,7 @@ def _under(whitener: Whitener, explanation: Explanation) -> Explanation:
 
 def _under_own_noise(explanation: Explanation, floor: Array) -> Explanation:
     """Fitted again under the noise that it leaves."""
-    problem = rewhitened(explanation.problem, explanation.z, floor, ORDER).refined(explanation.z)
+    problem = rewhitened(explanation.problem, explanation.z, floor, AUTOREGRESSION_ORDER).refined(explanation.z)
     z, cost = solve(problem, explanation.z, 3, chords=4)
     return replace(explanation, problem=problem, z=z, cost=cost)
 
@@ -109,7 +112,7 @@ def everything(
 ) -> Explanation:
     """All these candidates at once, held back by their priors."""
     held_back = replace(problem, unknowns=tuple(replace(u, sd=TIGHT * u.sd) for u in problem.unknowns))
-    whole = with_candidates(held_back, listed, RIDGE)
+    whole = with_candidates(held_back, listed, SIZE_PRIOR)
     whole = whole.refined(whole.z0)
     fitted = solve(whole, whole.z0, 8, chords=4, share=NEARLY, advance=advance)
     names = tuple(problem.machine.candidates[v.candidate].name for v in listed)
@@ -124,7 +127,7 @@ def thinned(shown: Picture, chosen: Sequence[int]) -> tuple[int, ...]:
         gains = shown.gains(rests)
         rest = rests[int(np.argmax(gains))]
         whole = shown.gain(left)
-        if len(left) <= LARGEST and np.isfinite(whole) and whole - gains.max() > PENALTY:
+        if len(left) <= MOST_EFFECTS and np.isfinite(whole) and whole - gains.max() > EFFECT_PENALTY:
             break
         left = rest
     return tuple(sorted(left))

@@ -40,12 +40,12 @@ from twinbench.physics.check import check_mechanism
 from twinbench.physics.compose import compose, with_mechanism
 from twinbench.physics.simulator import Mechanism, Series, Simulator, Term, Variable
 
-DEEPEST = 20
+MOST_BASES = 20
 """Bases of bases. Each round of mending adds one; what is deeper was not made by mending."""
 LONGEST_PERIOD_S = 86400.0
 """Between samples. Lags and delays are bounded by so many samples, and a model.toml does not say how far those lie
 apart: with longer ones it would be refused what it may hold."""
-_SLACK = 1e-6  # of a parameter's range, by which rounding may carry a value beyond it
+_ROUNDING_SLACK = 1e-6  # of a parameter's range, by which rounding may carry a value beyond it
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 _SHELVES: dict[str, Callable[[Simulator], tuple[Mechanism, ...]]] = {
@@ -189,8 +189,8 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
     content = _content(path)
     if path.resolve() in above:
         raise ValueError(f"{path}: is its own base; name the simulator that was mended")
-    if len(above) >= DEEPEST:
-        raise ValueError(f"{above[0]}: has more than {DEEPEST} bases below it; name the simulator that was mended")
+    if len(above) >= MOST_BASES:
+        raise ValueError(f"{above[0]}: has more than {MOST_BASES} bases below it; name the simulator that was mended")
     below = moved(content["base"], path.parent, Path.cwd())
     if below.endswith(".toml"):
         base = _read(Path(below), trust, (*above, path.resolve()))
@@ -243,7 +243,7 @@ def _check_values(path: Path, values: Mapping[str, float], known: Mapping[str, V
         if name not in known:
             raise ValueError(f"{path}: [values] has {shown(name)}, which is no parameter of this model; remove it")
         low, high = known[name].low, known[name].high
-        slack = _SLACK * (high - low if math.isfinite(high - low) else abs(value))
+        slack = _ROUNDING_SLACK * (high - low if math.isfinite(high - low) else abs(value))
         if not low - slack <= value <= high + slack:
             raise ValueError(
                 f"{path}: [values] {name} = {value:g} lies outside its bounds, {low:g} to {high:g}; "

@@ -13,13 +13,13 @@ from scipy.signal import lfilter
 
 from twinbench.physics.simulator import Array
 
-ORDER = 3
-LONGEST = 15
+AUTOREGRESSION_ORDER = 3
+MEMORY_BLOCKS_MOST = 15
 """Blocks that noise may remember: what lasts longer cannot be told from left-out physics, and counts as that."""
 BY_CHANCE, HIGHEST_LEVEL = 1.2, 4.0
 """Noise whose variance differs by no more than so much counts as equal; more than so much is no longer noise."""
 _MEMORY = 400
-_LEAST = 30  # readings without a gap before an autoregression is fitted at all
+_AUTOREGRESSION_LEAST = 30  # readings without a gap before an autoregression is fitted at all
 
 
 class Whitener(NamedTuple):
@@ -29,7 +29,7 @@ class Whitener(NamedTuple):
     ``sqrt(memory)`` times their own.
 
     Attributes:
-        a: (ny, ORDER) dimensionless, the autoregression of each output's errors.
+        a: (ny, AUTOREGRESSION_ORDER) dimensionless, the autoregression of each output's errors.
         sd: (ny,) standard deviation of what it leaves, in the outputs' units.
         memory: (ny,) dimensionless, how many blocks make an independent one.
     """
@@ -60,7 +60,7 @@ class Whitener(NamedTuple):
         return self.sd**2 / self.memory * np.sum(np.square(response), axis=1)
 
 
-def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -> Whitener:
+def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = AUTOREGRESSION_ORDER) -> Whitener:
     """Least squares over the residuals (B, ny) of all recordings.
 
     Args:
@@ -74,7 +74,7 @@ def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -
         series = [r[:, c] for r in residuals]
         lasts = blocks_to_forget(series) if order else 1.0
         # A smooth misfit is no noise to be whitened: that would leave the sensors' noise alone to be judged by.
-        lags = order if lasts <= 2 * LONGEST else 0
+        lags = order if lasts <= 2 * MEMORY_BLOCKS_MOST else 0
         rows, targets = [], []
         for x in series:
             lagged = np.stack([x[lags - i : len(x) - i] for i in range(lags + 1)], axis=-1)
@@ -82,7 +82,7 @@ def fit_whitener(residuals: Sequence[Array], floor: Array, order: int = ORDER) -
             targets.append(lagged[:, 0])
             rows.append(lagged[:, 1:])
         X, y = np.concatenate(rows), np.concatenate(targets)
-        if lags and len(y) >= _LEAST:
+        if lags and len(y) >= _AUTOREGRESSION_LEAST:
             a[c, :lags] = _stable(np.linalg.lstsq(X, y, rcond=None)[0])
         else:
             memory[c] = lasts
@@ -105,7 +105,7 @@ def blocks_to_forget(series: Sequence[Array]) -> float:
         spectrum = np.abs(np.fft.rfft(known, 2 * len(x))) ** 2
         products[: len(x)] += np.fft.irfft(spectrum)[: len(x)]
         n += int(np.isfinite(x).sum())
-    if n < _LEAST or products[0] <= 0.0:
+    if n < _AUTOREGRESSION_LEAST or products[0] <= 0.0:
         return 1.0
     rho = products / products[0]
     end = int(np.argmax(rho <= 0.0)) or len(rho)
@@ -113,9 +113,9 @@ def blocks_to_forget(series: Sequence[Array]) -> float:
 
 
 def _stable(a: np.ndarray) -> np.ndarray:
-    """The autoregression shrunk until its slowest memory is no longer than ``LONGEST`` blocks."""
+    """The autoregression shrunk until its slowest memory is no longer than ``MEMORY_BLOCKS_MOST`` blocks."""
     slowest = np.abs(np.roots(np.concatenate(([1.0], -a)))).max(initial=0.0)
-    shrink = min(1.0, np.exp(-1.0 / LONGEST) / max(slowest, 1e-12))
+    shrink = min(1.0, np.exp(-1.0 / MEMORY_BLOCKS_MOST) / max(slowest, 1e-12))
     return np.asarray(a * shrink ** np.arange(1, len(a) + 1))
 
 

@@ -13,7 +13,7 @@ from twinbench.mismatch.picture import Picture, Variant, switched, typical
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Series
 
-KNOTS = 20
+START_GRID = 20
 TRIED = 3
 """Candidates that look best from the beginning on, and are tried for a later start."""
 ONSET_GAIN = 25.0
@@ -89,7 +89,7 @@ def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -
     knots = tuple(
         Unknown("size", "drift", at, -np.inf, np.inf, 0.0, np.inf, abs(typical(candidate)), r, j)
         for r in range(len(problem.tracks))
-        for j in range(KNOTS)
+        for j in range(START_GRID)
     )
     free = replace(base, unknowns=(*problem.unknowns, *knots))
     residuals = base.residuals(z)
@@ -119,8 +119,8 @@ def _best_starts(problem: Problem, z: Array, shown: Picture, variant: Variant) -
 def _on_from(share: float) -> Array:
     """Knot values of an effect that is there from a share of the recording on."""
     if share <= 0.0:
-        return np.ones(KNOTS)
-    return np.clip(np.arange(KNOTS) - share * (KNOTS - 1) + 0.5, 0.0, 1.0) * (share < 1.0)
+        return np.ones(START_GRID)
+    return np.clip(np.arange(START_GRID) - share * (START_GRID - 1) + 0.5, 0.0, 1.0) * (share < 1.0)
 
 
 def settled_onsets(problem: Problem, z: Array) -> Problem:
@@ -133,7 +133,7 @@ def settled_onsets(problem: Problem, z: Array) -> Problem:
     for r, track in enumerate(problem.tracks):
         if not np.isfinite(since[r]):
             continue
-        spacing = float(track.time_s[-1] - track.time_s[0]) / KNOTS
+        spacing = float(track.time_s[-1] - track.time_s[0]) / START_GRID
         for step in (0.4 * spacing, 0.15 * spacing, 0.05 * spacing):
             options = [since[r] + k * step for k in (-2, -1, 0, 1, 2)]
 

@@ -18,7 +18,7 @@ from twinbench.mismatch.fit import Problem, parallel
 from twinbench.mismatch.machine import Candidate, Machine
 from twinbench.physics.simulator import Amplitude, Array, Series
 
-PROBE = 0.2
+PROBE_SIZE = 0.2
 """Share of its typical size at which a candidate's column is taken."""
 RARE = 20.0
 """Units that every faulty sensor or input must earn besides, if it is not alone: that two things go wrong is rare."""
@@ -239,7 +239,7 @@ def _columns(
     def column(r: int, v: int) -> None:
         variant = listed[v]
         candidate = machine.candidates[variant.candidate]
-        step = PROBE * typical(candidate)
+        step = PROBE_SIZE * typical(candidate)
         first = candidate.mechanism.parameters[0]
         if not first.low <= candidate.null[0] + sizes[v] + step <= first.high:
             step = -step

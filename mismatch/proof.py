@@ -19,16 +19,16 @@ from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Variable
 
-RESAMPLES = 500
+HELD_OUT_RESAMPLES = 500
 CHORDS = 8
 """Steps with columns from nearby."""
 AFRESH, DRIFTING = 4, 2
 """Rounds, but for the first with columns of their own, and those before them where something drifts."""
-NOTHING = 0.02
+NO_DIFFERENCE = 0.02
 """Share of the removable error that makes no difference."""
 BEYOND_CHANCE = 0.05
 """Probability (Holm over the outputs) below which a held-out output got worse by more than its pieces differ."""
-PIECES = 8
+RESAMPLED_PIECES = 8
 """Pieces of each recording that are resampled as wholes."""
 
 
@@ -169,14 +169,14 @@ def worse_outputs(before: Held, after: Held, outputs: Sequence[Variable]) -> tup
 
     A model that helps the mean over the outputs may spoil one of them. By how much a piece gets worse has a spread
     that grows with its error, so the pieces' logarithms are compared; and a form that is not exact may cost a
-    ``NOTHING`` of an error.
+    ``NO_DIFFERENCE`` of an error.
     """
     told, p = [], []
     for c, variable in enumerate(outputs):
         b, a = (piece_squares(held.residuals, c) for held in (before, after))
         if len(b) != len(a) or len(b) < 2 or not (a.min() > 0.0 and b.min() > 0.0):
             continue
-        grown = np.log(a / b) - np.log1p(NOTHING)
+        grown = np.log(a / b) - np.log1p(NO_DIFFERENCE)
         if np.ptp(grown) > 0.0:
             told.append(Worse(variable.name, float(np.sqrt(b.mean())), float(np.sqrt(a.mean())), 1.0))
             p.append(float(ttest_1samp(grown, 0.0, alternative="greater").pvalue))
@@ -223,12 +223,12 @@ def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
 
 
 def _cut(residuals: Sequence[Array]) -> list[Array]:
-    return [piece for residual in residuals for piece in np.array_split(residual, PIECES)]
+    return [piece for residual in residuals for piece in np.array_split(residual, RESAMPLED_PIECES)]
 
 
 def resamples(n: int) -> np.ndarray:
-    """Which of n pieces are drawn, (RESAMPLES, n), always the same."""
-    return np.random.default_rng(0).integers(0, n, (RESAMPLES, n))
+    """Which of n pieces are drawn, (HELD_OUT_RESAMPLES, n), always the same."""
+    return np.random.default_rng(0).integers(0, n, (HELD_OUT_RESAMPLES, n))
 
 
 def _share(before: Array, after: Array) -> Array:

@@ -13,10 +13,10 @@ from twinbench.data.recording import A_THOUSAND, Recording, read_recording
 from twinbench.data.units import Limits
 from twinbench.physics.simulator import Simulator, Variable
 
-SHORTEST = 30
+FEWEST_SAMPLES = 30
 """Samples that a recording needs at least."""
-LONGEST_S = 10 * 365.25 * 86400.0
-_SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
+LONGEST_RECORDING_S = 10 * 365.25 * 86400.0
+_RANGE_SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
 
 
 def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = ()) -> list[Recording]:
@@ -45,11 +45,11 @@ def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequen
             units={v.name: v.unit for v in channels},
             limits={v.name: _limits(v) for v in channels},
             may_lack=[v.name for v in simulator.outputs],
-            longest_s=LONGEST_S,
+            longest_s=LONGEST_RECORDING_S,
             period_s=np.inf,
         )
-        if len(recording.time_s) < SHORTEST:
-            raise BadInput(f"{path}: holds {len(recording.time_s)} samples, must hold {SHORTEST}; record longer")
+        if len(recording.time_s) < FEWEST_SAMPLES:
+            raise BadInput(f"{path}: holds {len(recording.time_s)} samples, must hold {FEWEST_SAMPLES}; record longer")
         for variable, values in zip(simulator.inputs, recording.values.T, strict=False):
             if np.isnan(values).all():
                 raise BadInput(f"{path}: input {variable.name} is empty; fill it in, the simulator cannot do without")
@@ -70,10 +70,10 @@ def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> Non
     for recording in recordings:
         outputs = recording.values[:, len(simulator.inputs) :]
         readings = (~np.isnan(outputs)).sum(axis=0)
-        if readings.max() < SHORTEST:
+        if readings.max() < FEWEST_SAMPLES:
             unread = f"; it has unread columns: {', '.join(map(bare, recording.unread))}" if recording.unread else ""
             raise BadInput(
-                f"recording {recording.name}: none of the outputs ({names}) has {SHORTEST} readings; "
+                f"recording {recording.name}: none of the outputs ({names}) has {FEWEST_SAMPLES} readings; "
                 f"name their columns with --map COLUMN=channel{unread}"
             )
         if all(len(np.unique(y[~np.isnan(y)])) < 2 for y in outputs.T):
@@ -107,6 +107,6 @@ def check_excited(recordings: Sequence[Recording], simulator: Simulator) -> None
 
 
 def _limits(variable: Variable) -> Limits:
-    slack = _SLACK * (variable.high - variable.low)
+    slack = _RANGE_SLACK * (variable.high - variable.low)
     hint = f"the simulator bounds it by {variable.low:g} and {variable.high:g}; mend those, or is it another unit?"
     return variable.low - slack, variable.high + slack, hint

@@ -9,20 +9,20 @@ import numpy as np
 
 from twinbench.mismatch.explanation import Explanation, refit
 from twinbench.mismatch.picture import Picture
-from twinbench.mismatch.search import PENALTY, local_search, replacements
+from twinbench.mismatch.search import EFFECT_PENALTY, local_search, replacements
 from twinbench.physics.simulator import Array
 
-NEAR, NEAR_SHARE, NEAR_MOST = 10.0, 0.02, 45.0
+NEAR_UNITS, NEAR_SHARE, NEAR_MOST = 10.0, 0.02, 45.0
 """Units that the next explanation must stay behind to be ruled out: so many and a share of the gain, since no form
 is exact, up to so many in all."""
-LIKELY, MOST = 4, 12
+FITTED_LIKELY, FITTED_MOST = 4, 12
 """Replacements of each effect that are fitted in full, if the linear picture holds them for possible; so many of the
 accepted ones', if it cannot tell them apart."""
-FEW = 3
+OWN_COLUMNS_MOST = 3
 """Effects of an explanation whose alternatives are fitted with columns of their own, not only with the picture's."""
 TIED = 0.97
 """Two effects whose sizes are correlated so much can take each other's place in any share."""
-FAR = 2.0
+FAR_TIMES = 2.0
 """Times as much may another explanation lie behind on the fitted recordings, if those held out make up for it."""
 ONE = 0.5
 """Units that names for one and the same thing differ by at most."""
@@ -42,7 +42,7 @@ class Rivals(NamedTuple):
 
 def slack(worth: float) -> float:
     """Units that another explanation may lie behind and still be possible, of something that gains so much."""
-    return min(NEAR + NEAR_SHARE * max(worth, 0.0), NEAR_MOST)
+    return min(NEAR_UNITS + NEAR_SHARE * max(worth, 0.0), NEAR_MOST)
 
 
 def alternatives(
@@ -64,15 +64,15 @@ def alternatives(
     machine = best.problem.machine
     owner = [v.candidate for v in shown.variants]
     chosen = [owner.index(v.candidate) for v in best.chosen]
-    here = shown.score(chosen, PENALTY)
+    here = shown.score(chosen, EFFECT_PENALTY)
     sets: set[tuple[int, ...]] = set()
     for k, options in enumerate(replacements(shown, chosen)):
         rest = (*chosen[:k], *chosen[k + 1 :])
-        sets |= {(*rest, i) for loss, i in options[:LIKELY] if loss < 2.0 * near}
+        sets |= {(*rest, i) for loss, i in options[:FITTED_LIKELY] if loss < 2.0 * near}
         sets |= {rest} if rest else set()
         out_of_play = {j for j, c in enumerate(machine.candidates) if c.name in _same(best, best.names[k])}
-        without = local_search(shown, rest, len(chosen) + 1, PENALTY, pairs, out_of_play)
-        if without and here - shown.score(without, PENALTY) < 2.0 * near:
+        without = local_search(shown, rest, len(chosen) + 1, EFFECT_PENALTY, pairs, out_of_play)
+        if without and here - shown.score(without, EFFECT_PENALTY) < 2.0 * near:
             sets.add(without)
     found = []
     for place, one in enumerate(sorted(sets)):
@@ -97,7 +97,7 @@ def nearest(before: Explanation, best: Explanation, shown: Picture, fitted: Sequ
     sets = {}
     for k, options in enumerate(replacements(shown, chosen)):
         rest = (*chosen[:k], *chosen[k + 1 :])
-        for place, (loss, i) in enumerate(options[:MOST]):
+        for place, (loss, i) in enumerate(options[:FITTED_MOST]):
             names = frozenset(candidates[owner[j]].name for j in (*rest, i))
             if names not in known and np.isfinite(loss) and (place == 0 or loss < near):
                 sets[names] = (*rest, i)
@@ -106,7 +106,7 @@ def nearest(before: Explanation, best: Explanation, shown: Picture, fitted: Sequ
 
 def fresh_rounds(best: Explanation) -> int:
     """Rounds with columns of its own that a set like it but for one effect needs: few of many change little."""
-    return 1 if len(best.names) <= FEW else 0
+    return 1 if len(best.names) <= OWN_COLUMNS_MOST else 0
 
 
 def rivals(
@@ -128,7 +128,7 @@ def rivals(
     tied = _tied(best)
 
     def behind(e: Explanation) -> float:
-        return e.score(PENALTY) - best.score(PENALTY)
+        return e.score(EFFECT_PENALTY) - best.score(EFFECT_PENALTY)
 
     instead, alone = [], []
     for name in best.names:
@@ -137,8 +137,8 @@ def rivals(
         worth = min([before.cost, *(e.cost for e in without if len(e.names) < len(best.names))]) - best.cost
         close: dict[frozenset[str], float] = {}
         for e in sorted(without, key=lambda e: -e.cost):
-            near = slack(worth) if len(e.names) <= len(best.names) else NEAR
-            if behind(e) < FAR * near and (in_all := behind(e) + also(e)) < near:
+            near = slack(worth) if len(e.names) <= len(best.names) else NEAR_UNITS
+            if behind(e) < FAR_TIMES * near and (in_all := behind(e) + also(e)) < near:
                 close[frozenset(e.names)] = in_all
         all_but = set(best.names) - {name}
         alone.append({other for names in close if all_but <= names for other in names - all_but})
@@ -186,9 +186,9 @@ def losses(
     """
     found = {frozenset(best.names): 0.0}
     for e in (before, *fitted):
-        loss, names = e.score(PENALTY) - best.score(PENALTY), frozenset(e.names)
+        loss, names = e.score(EFFECT_PENALTY) - best.score(EFFECT_PENALTY), frozenset(e.names)
         if names != frozenset(best.names):
-            loss += also(e) if loss < FAR * NEAR_MOST else 0.0
+            loss += also(e) if loss < FAR_TIMES * NEAR_MOST else 0.0
             found[names] = min(loss, found.get(names, np.inf))
     return found
 
@@ -204,7 +204,7 @@ def plainest(tried: Sequence[Explanation]) -> Explanation:
     best = tried[0]
     plainer = {best.problem.machine.candidates[v.candidate].family for v in best.chosen}
     for e in tried[1:]:
-        if set(e.names) == plainer and e.cost - best.cost < PENALTY:
+        if set(e.names) == plainer and e.cost - best.cost < EFFECT_PENALTY:
             return e
     return best
 

@@ -9,18 +9,18 @@ import numpy as np
 
 from twinbench.mismatch.picture import Picture
 
-PENALTY = 16.0
+EFFECT_PENALTY = 16.0
 """Log-likelihood units (twice) that each further effect must earn: log n + 2 log m for usual n and m."""
 REFITS = 6
 """Sets that are fitted in full, per number of effects."""
 MOVES = 6000
 """Steps of a random walk among sets."""
-LARGEST = 14
+MOST_EFFECTS = 14
 """Effects in one explanation at most."""
 
 
 def best_sets(
-    shown: Picture, most: int, penalty: float = PENALTY, pairs: bool = True, start: Sequence[int] = ()
+    shown: Picture, most: int, penalty: float = EFFECT_PENALTY, pairs: bool = True, start: Sequence[int] = ()
 ) -> list[tuple[int, ...]]:
     """Promising sets of variants: the best singles, the best pairs, and what a local search ends in.
 

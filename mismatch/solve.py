@@ -16,7 +16,7 @@ NEARLY = 0.01
 """Share of the cost that a round of a fit which need only be near must gain to be followed by another."""
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-4, 100.0
 """Damping of a step: none to speak of, what is tried first where that is not enough, and the most."""
-TRIES, AGREES = 6, 0.25
+TRIES, GOOD_STEP = 6, 0.25
 """How often damping is raised tenfold, and the share of the promised fall in cost at which a step is good enough."""
 LITTLE = 0.1
 """Share of the cost by which a fit may fall and still be where it was, more or less."""
@@ -121,8 +121,8 @@ def _step(problem: Problem, at: _At, G: Array, b: Array, limits: _Limits) -> _At
         step = candidate - z
         found = problem.cost(candidate)
         agrees = (cost - found) / max(float(2.0 * b @ step - step @ G @ step), 1e-12)
-        if agrees > AGREES:
-            return _At(candidate, found, max(damping / 10.0, LEAST_DAMPING) if agrees > 1.0 - AGREES else damping)
+        if agrees > GOOD_STEP:
+            return _At(candidate, found, max(damping / 10.0, LEAST_DAMPING) if agrees > 1.0 - GOOD_STEP else damping)
         if found < lowest - 1e-9:
             best, lowest, mild = candidate, found, damping
         elif lowest < cost:

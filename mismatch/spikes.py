@@ -9,7 +9,7 @@ import pandas as pd
 
 from twinbench.physics.simulator import Array
 
-SIGMAS, WINDOW = 6.0, 31
+SIGMAS, SPIKE_WINDOW = 6.0, 31
 """Robust standard deviations that a spike lies off the middle of its neighbours, and the readings whose spread that
 is; of as many Gaussian readings as anybody records none lies so far off."""
 RETURNS = 0.2
@@ -41,10 +41,10 @@ def find_spikes(values: Array) -> np.ndarray:
     """
     seen = np.flatnonzero(~np.isnan(values))
     y = values[seen]
-    if len(y) < WINDOW:
+    if len(y) < SPIKE_WINDOW:
         return seen[:0]
     away = np.abs(_off(y))
-    around = pd.Series(away).rolling(WINDOW, center=True, min_periods=WINDOW // 2).median().to_numpy()
+    around = pd.Series(away).rolling(SPIKE_WINDOW, center=True, min_periods=SPIKE_WINDOW // 2).median().to_numpy()
     steps = np.diff(np.unique(y))
     quiet = max(1.4826 * float(np.median(away)), float(steps.min()) if len(steps) else 0.0)
     spread = np.maximum(1.4826 * around, quiet)

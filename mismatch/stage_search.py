@@ -18,11 +18,11 @@ from twinbench.mismatch.explanation import Explanation, fitted_again, present, r
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.guards import Guards
 from twinbench.mismatch.many import MANY, from_everything
-from twinbench.mismatch.noise import ORDER
+from twinbench.mismatch.noise import AUTOREGRESSION_ORDER
 from twinbench.mismatch.onset import find_onsets, settled_onsets
 from twinbench.mismatch.picture import Picture, Variant, picture
 from twinbench.mismatch.rivals import plainest
-from twinbench.mismatch.search import LARGEST, PENALTY, best_sets, local_search
+from twinbench.mismatch.search import EFFECT_PENALTY, MOST_EFFECTS, best_sets, local_search
 from twinbench.physics.simulator import Array
 
 LEAST_GAIN = 20.0
@@ -74,7 +74,7 @@ class Search:
     @property
     def order(self) -> int:
         """Of the autoregression that the noise may be."""
-        return ORDER if self.guards.whitening else 0
+        return AUTOREGRESSION_ORDER if self.guards.whitening else 0
 
     def pictured(self, problem: Problem, at: Explanation, turn: int = TURNS) -> Picture:
         """All candidates around an explanation, on top of a problem without effects."""
@@ -92,7 +92,7 @@ class Search:
     def unchanged(self, shown: Picture, best: Explanation) -> bool:
         """Would a search from what is there end where it is?"""
         here = tuple(range(len(best.chosen)))
-        ends = local_search(shown, here, LARGEST, PENALTY, self.guards.pairs)
+        ends = local_search(shown, here, MOST_EFFECTS, EFFECT_PENALTY, self.guards.pairs)
         owners = {shown.variants[i].candidate for i in ends}
         return owners == {v.candidate for v in best.chosen}
 
@@ -101,7 +101,7 @@ class Search:
     ) -> list[Explanation]:
         """The promising sets fitted, the best of them with its shape parameters free; best first."""
         z = at.z[: len(problem.unknowns)]
-        sets = best_sets(shown, LARGEST, penalty, self.guards.pairs, range(len(at.chosen)))
+        sets = best_sets(shown, MOST_EFFECTS, penalty, self.guards.pairs, range(len(at.chosen)))
         if turn < TURNS:
             sets = sorted(sets, key=lambda s: -shown.score(s, penalty))[:PROMISING]
         found = []
@@ -159,8 +159,8 @@ def _turned(at: _Reached, search: Search) -> _Reached:
             problem = replace(problem, since=since)
             best = before = replace(before, problem=problem)
             shown = search.pictured(problem, best, turn)
-        found = search.refitted(problem, best, shown, PENALTY, turn)
-        if not found or not found[0].score(PENALTY) < best.score(PENALTY) - 1.0:
+        found = search.refitted(problem, best, shown, EFFECT_PENALTY, turn)
+        if not found or not found[0].score(EFFECT_PENALTY) < best.score(EFFECT_PENALTY) - 1.0:
             break
         best = found[0]
         # What is explained no longer counts as noise.

@@ -18,15 +18,15 @@ STILL = 0.05
 """A sensor stands still where its variance is below this share of what the simulator says."""
 FOLLOWS = 0.3
 """And it followed elsewhere: more than this share of what the simulator says there."""
-PLAIN = 5.0
+PLAINLY_MOVED_SD = 5.0
 """Noises (sd) that the simulator must say it moved by."""
 COMMON = 0.1
 """Share of its variance over all recordings that the simulator must say the channel had meanwhile."""
 BELOW = 0.3
 """Share of the time that the simulator may be below a sensor that only does not go higher."""
-SHORTEST, _EDGES = 0.1, 61
+STUCK_SHARE, _EDGES = 0.1, 61
 """Share of a recording that it must stand still; where that may begin and end, in one recording."""
-_FEW = 30  # readings without which there is no variance
+_FEWEST_READINGS = 30  # readings without which there is no variance
 
 
 class Stuck(NamedTuple):
@@ -63,9 +63,9 @@ def find_stuck(tracks: Sequence[Track], residuals: Sequence[Array], floor: Array
             ]
             elsewhere = [(y[~inside], simulated[~inside]), *others]
             moved = _variance(simulated[inside])
-            if _saturated(y[inside], simulated[inside], top, PLAIN * floor[c]):
+            if _saturated(y[inside], simulated[inside], top, PLAINLY_MOVED_SD * floor[c]):
                 continue
-            if moved < max((PLAIN * floor[c]) ** 2, COMMON * common) or _variance(y[inside]) > STILL * moved:
+            if moved < max((PLAINLY_MOVED_SD * floor[c]) ** 2, COMMON * common) or _variance(y[inside]) > STILL * moved:
                 continue
             followed = max((_variance(a) / max(_variance(b), 1e-300) for a, b in elsewhere), default=0.0)
             if followed > FOLLOWS:
@@ -105,11 +105,11 @@ def _stillest(y: Array, simulated: Array) -> tuple[int, int]:
     i, j = edges[i], edges[j]
     n, total, squares, missed = (s[j] - s[i] for s in sums)
     around_mean = squares - total**2 / np.maximum(n, 1.0)
-    better = np.where(n >= max(SHORTEST * len(y), _FEW), missed - around_mean, -np.inf)
+    better = np.where(n >= max(STUCK_SHARE * len(y), _FEWEST_READINGS), missed - around_mean, -np.inf)
     best = int(np.argmax(better))
     return int(i[best]), int(j[best])
 
 
 def _variance(values: Array) -> float:
     values = values[np.isfinite(values)]
-    return float(np.var(values)) if len(values) >= _FEW else 0.0
+    return float(np.var(values)) if len(values) >= _FEWEST_READINGS else 0.0

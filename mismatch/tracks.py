@@ -24,7 +24,7 @@ MOST_BLOCKS, SHORTER = 20_000, 0.8
 """Blocks of a recording at most, and the factor by which they are made shorter."""
 DOUBT = 1.2
 """The noise's variance may be so many times what neighbours say it is."""
-BEGIN = 5
+STEPPED_BLOCKS = 5
 """Blocks at the start that are stepped through sample by sample."""
 SEEN = 0.6
 """Share of a block's readings that must be there."""
@@ -134,7 +134,7 @@ class Track:
     def split_starts(self, parts: int) -> np.ndarray:
         """First samples of the parts of blocks; what a start state lets loose dies away faster than blocks show."""
         counts = self.coarse.samples
-        begin = np.arange(counts[:BEGIN].sum())
+        begin = np.arange(counts[:STEPPED_BLOCKS].sum())
         return np.unique(np.concatenate([begin, *(self.starts + k * counts // parts for k in range(parts))]))
 
     def joined(self, values: Array, grid: Grid) -> Array:

@@ -15,7 +15,7 @@ from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.proof import Held
 from twinbench.mismatch.tracks import Track
 
-FORM = 2.0
+FORM_EXCESS = 2.0
 """Times that the chi-square may exceed what chance makes in one of a hundred: no drift's form is exact."""
 TOLD = 0.05
 """Information of the held-out recordings about a size, in what the fitted ones have, from which on it is compared."""
@@ -30,7 +30,7 @@ class Transfer(NamedTuple):
     @property
     def fails(self) -> bool:
         """Is that more than chance makes, and more than a drift's form can lack?"""
-        return self.chi2 > FORM * float(chi2.isf(0.01, max(self.sizes, 1)))
+        return self.chi2 > FORM_EXCESS * float(chi2.isf(0.01, max(self.sizes, 1)))
 
 
 def transfer(best: Explanation, held: Held, tracks: Sequence[Track], own: Sequence[Unknown]) -> Transfer:

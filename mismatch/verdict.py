@@ -20,9 +20,9 @@ from twinbench.physics.simulator import Array, Mechanism
 
 VERDICTS = ("consistent", "parameter change", "sensor fault", "missing physics", "incomplete", "unexplained")
 """All that ``verdict`` may say."""
-MOVED = 3.0
+CHANGED_SD = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
-PLAIN = 0.5
+CHANGED_SCALES = 0.5
 """And scales of the parameter."""
 
 
@@ -189,4 +189,4 @@ def _parameters(d: Diagnosis, held: Explanation) -> tuple[Value, ...]:
 def _changed(d: Diagnosis, value: Value) -> bool:
     v = d.simulator.parameters[d.simulator.index(value.name)]
     sd = (value.high - value.low) / (2 * Z90)
-    return abs(value.value - v.nominal) > max(MOVED * sd, PLAIN * v.scale)
+    return abs(value.value - v.nominal) > max(CHANGED_SD * sd, CHANGED_SCALES * v.scale)

@@ -20,7 +20,7 @@ from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 PERIODS = 8
 """So often must something come back within a recording to be called periodic."""
-_EDGE = 0.02
+_RARE_SHARE = 0.02
 """Share of the time at either end that does not count as commonly."""
 
 
@@ -82,7 +82,7 @@ def _seen(v: Variable, values: Array) -> Variable:
     values = values[np.isfinite(values)]
     if not len(values):
         return v
-    low, high = np.clip(np.quantile(values, (_EDGE, 1.0 - _EDGE)), v.low, v.high)
+    low, high = np.clip(np.quantile(values, (_RARE_SHARE, 1.0 - _RARE_SHARE)), v.low, v.high)
     if high - low < 0.5 * v.scale:
         return v
     return replace(v, nominal=0.5 * (low + high), scale=0.5 * (high - low))

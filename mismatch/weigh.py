@@ -14,21 +14,21 @@ from twinbench.mismatch.explanation import Explanation, refit
 from twinbench.mismatch.fit import Unknown
 from twinbench.mismatch.many import MANY, each_of_many
 from twinbench.mismatch.picture import Picture
-from twinbench.mismatch.proof import NOTHING, BorneOut, Gain, Held, Worse, clearly_worse, held_out, lost
-from twinbench.mismatch.rivals import NEAR, fresh_rounds, slack
-from twinbench.mismatch.search import PENALTY
+from twinbench.mismatch.proof import NO_DIFFERENCE, BorneOut, Gain, Held, Worse, clearly_worse, held_out, lost
+from twinbench.mismatch.rivals import NEAR_UNITS, fresh_rounds, slack
+from twinbench.mismatch.search import EFFECT_PENALTY
 from twinbench.mismatch.tracks import Track
 
-FORM, PLAINER = 0.05, 4
+FORM_MISS, PLAINER = 0.05, 4
 """Share of what is gained, and of the removable held-out error, that a form may miss of it, being inexact; so many
 plainer explanations within that are weighed."""
-LIKELY, FAR = 6, 100.0
+HELD_AGAINST_LIKELY, HELD_AGAINST_MOST = 6, 100.0
 """Explanations of each number of effects that are held against the best on held-out recordings; of many effects so
 many in all, if they are no more units behind it."""
 LEAST_SHARE, LEAST_LOW, LEAST_EXCESS = 0.75, 0.5, 0.025
 """Share of the removable held-out error that an explanation must remove, the lower end of its interval, and the
 error, in noise variances, that there must be."""
-LEAST_RATIO, PLAIN = 0.75, 200.0
+LEAST_RATIO, PLAIN_GAIN = 0.75, 200.0
 """Share of what it adds to the outputs that must be in held-out readings, as the lower end of an interval, to accept
 it whatever else is there, and no more than its inverse; and units by which their error must fall."""
 UNSURE, MOST_DOUBT = 0.015, 0.25
@@ -70,21 +70,21 @@ def contended(
     beside = Beside(best, held_best, back)
     # Of many effects several sets predict alike, but for how far the forms of drifts suit each.
     many = len(best.names) >= MANY
-    each = min(each_of_many(best), PENALTY) if many else PENALTY
-    most = min(before.cost, best.score(each) + FAR) if many else before.cost
+    each = min(each_of_many(best), EFFECT_PENALTY) if many else EFFECT_PENALTY
+    most = min(before.cost, best.score(each) + HELD_AGAINST_MOST) if many else before.cost
     ranked = sorted((e for e in fitted if e.names and e.score(each) < most), key=lambda e: e.score(each))
     sizes: dict[int, dict[tuple[str, ...], Explanation]] = {}
     for e in ranked:
         sizes.setdefault(len(e.names), {}).setdefault(e.names, e)
-    likely = [e for same in sizes.values() for e in list(same.values())[:LIKELY]]
-    likely = sorted(likely, key=lambda e: e.score(each))[:LIKELY] if many else likely
+    likely = [e for same in sizes.values() for e in list(same.values())[:HELD_AGAINST_LIKELY]]
+    likely = sorted(likely, key=lambda e: e.score(each))[:HELD_AGAINST_LIKELY] if many else likely
     total = {}
     for place, e in enumerate(likely):
         advance(place / (len(likely) + len(finalists)))
         total[e.names] = e.score(each) + beside.behind(e), e
     least, first = min(total.values(), key=lambda t: t[0], default=(np.inf, best))
     variance = best.problem.whitener.variance()
-    better = least < best.score(each) - (slack(before.cost - best.cost) if many else NEAR)
+    better = least < best.score(each) - (slack(before.cost - best.cost) if many else NEAR_UNITS)
     if better and (not many or clearly_worse(held_best, beside.held(first), variance)):
         best, held_best = first, beside.held(first)
     for place, e in enumerate(finalists):
@@ -124,14 +124,14 @@ def plainest_that_predicts(
     if thinner is None or len(thinner[0].names) >= MANY:
         return best
     now, held_now = thinner
-    nearly = now.cost + FORM * (before.cost - now.cost)
+    nearly = now.cost + FORM_MISS * (before.cost - now.cost)
     plainer = [e for e in fitted if 0 < len(e.names) < len(now.names) and e.cost < nearly]
     for e in sorted(plainer, key=lambda e: (len(e.names), e.cost))[:PLAINER]:
-        if missed(back.predicted(e, held_now)) < FORM:
+        if missed(back.predicted(e, held_now)) < FORM_MISS:
             return e
     # Of as many effects the set that fits best, unless it predicts less.
     fits = min((e for e in fitted if len(e.names) == len(now.names)), key=lambda e: e.cost, default=now)
-    if fits.cost < now.cost and lost(back.predicted(fits, held_now), held_now, held_before, variance) < NOTHING:
+    if fits.cost < now.cost and lost(back.predicted(fits, held_now), held_now, held_before, variance) < NO_DIFFERENCE:
         return fits
     return now
 
@@ -156,15 +156,15 @@ def _without_idle(
         for i in sorted(chosen, key=lambda i: shown.gain([j for j in chosen if j != i])):
             without[i] = subset([j for j in chosen if j != i])
             missing[i] = missed(without[i][1])
-            if sum(m > NOTHING for m in missing.values()) >= MANY:
+            if sum(m > NO_DIFFERENCE for m in missing.values()) >= MANY:
                 # Where nothing plain will do, what is small is not what the form of something large lacks.
                 return None
-        idle = [i for i in chosen if missing[i] < FORM]
+        idle = [i for i in chosen if missing[i] < FORM_MISS]
         if not idle:
             break
         rest = [i for i in chosen if i not in idle]
         together = subset(rest) if rest and len(idle) > 1 else None
-        if together is None or missed(together[1]) > FORM:
+        if together is None or missed(together[1]) > FORM_MISS:
             least = min(idle, key=lambda i: missing[i])
             rest, together = [i for i in chosen if i != least], without[least]
         chosen, (now, held_now) = rest, together
@@ -223,4 +223,4 @@ def refusal(share: Gain | None, there: BorneOut | None, worse: Sequence[Worse] =
 
 def is_there(there: BorneOut) -> bool:
     """Do the held-out recordings plainly show what the explanation adds, and as much of it?"""
-    return there.units > PLAIN and there.low > LEAST_RATIO and there.ratio < 1.0 / LEAST_RATIO
+    return there.units > PLAIN_GAIN and there.low > LEAST_RATIO and there.ratio < 1.0 / LEAST_RATIO

@@ -17,9 +17,9 @@ from twinbench.physics.simulator import Array, Mechanism, Series, Simulator, Ter
 
 _TRIAL_S = 10.0
 _TRIAL_SAMPLES = 50
-_DRAWS = 6
+_TRIAL_POINTS = 6
 """States, inputs and parameters drawn between their bounds, at which a function must come back at all."""
-_FAR = 10.0  # scales from the nominal value at most: bounds may be infinite
+_FAR_SCALES = 10.0  # scales from the nominal value at most: bounds may be infinite
 
 Arguments = tuple[Array, ...]
 
@@ -105,10 +105,10 @@ def _points(*groups: Sequence[Variable]) -> list[Arguments]:
     """The groups' values at their nominal, at their low, at their high ends, and drawn in between."""
     rng = np.random.default_rng(0)
     nominal = [np.array([v.nominal for v in group], dtype=np.float64) for group in groups]
-    low = [np.array([max(v.low, v.nominal - _FAR * v.scale) for v in group]) for group in groups]
-    high = [np.array([min(v.high, v.nominal + _FAR * v.scale) for v in group]) for group in groups]
+    low = [np.array([max(v.low, v.nominal - _FAR_SCALES * v.scale) for v in group]) for group in groups]
+    high = [np.array([min(v.high, v.nominal + _FAR_SCALES * v.scale) for v in group]) for group in groups]
     ends = list(zip(low, high, strict=True))
-    drawn = [tuple(a + rng.random(len(a)) * (b - a) for a, b in ends) for _ in range(_DRAWS)]
+    drawn = [tuple(a + rng.random(len(a)) * (b - a) for a, b in ends) for _ in range(_TRIAL_POINTS)]
     return [tuple(nominal), tuple(low), tuple(high), *drawn]
 
 

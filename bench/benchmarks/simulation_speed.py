@@ -39,10 +39,10 @@ from twinbench.physics.integrate import Varying, simulate  # noqa: E402
 from twinbench.physics.steady import steady_state  # noqa: E402
 
 SEQUENCES = ("test-00", "test-02", "test-03", "test-06")  # capacity, heat transfer, bias, leakage
-BEGIN = 12_600  # ten and a half minutes in: health changes soon
+FIRST_SAMPLE = 12_600  # ten and a half minutes in: health changes soon
 METHODS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 TOLERANCES = tuple(float(10.0**-k) for k in np.arange(2.0, 9.5, 0.5))
-ROUNDS = 3
+SPEED_ROUNDS = 3
 PYTHON_ROWS = 1500  # samples of each sequence, once, for the plain right-hand side: it is slow
 SCALE = np.array([v.scale for v in PLANT.states])
 Rhs = Callable[..., Array]
@@ -109,7 +109,7 @@ def cpu_s(run: Callable[[], Any]) -> float:
 def contest(peer: Callable[..., Array], samples: int) -> dict[str, Any]:
     """Ours against solve_ivp called as ``peer`` does, on so many samples of each sequence."""
     scenarios = [s for s in design()["test"] if s.name in SEQUENCES]
-    window = slice(BEGIN, BEGIN + samples)
+    window = slice(FIRST_SAMPLE, FIRST_SAMPLE + samples)
     u = np.stack([s.inputs()[window] for s in scenarios])
     values = np.stack([s.health()[window] for s in scenarios])
     x0 = np.stack([0.995 * steady_state(PLANT, row) for row in u[:, 0]])
@@ -131,7 +131,7 @@ def contest(peer: Callable[..., Array], samples: int) -> dict[str, Any]:
     for entry in methods:
         run = partial(theirs, peer, entry["method"], entry["rtol"])
         plain = partial(theirs, peer, entry["method"], entry["rtol"], PYTHON, PYTHON_ROWS)
-        rounds = [(cpu_s(ours), cpu_s(run)) for _ in range(ROUNDS)]
+        rounds = [(cpu_s(ours), cpu_s(run)) for _ in range(SPEED_ROUNDS)]
         fast, slow = np.min(rounds, axis=0) / len(x0) / samples
         slowest = cpu_s(plain) / len(x0) / min(samples, PYTHON_ROWS)
         entry |= {"ours_us": fast * 1e6, "compiled_us": slow * 1e6, "python_us": slowest * 1e6}

@@ -33,11 +33,11 @@ from twinbench.data.batch import Array  # noqa: E402
 from twinbench.methods.deeponet_kalman.cycle import SAID, scratch, update  # noqa: E402
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman  # noqa: E402
 
-BLOCK = 10_000
+BLOCK_UPDATES = 10_000
 FAULTS_PER_BLOCK = 40
-LONGEST = 1200
+LONGEST_FAULT = 1200
 KINDS = ("lost", "stuck", "off", "drift", "spikes", "zero")
-ROUND_OFF = 1e-9
+EIGENVALUE_ROUND_OFF = 1e-9
 """What may be missing to a positive definite correlation matrix."""
 
 
@@ -49,7 +49,7 @@ def _sound(P, C):  # type: ignore[no-untyped-def]
         if not P[i, i] > 0.0:
             return False
         for j in range(i + 1):
-            s = P[i, j] / np.sqrt(P[i, i] * P[j, j]) + (ROUND_OFF if i == j else 0.0)
+            s = P[i, j] / np.sqrt(P[i, i] * P[j, j]) + (EIGENVALUE_ROUND_OFF if i == j else 0.0)
             for k in range(j):
                 s -= C[i, k] * C[j, k]
             if not np.isfinite(s) or (i == j and s <= 0.0):
@@ -85,7 +85,7 @@ def faulty(readings: Array, spread: Array, rng: np.random.Generator) -> tuple[Ar
     out, lag_s = readings.copy(), np.zeros(readings.shape)
     for _ in range(FAULTS_PER_BLOCK):
         begin, c = rng.integers(len(out)), rng.integers(out.shape[1])
-        rows = slice(begin, begin + int(np.exp(rng.uniform(0.0, np.log(LONGEST)))))
+        rows = slice(begin, begin + int(np.exp(rng.uniform(0.0, np.log(LONGEST_FAULT)))))
         values, kind = out[rows, c], KINDS[rng.integers(len(KINDS))]
         size = spread[c] * 10.0 ** rng.uniform(-2.0, 3.0) * rng.choice([-1.0, 1.0])
         if kind == "lost":
@@ -116,7 +116,11 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
     spread = np.nanstd(recordings.reshape(-1, recordings.shape[-1]), axis=0)
     memory, said, room = twin.init(1).memory[0].copy(), np.zeros(1, SAID), scratch(twin.weights)
     C, unsound, least, resident, took = np.zeros((19, 19)), 0, np.inf, [], 0.0
-    blocks = [b for recording in recordings for b in np.split(recording, range(BLOCK, recording.shape[0], BLOCK))]
+    blocks = [
+        b
+        for recording in recordings
+        for b in np.split(recording, range(BLOCK_UPDATES, recording.shape[0], BLOCK_UPDATES))
+    ]
     done = 0
     with Progress() as progress, progress.stage("soak", updates) as going:
         for block in itertools.cycle(blocks):

@@ -28,7 +28,7 @@ from twinbench.common.threads import pin_torch  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.data.benchmark import Split, simulate_benchmark  # noqa: E402
 
-MOST = 12
+MOST_FUNCTIONS = 12
 """Functions that are listed of each."""
 
 
@@ -42,7 +42,7 @@ def profile(spec: str, split: Split, iterations: int) -> pd.DataFrame:
     rows = [(kind.name, _name(*where), calls, own) for where, (_, calls, own, _, _) in found.items()]
     table = pd.DataFrame(rows, columns=["estimator", "function", "calls", "own_s"])
     table["share"] = table["own_s"] / table["own_s"].sum()
-    return table.nlargest(MOST, "own_s").round({"own_s": 2, "share": 3})
+    return table.nlargest(MOST_FUNCTIONS, "own_s").round({"own_s": 2, "share": 3})
 
 
 def _name(file: str, _: int, function: str) -> str:

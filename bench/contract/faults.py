@@ -7,8 +7,8 @@ import numpy as np
 from twinbench.bench.contract.outcome import at_most, need
 from twinbench.bench.contract.promise import promise
 from twinbench.bench.contract.subject import (
-    EXACT,
     FAULTS,
+    FLOAT64_ROUND_OFF,
     JUDGED,
     LONG,
     SCALE,
@@ -90,8 +90,8 @@ def _covariance(s: Subject) -> str:
         correlation = cov / (sd[..., :, None] * sd[..., None, :])
         skew = max(skew, float(np.abs(correlation - correlation.swapaxes(-1, -2)).max()))
         lowest = min(lowest, float(np.linalg.eigvalsh(0.5 * (correlation + correlation.swapaxes(-1, -2))).min()))
-    at_most(skew, EXACT, "as correlations, asymmetric by")
-    at_most(-lowest, EXACT, "as correlations, an eigenvalue below zero by")
+    at_most(skew, FLOAT64_ROUND_OFF, "as correlations, asymmetric by")
+    at_most(-lowest, FLOAT64_ROUND_OFF, "as correlations, an eigenvalue below zero by")
     return f"as correlations, smallest eigenvalue {lowest:.2g}, asymmetric by {skew:.2g}"
 
 

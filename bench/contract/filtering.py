@@ -9,7 +9,7 @@ import numpy as np
 from twinbench.bench.contract.outcome import NotOffered, at_most, need
 from twinbench.bench.contract.promise import promise
 from twinbench.bench.contract.subject import (
-    EXACT,
+    FLOAT64_ROUND_OFF,
     SHORT,
     Subject,
     begun,
@@ -40,7 +40,9 @@ def _implementations(s: Subject) -> str:
             column.append(ticked(*other.step(before, sample_at(measured, k))))
     traces = [stacked(column) for column in said]
     worst = max(deviation(traces[0], other) for other in traces[1:])
-    return at_most(worst, EXACT, f"{', '.join(s.kind.implementations)}, each tick from the same state, differ by")
+    return at_most(
+        worst, FLOAT64_ROUND_OFF, f"{', '.join(s.kind.implementations)}, each tick from the same state, differ by"
+    )
 
 
 def _as(s: Subject, implementation: str) -> Estimator:
@@ -98,4 +100,4 @@ def _toy(s: Subject) -> str:
         for ours, theirs in zip(offered(*plant)(y.copy()), textbook_filter(*plant, y), strict=True):
             need(ours.shape == theirs.shape, f"shape {ours.shape}, must be {theirs.shape}")
             worst = max(worst, float(np.nan_to_num(np.abs(ours - theirs), nan=np.inf).max() / np.abs(theirs).max()))
-    return at_most(worst, EXACT, "three plants, 200 ticks with gaps, relative deviation")
+    return at_most(worst, FLOAT64_ROUND_OFF, "three plants, 200 ticks with gaps, relative deviation")

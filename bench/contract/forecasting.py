@@ -7,8 +7,8 @@ import numpy as np
 from twinbench.bench.contract.outcome import at_most, need
 from twinbench.bench.contract.promise import promise
 from twinbench.bench.contract.subject import (
-    EXACT,
-    ROUND_OFF,
+    FLOAT32_ROUND_OFF,
+    FLOAT64_ROUND_OFF,
     SHORT,
     Subject,
     future,
@@ -56,5 +56,7 @@ def _forecast_is_causal(s: Subject) -> str:
         np.abs(said[:, :80] - long[:, :80]).max()
         for said in (s.fitted.forecast(state, inputs[:, :80]), s.fitted.forecast(state, other))
     ]
-    at_most(float(gaps[1]), EXACT * np.abs(long).max(), "other inputs from tick 80 on change earlier ticks by")
-    return at_most(float(gaps[0]), ROUND_OFF, "the first 80 of 200 ticks differ from 80 alone by")
+    at_most(
+        float(gaps[1]), FLOAT64_ROUND_OFF * np.abs(long).max(), "other inputs from tick 80 on change earlier ticks by"
+    )
+    return at_most(float(gaps[0]), FLOAT32_ROUND_OFF, "the first 80 of 200 ticks differ from 80 alone by")

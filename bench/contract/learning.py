@@ -12,8 +12,8 @@ import numpy as np
 from twinbench.bench.contract.outcome import Broken, NotOffered, need
 from twinbench.bench.contract.promise import promise
 from twinbench.bench.contract.subject import (
-    SEED,
     SHORT,
+    SUBJECT_SEED,
     Subject,
     future,
     record,
@@ -58,7 +58,7 @@ def _same_seed(s: Subject) -> str:
     first, second = s.fitted.arrays, s.again.estimator.arrays
     need(first.keys() == second.keys(), "two fits learnt arrays of different names")
     for name, array in first.items():
-        need(same(array, second[name]), f"two fits with seed {SEED} differ in {name}")
+        need(same(array, second[name]), f"two fits with seed {SUBJECT_SEED} differ in {name}")
     return f"{len(first)} arrays equal bit for bit"
 
 
@@ -66,7 +66,7 @@ def _same_seed(s: Subject) -> str:
 def _draws(s: Subject) -> str:
     if s.kind.draws:
         raise NotOffered("its training may draw at random")
-    other = s.fit_with(SEED + 1)
+    other = s.fit_with(SUBJECT_SEED + 1)
     for name, array in s.fitted.arrays.items():
         need(same(array, other.arrays[name]), f"with another seed, fit learns another {name}")
     return f"{len(s.fitted.arrays)} arrays equal bit for bit"
@@ -80,7 +80,7 @@ def _online(s: Subject) -> str:
     stray = sorted(kind.online - set(kind.settings))
     need(not stray, f"not among its settings: {', '.join(stray)}")
     others = {name: _other(kind.settings[name]) for name in kind.online}
-    estimator = s.fit_with(SEED, **others)
+    estimator = s.fit_with(SUBJECT_SEED, **others)
     for name, array in s.fitted.arrays.items():
         need(same(array, estimator.arrays[name]), f"with other online settings, fit learns another {name}")
     return f"{len(others)} of them, {len(s.fitted.arrays)} arrays equal bit for bit"
@@ -112,7 +112,7 @@ def _no_truth(s: Subject) -> str:
     s.again.estimator.restore()
     need(same(record(s.again.estimator, measured), before), "its estimates change with the truth it was fitted to")
     try:
-        run(s.fitted, small_benchmark().test, Evaluation(), SEED)
+        run(s.fitted, small_benchmark().test, Evaluation(), SUBJECT_SEED)
     except ValueError:
         return "refused where it comes along; what fit saw may be wiped afterwards"
     raise Broken("the run did not refuse recordings that carry their truth")

@@ -9,11 +9,11 @@ import numpy as np
 from twinbench.bench.contract.outcome import at_most, need
 from twinbench.bench.contract.promise import promise
 from twinbench.bench.contract.subject import (
-    EXACT,
     FLOAT32,
-    ROUND_OFF,
-    SEED,
+    FLOAT32_ROUND_OFF,
+    FLOAT64_ROUND_OFF,
     SHORT,
+    SUBJECT_SEED,
     Subject,
     Trace,
     begun,
@@ -90,7 +90,7 @@ def _batch_equals_loop(s: Subject) -> str:
     together = record(s.fitted, measured)
     alone = [record(s.fitted, measured[b : b + 1]) for b in range(2)]
     single = Trace(*(np.concatenate(parts, axis=1) for parts in zip(*alone, strict=True)))
-    return at_most(deviation(together, single), ROUND_OFF, "largest deviation in typical changes")
+    return at_most(deviation(together, single), FLOAT32_ROUND_OFF, "largest deviation in typical changes")
 
 
 @promise("machines do not touch each other")
@@ -100,7 +100,7 @@ def _independent(s: Subject) -> str:
     mixed[0] = wild[0]
     a, b = record(s.fitted, calm), record(s.fitted, mixed)
     second = [Trace(*(part[:, 1] for part in trace)) for trace in (a, b)]
-    return at_most(deviation(*second), EXACT, "absurd readings of one machine moved another by")
+    return at_most(deviation(*second), FLOAT64_ROUND_OFF, "absurd readings of one machine moved another by")
 
 
 @promise("the future does not reach the past")
@@ -111,7 +111,7 @@ def _causal(s: Subject) -> str:
     other[:, cut:] = other[::-1, : other.shape[1] - cut] * 1.05
     other[:, cut + 50 : cut + 60] = np.nan
     evaluation = Evaluation(stride=1, origin_every_s=2.0, leads_s=(ahead_s,))
-    a, b = (run(s.fitted, b, evaluation, SEED) for b in (batch, replace(batch, measured=other)))
+    a, b = (run(s.fitted, b, evaluation, SUBJECT_SEED) for b in (batch, replace(batch, measured=other)))
     past = a.forecast_time_s + ahead_s < cut * SAMPLE_PERIOD_S
     for name in ("mean", "low", "high", "nis", "nis_dof", "flags"):
         changed = [

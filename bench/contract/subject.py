@@ -15,15 +15,15 @@ from twinbench.methods.estimator import Estimator, Info, Sample, State
 from twinbench.physics.compressor import PLANT
 
 DESIGN = DesignConfig(seed=7, n_train=3, n_validation=1, n_test=2, minutes=2.5, warmup_minutes=0.5)
-SEED = 1
+SUBJECT_SEED = 1
 SCALE = np.array([v.scale for v in (*PLANT.states[: len(STATES)], *PLANT.parameters[: len(ESTIMATED) - len(STATES)])])
 """(10,) one typical change of each estimated quantity, order ESTIMATED: the unit of all deviations."""
-ROUND_OFF = 1e-5
+FLOAT32_ROUND_OFF = 1e-5
 """Deviation allowed where only the order of summation differs: a network's float32, carried by its recursion.
 Its reductions differ at 1e-7; two orders more leave room for the recursion and none for a real coupling."""
 FLOAT32 = 1e-4
 """Deviation allowed where the readings come as float32 and a method goes on in float32."""
-EXACT = 1e-9
+FLOAT64_ROUND_OFF = 1e-9
 """Relative deviation allowed of float64 linear algebra written in another way."""
 SHORT, LONG, JUDGED = (round(s / SAMPLE_PERIOD_S) for s in (20.0, 90.0, 10.0))
 """Ticks: of a short run, of a long one, and at the end of a long one where recovery is judged."""
@@ -87,7 +87,7 @@ def recordings() -> dict[str, Array]:
     stuck[0, begin : begin + 600, P_DIS] = np.nanmedian(clean[0, begin - 20 : begin, P_DIS])
     stuck[1, begin : begin + 600, N_RPM] = np.nanmedian(clean[1, begin - 20 : begin, N_RPM])
     absurd = clean[:, :SHORT].copy()
-    rng = np.random.default_rng(SEED)
+    rng = np.random.default_rng(SUBJECT_SEED)
     for tick in range(40, SHORT - 100, 20):  # a second each: gates let through what lasts
         absurd[:, tick : tick + 20] = rng.choice([-1.0, 0.0, 1e-3, 10.0, 1e3, 1e6], (2, 1, len(CHANNELS))) * spread
     return {
@@ -145,7 +145,7 @@ class Subject:
         split = small_benchmark()
         copies = (_copied(split.train), _copied(split.validation))
         estimator = self.kind(**self.kind.contract_settings)
-        estimator.fit(*copies, SEED)
+        estimator.fit(*copies, SUBJECT_SEED)
         return Fit(estimator, copies, tuple(fingerprint(batch) for batch in copies))
 
     def trace(self, name: str) -> Trace:

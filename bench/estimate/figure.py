@@ -13,13 +13,24 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from twinbench.bench.roster import SENSORS, axis_label
-from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, PAPER, canvas, png, styled, svg, thin
+from twinbench.common.style import (
+    FAINT,
+    INK,
+    MOST_POINTS,
+    MUTED,
+    PAGE_MM,
+    PAPER,
+    ZERO_C_K,
+    canvas,
+    png,
+    styled,
+    svg,
+    thin,
+)
 from twinbench.data.batch import CHANNELS, ESTIMATED, HEALTH, OUTPUTS, SAMPLE_PERIOD_S, Array
 from twinbench.methods.observe import observe
 from twinbench.physics.health import HEALTHY
 
-MOST_POINTS = 1500
-ZERO_C_K = 273.15
 BLUE = "#0072B2"
 RED = "#D55E00"
 KINDS = {"used": "#9ecae1", "outside training": "#E69F00", "rejected": RED, "missing": FAINT}

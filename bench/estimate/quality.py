@@ -24,7 +24,7 @@ FLAGS = {
     "frozen": FLAG_FROZEN,
     "uninformed": FLAG_UNINFORMED,
 }
-MOST = 0.5
+MOST_UNUSED = 0.5
 """Most of a channel's readings: a channel of which more lie outside training, or are rejected, is not one to go by."""
 
 USABLE, UNLIKE, PRIOR, SELDOM, LACKS = (
@@ -183,7 +183,7 @@ def _gaps(read: np.ndarray, period: int) -> list[float]:
 
 def _unlike(channels: dict[str, ChannelUse]) -> tuple[str, str] | None:
     """Channels that are mostly where training never was."""
-    far = {n: c for n, c in channels.items() if c.outside > MOST and c.median is not None}
+    far = {n: c for n, c in channels.items() if c.outside > MOST_UNUSED and c.median is not None}
     swapped = _swapped(far)
     said = [f"{' and '.join(pair)} read as each other should: are they swapped?" for pair in swapped]
     for name, c in far.items():
@@ -250,7 +250,7 @@ def _rejected(channels: dict[str, ChannelUse], reference: Reference, residual: A
         f"{name} was rejected in {100 * (1.0 - c.accepted):.0f} % of its readings, on the validation recordings in "
         f"{100 * (1.0 - usual[name]):.1f} %{_typically(name, c, residual)}"
         for name, c in channels.items()
-        if c.accepted is not None and c.accepted < MOST * usual[name]
+        if c.accepted is not None and c.accepted < MOST_UNUSED * usual[name]
     ]
     return (UNLIKE, "; ".join(said)) if said else None
 

@@ -36,7 +36,7 @@ STRIDE = 19
 ENVELOPE = (0.001, 0.999)
 """Quantiles of the training readings between which a channel is known: spikes, a five-hundredth of the readings,
 lie beyond. As for the operator's own envelope."""
-LEVEL = 0.999
+NIS_LEVEL = 0.999
 """Of the range in which a sound recording's median NIS is expected: one in a thousand is refused wrongly. At 0.99
 the range of the nominal filter, from six recordings, would refuse sound recordings, too."""
 NARROWER = 0.99
@@ -106,7 +106,7 @@ class Reference:
             return cls(**{**arrays, "covered": float(arrays["covered"])})
 
     def nis_range(self, ticks: int) -> tuple[float, float]:
-        """Where the median NIS of one more recording is expected, LEVEL of the time; NaN if that is not known.
+        """Where the median NIS of one more recording is expected, NIS_LEVEL of the time; NaN if that is not known.
 
         That of a new draw from a log-normal of which there are B. Each of these counts from its start for as
         long as the new one: an estimator that begins at the prior is farther off at first.
@@ -115,7 +115,7 @@ class Reference:
         if len(medians) < 2:
             return np.nan, np.nan
         logs = np.log(np.maximum(medians, np.finfo(np.float32).tiny))
-        half = student.ppf(0.5 + 0.5 * LEVEL, len(logs) - 1) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
+        half = student.ppf(0.5 + 0.5 * NIS_LEVEL, len(logs) - 1) * logs.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(logs))
         return float(np.exp(logs.mean() - half)), float(np.exp(logs.mean() + half))
 
 

@@ -19,7 +19,7 @@ from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.estimator import Sample
 
-UPDATES = 100
+STEPPED_UPDATES = 100
 TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.3, 430.0, 0.117])
 """Readings, order CHANNELS."""
 COLUMNS = ("estimator", "implementation", "weights_kB", "buffers_kB", "besides_kB", "process_MB")
@@ -50,12 +50,12 @@ def in_place(twin: DeepONetKalman, rows: Sequence[Any]) -> Held:
 
 
 def _besides_kB(update: Callable[[Any], object], ticks: Sequence[Any]) -> float:
-    for tick in ticks[:UPDATES]:
+    for tick in ticks[:STEPPED_UPDATES]:
         update(tick)
     tracemalloc.start()
     try:
         most = 0
-        for tick in ticks[UPDATES : 2 * UPDATES]:
+        for tick in ticks[STEPPED_UPDATES : 2 * STEPPED_UPDATES]:
             tracemalloc.reset_peak()
             before, _ = tracemalloc.get_traced_memory()
             update(tick)
@@ -86,11 +86,11 @@ def _main(spec: str, fitted: str, implementation: str) -> None:
     if implementation == IN_PLACE:
         assert isinstance(estimator, DeepONetKalman)
         online = Online(estimator)
-        for _ in range(UPDATES):
+        for _ in range(STEPPED_UPDATES):
             online.update(TYPICAL)
     else:
         stepped = Stepped(estimator)
-        for _ in range(UPDATES):
+        for _ in range(STEPPED_UPDATES):
             stepped(Sample(0.0, TYPICAL[None]))
     # Not getrusage: there a child begins with its parent's peak.
     (peak_kB,) = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())

@@ -7,7 +7,7 @@ import math
 from twinbench.bench.report.table_formats import number, span
 from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.bootstrap import differences
-from twinbench.bench.statistics.marks import ALPHA
+from twinbench.bench.statistics.marks import FAMILY_LEVEL
 from twinbench.bench.statistics.ranks import Ranking
 from twinbench.bench.statistics.scores import IDEAL
 from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary
@@ -170,7 +170,7 @@ def _friedman(ranking: Ranking, question: str) -> str:
     n = f"{len(ranking.estimators)} estimators on {len(ranking.sequences)} sequences"
     if not math.isfinite(ranking.friedman_p):
         return f"By {ERROR[question]}, {n} are too few for Friedman's test."
-    differ = "do differ" if ranking.friedman_p < ALPHA else "cannot be told from alike"
+    differ = "do differ" if ranking.friedman_p < FAMILY_LEVEL else "cannot be told from alike"
     return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, {_p(ranking.friedman_p)})."
 
 

@@ -18,8 +18,8 @@ from twinbench.bench.roster import REFERENCE, ordered
 from twinbench.data.batch import Array
 
 RESAMPLES = 10_000
-SEED = 2_024
-LEVEL = 0.95
+BOOTSTRAP_SEED = 2_024
+INTERVAL_LEVEL = 0.95
 NEED_A_CHANGE = ("delay_s", "recovery_s", "recovery_limit_s")
 """Metrics that have no value in a sequence whose health does not change."""
 
@@ -175,7 +175,7 @@ def _over_sequences(
 @lru_cache
 def resample_weights(n: int) -> Array:
     """(RESAMPLES, n): the share of each of n sequences in each resample; the same ones at every call."""
-    weights = np.random.default_rng(SEED).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES) / n
+    weights = np.random.default_rng(BOOTSTRAP_SEED).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES) / n
     weights.flags.writeable = False
     return weights
 
@@ -192,7 +192,7 @@ def interval(resampled: Array, n: int) -> tuple[float, float]:
     """
     if n < 2:
         return np.nan, np.nan
-    tail = float(norm.cdf(-np.sqrt(n / (n - 1)) * t.ppf(0.5 + LEVEL / 2, n - 1)))
+    tail = float(norm.cdf(-np.sqrt(n / (n - 1)) * t.ppf(0.5 + INTERVAL_LEVEL / 2, n - 1)))
     # Nearest: no interpolation between infinities.
     low, high = np.quantile(resampled, [tail, 1.0 - tail], method="nearest")
     return float(low), float(high)

@@ -13,7 +13,7 @@ from scipy.stats import binom, chi2
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.roster import ordered
 from twinbench.bench.statistics.aligned import truth_at
-from twinbench.bench.statistics.bootstrap import LEVEL, interval, resample_weights
+from twinbench.bench.statistics.bootstrap import INTERVAL_LEVEL, interval, resample_weights
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
 from twinbench.physics.compressor import U, Y
@@ -130,7 +130,7 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
         if len(group):
             table += [(estimator, regime, *row) for row in _by_quantity(group, failed.get(estimator))]
     missing = [name for name in failed if name not in set(rows["estimator"])]
-    nothing = (np.nan, np.nan, np.nan, 0, 100 * LEVEL, np.nan, np.nan)
+    nothing = (np.nan, np.nan, np.nan, 0, 100 * INTERVAL_LEVEL, np.nan, np.nan)
     table += [(name, "all", "mean", *nothing, failed[name]) for name in ordered(missing)]
     return pd.DataFrame(table, columns=COLUMNS)
 
@@ -145,11 +145,11 @@ def _by_quantity(group: pd.DataFrame, failed: str | None) -> Iterator[tuple[Any,
         lost = group.index.get_level_values("sequence")[np.isnan(shares)]
         reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
         share = float(shares @ ticks / ticks.sum())
-        bounds = (*interval(weights @ shares, n), n, 100 * LEVEL, *expected_band(n))
+        bounds = (*interval(weights @ shares, n), n, 100 * INTERVAL_LEVEL, *expected_band(n))
         yield quantity, share, *bounds, "; ".join(filter(None, [failed, reason]))
 
 
-def expected_band(n: int, level: float = LEVEL) -> tuple[float, float]:
+def expected_band(n: int, level: float = INTERVAL_LEVEL) -> tuple[float, float]:
     """Central 95 % band, in per cent, of the coverage that an exact filter shows in n independent trials.
 
     Samples of one sequence are not independent: with n sequences this is the band if each counted
@@ -169,7 +169,7 @@ def nis_scores(nis: Array, dof: np.ndarray) -> tuple[Array, Array, Array]:
     used = dof > 0
     ticks = np.where(used.any(axis=1), used.sum(axis=1), np.nan)
     degrees = np.where(used.any(axis=1), dof.sum(axis=1), np.nan)
-    low, high = (chi2.ppf(p, np.maximum(dof, 1)) for p in (0.5 - LEVEL / 2, 0.5 + LEVEL / 2))
+    low, high = (chi2.ppf(p, np.maximum(dof, 1)) for p in (0.5 - INTERVAL_LEVEL / 2, 0.5 + INTERVAL_LEVEL / 2))
     within = np.where(np.isfinite(nis), (low <= nis) & (nis <= high), np.nan)
     total, hits = (np.where(used, values, 0.0).sum(axis=1) for values in (nis, within))
     medians = [nis_median_ratio(n[u], d[u]) if u.any() else np.nan for n, d, u in zip(nis, dof, used, strict=True)]

@@ -11,11 +11,11 @@ from twinbench.bench.statistics.bootstrap import SequenceScores
 from twinbench.bench.statistics.ranks import holm, wilcoxon_p
 from twinbench.bench.statistics.scores import IDEAL
 
-ALPHA = 0.05
+FAMILY_LEVEL = 0.05
 """Family-wise level of all tests. A smaller one tells fewer estimators apart, and marks more of them."""
 
 
-def marked(table: SequenceScores, alpha: float = ALPHA) -> tuple[str, ...]:
+def marked(table: SequenceScores, alpha: float = FAMILY_LEVEL) -> tuple[str, ...]:
     """The estimator with the best mean, then all that paired tests do not tell from it.
 
     Wilcoxon's signed-rank test over the sequences, Holm's correction over all pairs of the ranked estimators

@@ -9,9 +9,9 @@ import numpy as np
 from twinbench.data.batch import Array
 from twinbench.physics.health import SPAN
 
-MOVED = 0.01
+MOVED_SHARE = 0.01
 """A health parameter has changed if it moved by more than this share of its range."""
-EDGE = 0.005
+RAMP_EDGE = 0.005
 """A change starts and ends where this share of it is done and left to do."""
 LONGEST_DELAY_S = 120.0
 AROUND_CHANGE_S = 60.0
@@ -37,11 +37,11 @@ def health_change(time_s: Array, health: Array) -> HealthChange | None:
         health: (N, 5) true health, in the parameters' units, order HEALTH.
     """
     moved = np.ptp(health, axis=0)
-    changed = moved > MOVED * SPAN
+    changed = moved > MOVED_SHARE * SPAN
     if not changed.any():
         return None
-    away = np.abs(health - health[0])[:, changed] > EDGE * moved[changed]
-    arriving = np.abs(health - health[-1])[:, changed] > EDGE * moved[changed]
+    away = np.abs(health - health[0])[:, changed] > RAMP_EDGE * moved[changed]
+    arriving = np.abs(health - health[-1])[:, changed] > RAMP_EDGE * moved[changed]
     start = int(away.any(axis=1).argmax())
     # The last sample that has not arrived yet is followed by the first that has.
     end = len(time_s) - int(arriving.any(axis=1)[::-1].argmax())

@@ -20,7 +20,7 @@ from twinbench.methods.deeponet_kalman.records import one_record, record
 from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, SAFETY
 from twinbench.methods.deeponet_kalman.stream import N_QUERY, fill, push
 from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE
-from twinbench.methods.frontend import WINDOW, Fitted, gate_one
+from twinbench.methods.frontend import HAMPEL_WINDOW, Fitted, gate_one
 from twinbench.methods.noise import output_sd_of
 from twinbench.methods.reporting import report_one
 from twinbench.physics.health import map_one
@@ -78,7 +78,7 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     """
     return record(
         {
-            "recent": ("f8", (WINDOW, N_CHANNELS)),
+            "recent": ("f8", (HAMPEL_WINDOW, N_CHANNELS)),
             **dict.fromkeys(("filled", "age_s", "outlier", "last", "still"), ("f8", (N_CHANNELS,))),
             "mask": ("f4", (N_CHANNELS,)),  # of the last sample, which the window takes in when the next one is there
             "ticks": ("i8", ()),  # updates so far
@@ -103,7 +103,7 @@ def scratch(weights: np.ndarray) -> np.ndarray:
                 "filter": (room_type(weights), ()),
                 **dict.fromkeys(("accepted", "spike", "confirmed"), ("u1", (N_CHANNELS,))),
                 "before": ("f8", (N_CHANNELS,)),
-                "kept": ("f8", (WINDOW,)),
+                "kept": ("f8", (HAMPEL_WINDOW,)),
                 "white": ("f8", (N_OUTPUTS,)),
                 "coloured": ("f8", (N_OUTPUTS,)),
                 "measured": ("f8", (N_OUTPUTS,)),

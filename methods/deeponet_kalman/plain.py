@@ -54,7 +54,7 @@ from twinbench.methods.estimator import (
     Sample,
     State,
 )
-from twinbench.methods.frontend import WINDOW, Memory, gate_one
+from twinbench.methods.frontend import HAMPEL_WINDOW, Memory, gate_one
 from twinbench.methods.noise import output_sd
 from twinbench.methods.operator import N_STATES, N_ZETA, SLOW_TAU_S, Operator
 from twinbench.methods.probe import probe_lag
@@ -94,7 +94,7 @@ class PlainTwin:
         lag_s = np.zeros(N_CHANNELS) if sample.lag_s is None else sample.lag_s[0]
         accepted, spike, confirmed = (np.zeros(N_CHANNELS, np.bool_) for _ in range(3))
         before = np.empty(N_CHANNELS)
-        gate_one(memory, fitted, sample.measured[0], accepted, spike, confirmed, before, np.empty(WINDOW))
+        gate_one(memory, fitted, sample.measured[0], accepted, spike, confirmed, before, np.empty(HAMPEL_WINDOW))
         if self.ticks > 0:
             self.take_in(before, np.maximum(self.mask, confirmed))
         due = self.ticks % self.update_every == 0

@@ -25,7 +25,7 @@ LEFT_OUT_UPDATES = (2400, 20, 2400)
 """For which a channel is left out at most, order OUTPUTS: two minutes, a second."""
 FITS_SD, FITS_UPDATES = 2.0, 10
 """A channel fits again whose readings have been so near for half a second."""
-KEPT, KEEP_UPDATES = 8, 300
+KEPT_PLACES, KEEP_UPDATES = 8, 300
 """Places on the way of health that are kept, and the updates between two: two minutes."""
 MOVED_SD = 2.0
 """By which health has moved unusually far on that way."""
@@ -35,7 +35,7 @@ STEPS = record(
         "sums": ("f8", (2, N_OUTPUTS)),  # cumulative sums, upwards and downwards
         "out": ("i8", (N_OUTPUTS,)),  # updates for which a channel is still left out
         "fits": ("i8", (N_OUTPUTS,)),  # consecutive ones of them in which it fitted
-        "way": ("f8", (KEPT, N_HEALTH)),  # health in the last two minutes, a ring
+        "way": ("f8", (KEPT_PLACES, N_HEALTH)),  # health in the last two minutes, a ring
     }
 )
 """What is carried from update to update."""
@@ -57,8 +57,8 @@ def shifted(sums, innovation, sd, c):  # type: ignore[no-untyped-def]
 def note_way(way, updates, health):  # type: ignore[no-untyped-def]
     """Take health (5,) into the ring (8, 5) if it is time; the first fills all of it."""
     if updates % KEEP_UPDATES == 0:
-        for k in range(KEPT):
-            if updates == 0 or k == updates // KEEP_UPDATES % KEPT:
+        for k in range(KEPT_PLACES):
+            if updates == 0 or k == updates // KEEP_UPDATES % KEPT_PLACES:
                 for i in range(N_HEALTH):
                     way[k, i] = health[i]
 
@@ -66,7 +66,7 @@ def note_way(way, updates, health):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _oldest(updates):  # type: ignore[no-untyped-def]
     """Row of the ring that is written next."""
-    return ((updates - 1) // KEEP_UPDATES + 1) % KEPT
+    return ((updates - 1) // KEEP_UPDATES + 1) % KEPT_PLACES
 
 
 @njit(cache=True, error_model="numpy")
@@ -81,7 +81,7 @@ def moved(way, updates, z, P, at):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def free_to_return(way, z, P, at):  # type: ignore[no-untyped-def]
     """Let health be anywhere on its way, in P in place: the distance to each place of the ring, squared."""
-    for k in range(KEPT):
+    for k in range(KEPT_PLACES):
         for i in range(N_HEALTH):
             for j in range(N_HEALTH):
                 P[at + i, at + j] += (way[k, i] - z[at + i]) * (way[k, j] - z[at + j])

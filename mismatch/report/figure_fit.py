@@ -11,17 +11,15 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, canvas, styled, thin
+from twinbench.common.style import FAINT, INK, MOST_POINTS, MUTED, PAGE_MM, canvas, styled, thin
 from twinbench.mismatch.report.replays import Replay, window
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.words import labelled, spoken
 from twinbench.physics.simulator import Array, Variable
 
-MOST_POINTS = 800
-"""Points per line: more cannot be told apart at page width."""
-CLOSE = 16
-"""The window shows one in so many of the blocks, but not fewer than ``LEAST``."""
-LEAST = 40
+WINDOW_SHARE = 16
+"""The window shows one in so many of the blocks, but not fewer than ``WINDOW_BLOCKS_LEAST``."""
+WINDOW_BLOCKS_LEAST = 40
 MEASURED: dict[str, Any] = {
     "color": "#aab4bd",
     "linewidth": 3.2,
@@ -60,7 +58,7 @@ def fit_over_time(
     )
     scale, unit = time_unit(float(replay.track.time_s[-1] - replay.track.time_s[0]))
     time = replay.track.block_time_s / scale
-    close = window(replay, channels[0], max(LEAST, len(time) // CLOSE))
+    close = window(replay, channels[0], max(WINDOW_BLOCKS_LEAST, len(time) // WINDOW_SHARE))
     whole = thin(len(time), MOST_POINTS)
     drawn = {outputs[c].name for c in channels}
     mine = [s for s in spikes if s.recording == replay.track.name and s.channel in drawn]

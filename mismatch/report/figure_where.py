@@ -19,7 +19,7 @@ from twinbench.mismatch.words import labelled, spoken
 from twinbench.physics.simulator import Array, Port, Simulator
 
 MOST_RECORDINGS = 4
-PIECES = 24
+DRAWN_PIECES = 24
 """Pieces of a recording, over time."""
 BINS = 8
 """Bins of an input, equally full."""
@@ -69,7 +69,7 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
 
 
 def _pieces(axes: Axes, replay: Replay, scale: float, sd: Array) -> None:
-    parts = np.array_split(np.arange(len(replay.before)), PIECES)
+    parts = np.array_split(np.arange(len(replay.before)), DRAWN_PIECES)
     middle = np.array([replay.track.block_time_s[p].mean() for p in parts]) / scale
     axes.axhline(1.0, color=MUTED, linewidth=0.8)
     axes.plot(middle, [level(replay.before[p], sd) for p in parts], **(BEFORE_POINTS | {"markersize": 2.5}))

@@ -17,7 +17,7 @@ from twinbench.proof.concealed.generate import Case, Item, draw, write
 from twinbench.proof.concealed.judge import score
 from twinbench.proof.concealed.seal import Sealed, canonical, seal
 
-TIMEOUT_S = 900.0
+CASE_TIMEOUT_S = 900.0
 _PROCESSES: dict[str, Engine] = {}
 """This worker's blind process, by the folder it is kept out of: one for all cases and engines compiles once."""
 
@@ -44,7 +44,7 @@ def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked
             if name == ORACLE:
                 told = case.public | {"only": [n for e in case.truth["effects"] for n in e["right"]]}
                 (Path(given) / "case.json").write_text(json.dumps(told))
-            answer = _process(out).ask(Path(given), engines[name], TIMEOUT_S)
+            answer = _process(out).ask(Path(given), engines[name], CASE_TIMEOUT_S)
         write_text(folder / f"verdict-{name}.json", json.dumps(answer, indent=1))
     write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
     published, oracle_gain = digest(out, item), 1.0

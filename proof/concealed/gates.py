@@ -11,7 +11,7 @@ import pandas as pd
 from scipy.stats import norm
 
 from twinbench.proof.concealed.judge import COLUMNS
-from twinbench.proof.concealed.marks import DETECTABLE, NEAR, SOUND, UNKNOWN, marks, miss
+from twinbench.proof.concealed.marks import DETECTABLE, REACHED_SHARE, SOUND, UNKNOWN, marks, miss
 
 COMPARED = {
     "right_name": "right name, single detectable effect",
@@ -56,7 +56,7 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
     ``met`` is None where there is no case.
     """
     marked = pd.DataFrame([marks(row) for _, row in rows.iterrows()], index=rows.index)
-    detectable = rows["severity"] >= NEAR * DETECTABLE
+    detectable = rows["severity"] >= REACHED_SHARE * DETECTABLE
     named = marked["confidently_wrong"].eq(False) & detectable & (rows["named"] != "") & ~rows["cell"].isin(SOUND)
     sized = rows.loc[detectable & marked["named_right"].eq(True)]
     gains = rows.loc[named & ~rows["cell"].isin([*UNKNOWN, "sensor"])]

@@ -20,7 +20,7 @@ COLUMNS = (
 ``alike`` what looks like the effects, which is right in a set where the catalogue lacks them."""
 PORTS = 2
 """So many ports a location may hold."""
-_LEAST_EXCESS = 2e-4
+_NO_EXCESS = 2e-4
 """Below this share of the noise's mean square there is no error that a mended model could remove."""
 
 
@@ -116,7 +116,7 @@ def gain(verdict: Mapping[str, Any], floor: Mapping[str, float]) -> float:
         np.array([float(fit[c][key]) / floor[c] for c in channels]) ** 2 for key in ("rmse_before", "rmse_after")
     )
     removable = float(np.sum(before - 1.0))
-    if not channels or not removable > _LEAST_EXCESS * len(channels):
+    if not channels or not removable > _NO_EXCESS * len(channels):
         return float("nan")
     return float(np.sum(before - after)) / removable
 

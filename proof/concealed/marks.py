@@ -7,7 +7,7 @@ from typing import NamedTuple
 import pandas as pd
 
 DETECTABLE = 0.3
-NEAR = 0.9
+REACHED_SHARE = 0.9
 """A severity counts as reached from this share of it on."""
 SOUND = ("clean", "parameters", "poor_excitation")
 WITH_NAME = ("mechanism", "onset")
@@ -40,7 +40,7 @@ def marks(row: pd.Series) -> Marks:
     alike = set(str(row["alike"]).replace("+", "|").split("|")) - {""}
     wrong = named - right
     answers = right | alike
-    detectable = float(row["severity"]) >= NEAR * DETECTABLE
+    detectable = float(row["severity"]) >= REACHED_SHARE * DETECTABLE
     alone = all(effect & named for effect in truth) and not wrong
     inside = all(effect & named or any(effect & s for s in small) for effect in truth) and not wrong
     single = detectable and cell in WITH_NAME

@@ -26,7 +26,7 @@ from twinbench.proof.concealed.integrate import Parameters, Steps, run
 from twinbench.proof.concealed.machine import Machine
 
 THIN = 4
-STEPS, CLOSE = 8, 0.03
+SEVERITY_STEPS, SEVERITY_TOLERANCE = 8, 0.03
 
 
 @dataclass(frozen=True)
@@ -146,10 +146,14 @@ class Yardstick:
             The amplitude (at most ``most``), and its rms held out and in training.
         """
         amplitude = start
-        for step in range(STEPS):
+        for step in range(SEVERITY_STEPS):
             beyond, in_training = self.measure(change(amplitude))
             reached = min(beyond, in_training)
-            if abs(reached / wanted - 1.0) < CLOSE or (amplitude == most and reached < wanted) or step == STEPS - 1:
+            if (
+                abs(reached / wanted - 1.0) < SEVERITY_TOLERANCE
+                or (amplitude == most and reached < wanted)
+                or step == SEVERITY_STEPS - 1
+            ):
                 break
             amplitude = float(np.clip(amplitude * wanted / max(reached, 1e-3 * wanted), amplitude / 30.0, most))
         return amplitude, beyond, in_training

@@ -36,7 +36,7 @@ from twinbench.proof.flagship.record import HELD_OUT, TRAINING, record
 TOLD = "told"
 ENGINES = ("twinbench", TOLD)
 """Ours, and ours with a catalogue that holds what is true and nothing else: how far mending gets without naming."""
-TIMEOUT_S = 3600.0
+DRAW_TIMEOUT_S = 3600.0
 RARE_EVERY = 3
 _ROOT = Path(__file__).resolve().parents[2]
 
@@ -150,7 +150,7 @@ def ask(
             [sys.executable, "-P", "-m", "twinbench.proof.flagship.ask", str(folder), str(keep_out)],
             cwd=_ROOT,
             check=True,
-            timeout=TIMEOUT_S,
+            timeout=DRAW_TIMEOUT_S,
             capture_output=True,
             text=True,
         )

@@ -14,15 +14,15 @@ import numpy as np
 from twinbench.data.recording import Recording
 from twinbench.mismatch.explanation import Explanation, present, refit
 from twinbench.mismatch.findings import uncertainty
-from twinbench.mismatch.noise import ORDER, fit_whitener
+from twinbench.mismatch.noise import AUTOREGRESSION_ORDER, fit_whitener
 from twinbench.mismatch.picture import Picture, picture, variants
 from twinbench.mismatch.proof import held_out
 from twinbench.physics.simulator import Mechanism, Simulator
 from twinbench.proof.opponents.base import Progress, calibrated, finding, quiet, told
 
-REFITS = 8
+REFITS_EACH_STEP = 8
 """Candidates that are fitted in full at each step: those that gain most in the linear picture."""
-MOST = 4
+MOST_TERMS = 4
 Z90 = 1.645
 
 
@@ -33,11 +33,11 @@ def diagnose(
     catalogue: Sequence[Mechanism] | None = None,
     progress: Progress = quiet,
 ) -> dict[str, Any]:
-    """Arguments as for ``mismatch.diagnose``; names one to ``MOST`` mechanisms."""
+    """Arguments as for ``mismatch.diagnose``; names one to ``MOST_TERMS`` mechanisms."""
     c = calibrated(simulator, recordings, hold_out, catalogue, progress)
     listed = variants(c.candidates)
     best = Explanation((), (), c.problem, c.z, c.problem.cost(c.z))
-    while len(best.names) < MOST:
+    while len(best.names) < MOST_TERMS:
         whitener = fit_whitener(best.problem.residuals(best.z), c.found.floor)
         problem, z = replace(c.problem, whitener=whitener), best.z[: len(c.z)]
         shown = picture(problem, z, listed, present(best))
@@ -64,7 +64,7 @@ def bic(explanation: Explanation) -> float:
     residuals = explanation.problem.residuals(explanation.z)
     total, n = 0.0, 0
     for series in zip(*(r.T for r in residuals), strict=True):
-        lagged = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, ORDER + 1) for x in series])
+        lagged = np.concatenate([np.lib.stride_tricks.sliding_window_view(x, AUTOREGRESSION_ORDER + 1) for x in series])
         lagged = lagged[np.isfinite(lagged).all(axis=1)]
         now, past = lagged[:, -1], lagged[:, :-1]
         innovations = now - past @ np.linalg.lstsq(past, now, rcond=None)[0]
@@ -83,7 +83,7 @@ def _next(shown: Picture, n_present: int) -> list[tuple[int, ...]]:
     for i in sorted(more, key=lambda i: -shown.gain((*here, i))):
         if np.isfinite(shown.gain((*here, i))):
             found.setdefault(shown.variants[i].candidate, (*here, i))
-    return list(found.values())[:REFITS]
+    return list(found.values())[:REFITS_EACH_STEP]
 
 
 def _findings(best: Explanation) -> list[dict[str, Any]]:

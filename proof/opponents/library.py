@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, types
 
 from twinbench.mismatch.fit import STEP
-from twinbench.mismatch.picture import PROBE, Variant, switched, typical, variants
+from twinbench.mismatch.picture import PROBE_SIZE, Variant, switched, typical, variants
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.compile import compiled
 from twinbench.physics.integrate import MATRIX, simulate
@@ -130,7 +130,7 @@ class _Recording:
         """What a candidate adds at its typical size, (N, s)."""
         candidate = self.machine.candidates[variant.candidate]
         mechanism, first = candidate.mechanism, candidate.mechanism.parameters[0]
-        share = PROBE if candidate.null[0] + PROBE * typical(candidate) <= first.high else -PROBE
+        share = PROBE_SIZE if candidate.null[0] + PROBE_SIZE * typical(candidate) <= first.high else -PROBE_SIZE
         full = self.problem.theta.copy()
         full[: len(theta)] = theta
         there = switched(self.machine, full, variant, share * typical(candidate))

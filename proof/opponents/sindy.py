@@ -31,13 +31,13 @@ from twinbench.physics.simulator import Array, Mechanism, Simulator
 from twinbench.proof.opponents.base import Progress, calibrated, check_folds, finding, quiet, told
 from twinbench.proof.opponents.library import Path, paths
 
-WINDOW, ORDER, EVERY = 21, 3, 3
+SMOOTHING_WINDOW, SMOOTHING_ORDER, EVERY = 21, 3, 3
 BUMP, DEGREE = 0.1, 4
 THRESHOLDS = (*np.logspace(-2.5, 0.5, 16), np.inf)
 RIDGE = 1e-3
-LEAST = 0.005
+LEAST_BETTER = 0.005
 """And by so much, as a share of the error without any term, must a threshold be better for less sparsity."""
-NAMED = 0.5
+NAMED_SHARE = 0.5
 """Terms are named whose standardised coefficient is at least this share of the largest."""
 Z90 = 1.645
 _Operator = Callable[[Array], Array]
@@ -90,7 +90,7 @@ def _diagnose(
         candidate = c.candidates[variant.candidate]
         unit = typical(candidate)
         sizes[variant] = size * unit
-        if abs(weight) >= NAMED * largest:
+        if abs(weight) >= NAMED_SHARE * largest:
             ends = sorted(candidate.null[0] + (size + side * Z90 * sd) * unit for side in (-1.0, 1.0))
             findings.append(finding(candidate.mechanism, candidate.null[0] + size * unit, *ends))
     names = ", ".join(f["mechanism"] for f in findings)
@@ -104,15 +104,17 @@ def smooth(x: Array) -> Array:
     Args:
         x: (N, s) in the states' units.
     """
-    return np.asarray(savgol_filter(x, WINDOW, ORDER, axis=0))
+    return np.asarray(savgol_filter(x, SMOOTHING_WINDOW, SMOOTHING_ORDER, axis=0))
 
 
 def strong(path: Path) -> tuple[_Operator, _Operator]:
     """What a measured state and what a derivative is put through: differentiated, and smoothed alike."""
     from pysindy import SmoothedFiniteDifference
 
-    differentiate = SmoothedFiniteDifference(smoother_kws={"window_length": WINDOW, "polyorder": ORDER})
-    inside = slice(WINDOW, -WINDOW, EVERY)
+    differentiate = SmoothedFiniteDifference(
+        smoother_kws={"window_length": SMOOTHING_WINDOW, "polyorder": SMOOTHING_ORDER}
+    )
+    inside = slice(SMOOTHING_WINDOW, -SMOOTHING_WINDOW, EVERY)
 
     def derivative(x: Array) -> Array:
         flat = x.reshape(len(x), -1)
@@ -195,7 +197,7 @@ def select(systems: Sequence[System]) -> dict[int, tuple[float, float, float]]:
     score = errors.mean(axis=1)
     best = int(np.argmin(score))
     spread = float(errors[best].std(ddof=1)) / np.sqrt(len(folds))
-    threshold = max(t for t, s in zip(THRESHOLDS, score, strict=True) if s <= score[best] + max(spread, LEAST))
+    threshold = max(t for t, s in zip(THRESHOLDS, score, strict=True) if s <= score[best] + max(spread, LEAST_BETTER))
     weights = _stlsq(_joined(folds), threshold)
     kept = np.flatnonzero(weights)
     jackknife = np.array([np.linalg.lstsq(R[:, kept], R[:, -1], rcond=None)[0] for R in without])

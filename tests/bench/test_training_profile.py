@@ -6,7 +6,7 @@ from pathlib import Path
 
 from helpers.tiny_run import write_estimator
 
-from twinbench.bench.benchmarks.training_profile import MOST, profile
+from twinbench.bench.benchmarks.training_profile import MOST_FUNCTIONS, profile
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 
 SLOW = """
@@ -24,4 +24,4 @@ def test_what_takes_longest_comes_first(tmp_path: Path) -> None:
     assert table.iloc[0]["calls"] == 1
     assert table["own_s"].is_monotonic_decreasing
     assert 0.5 < table["share"].sum() <= 1.001
-    assert len(table) <= MOST
+    assert len(table) <= MOST_FUNCTIONS

@@ -13,7 +13,7 @@ from helpers.tiny_run import parts, twinbench, write_estimator, write_profile
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
 from twinbench.bench.roster import LABELS
-from twinbench.bench.tune import COVERAGE, ERRORS, FAILED, PENALTY, merit
+from twinbench.bench.tune import COVERAGE, COVERAGE_PENALTY, ERRORS, FAILED, merit
 
 RESULTS = Path(__file__).parents[2] / "results/tuning"
 
@@ -31,8 +31,8 @@ def test_merit_is_the_mean_error_and_what_the_intervals_lack_or_hold_too_much():
     means = {**dict.fromkeys(ERRORS, 0.0), ERRORS[0]: 3.0, COVERAGE: 95.0}
     mean = 3.0 / len(ERRORS)
     assert merit(means) == pytest.approx(mean)
-    assert merit({**means, COVERAGE: 85.0}) == pytest.approx(mean * (1.0 + 10.0 * PENALTY))
-    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(mean * (1.0 + 4.0 * PENALTY))
+    assert merit({**means, COVERAGE: 85.0}) == pytest.approx(mean * (1.0 + 10.0 * COVERAGE_PENALTY))
+    assert merit({**means, COVERAGE: 99.0}) == pytest.approx(mean * (1.0 + 4.0 * COVERAGE_PENALTY))
 
 
 def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_profiles_section(tmp_path, capsys):

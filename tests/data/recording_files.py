@@ -34,10 +34,10 @@ def write(frame: pd.DataFrame, folder: Path, name: str = "run.csv") -> Path:
     return path
 
 
-def refusal(path, *mapping: str, must_vary: tuple[str, ...] = ()) -> str:
+def refusal(path, *mapping: str) -> str:
     """The one line; it names the file or the option, and tells what to do."""
     with pytest.raises(BadInput) as caught:
-        read_recording(path, mapping, must_vary=must_vary)
+        read_recording(path, mapping)
     line = str(caught.value)
     assert "\n" not in line
     assert path.name.split(".")[0] in line or "--map" in line

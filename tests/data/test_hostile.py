@@ -10,9 +10,8 @@ import pandas as pd
 import pytest
 from recording_files import TYPICAL, refusal, table, write
 
-from twinbench.common.shown import LONGEST_LINE as LONGEST_MESSAGE
-from twinbench.common.shown import as_map, printable, shown
-from twinbench.common.toml_file import MOST_BYTES
+from twinbench.common.shown import LONGEST_MESSAGE, as_map, printable, shown
+from twinbench.common.toml_file import MOST_TOML_BYTES
 from twinbench.data import table as reader
 from twinbench.data.batch import CHANNELS
 from twinbench.data.recording import LONGEST_GAP, SHORT_GAP, read_recording
@@ -154,8 +153,8 @@ def test_a_nul_byte_and_its_line(tmp_path):
 
 @pytest.mark.parametrize("name", ["run.csv", "run.csv.gz"])
 def test_a_file_of_gigabytes(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(reader, "MOST_BYTES", 1000)
-    monkeypatch.setattr(reader, "_BLOCK", 400)
+    monkeypatch.setattr(reader, "MOST_TABLE_BYTES", 1000)
+    monkeypatch.setattr(reader, "_CHUNK_BYTES", 400)
     text = as_text(table(100)).encode()
     (tmp_path / name).write_bytes(gzip.compress(text) if name.endswith("gz") else text)
     assert "split it, keep every tenth row" in refusal(tmp_path / name)
@@ -170,11 +169,11 @@ def test_more_cells_than_can_be_read(tmp_path, monkeypatch, name):
 
 def test_lines_are_measured_across_blocks(tmp_path, monkeypatch):
     """Blocks end anywhere; every block size gives the same verdict."""
-    monkeypatch.setattr(reader, "LONGEST_LINE", 200)
+    monkeypatch.setattr(reader, "LONGEST_LINE_BYTES", 200)
     fine, wrong = as_text(table(20)), as_text(table(20)).replace("\n0.5,", "\n0.5" + "0" * 200 + ",")
     assert max(map(len, fine.splitlines())) < 200
     for block in (1, 7, 100, 151, 1 << 22):
-        monkeypatch.setattr(reader, "_BLOCK", block)
+        monkeypatch.setattr(reader, "_CHUNK_BYTES", block)
         (tmp_path / "run.csv").write_text(fine)
         assert len(read_recording(tmp_path / "run.csv").time_s) == 20
         (tmp_path / "run.csv").write_text(wrong)
@@ -275,7 +274,7 @@ def test_names_that_only_look_odd_are_read(tmp_path):
         ("x = " + "[" * 100_000, "nested too deep"),
         ("x = " + "9" * 10_000, "not TOML"),
         ("x = 1\0", "not TOML"),
-        ("#" + " " * MOST_BYTES, "bytes; it cannot be"),
+        ("#" + " " * MOST_TOML_BYTES, "bytes; it cannot be"),
         ("[channels]\np_dis_bar = " + "1" + "0" * 400, "63 bits at most"),
         ("[channels]\n" + "\n".join(f'a{k} = "x"' for k in range(1000)), "unknown channel 'a0'"),
         ('[channels]\np_dis_bar = { column = "p_dis_bar", unit = "10**10**10" }', "unknown unit '10**10**10'"),

@@ -23,7 +23,7 @@ from twinbench.methods.deeponet_kalman.safeguards import (
 from twinbench.methods.deeponet_kalman.steps import (
     FITS_UPDATES,
     KEEP_UPDATES,
-    KEPT,
+    KEPT_PLACES,
     LEFT_OUT_UPDATES,
     LIMIT_SD,
     MOST_SD,
@@ -76,18 +76,18 @@ def test_chance_and_single_outliers_are_no_step_and_what_lasts_is_one():
 
 
 def test_the_ring_holds_the_last_two_minutes_and_tells_whether_health_moved():
-    way, at = np.zeros((KEPT, 5)), 2
+    way, at = np.zeros((KEPT_PLACES, 5)), 2
     health = np.array([0.1, -0.2, 0.3, 0.0, 0.5])
     note_way(way, 0, health)
     assert (way == health).all()
     z, P = np.zeros(9), 0.01 * np.eye(9)
     z[at : at + 5] = health
-    updates = (KEPT + 3) * KEEP_UPDATES
+    updates = (KEPT_PLACES + 3) * KEEP_UPDATES
     for k in range(1, updates):
         note_way(way, k, health + (0.01 * k / KEEP_UPDATES))
-    oldest = way[(updates - 1) // KEEP_UPDATES + 1 - KEPT]
+    oldest = way[(updates - 1) // KEEP_UPDATES + 1 - KEPT_PLACES]
     assert oldest == pytest.approx(health + 0.01 * 3)
-    assert sorted(way[:, 0]) == pytest.approx(health[0] + 0.01 * np.arange(3, KEPT + 3))
+    assert sorted(way[:, 0]) == pytest.approx(health[0] + 0.01 * np.arange(3, KEPT_PLACES + 3))
     z[at : at + 5] = oldest
     for off, far in ((0.19, False), (0.21, True), (-0.21, True)):
         z[at + 4] = oldest[4] + off
@@ -96,7 +96,7 @@ def test_the_ring_holds_the_last_two_minutes_and_tells_whether_health_moved():
 
 def test_health_is_free_to_return_to_each_place_on_its_way():
     rng = np.random.default_rng(1)
-    way, z, P = rng.normal(size=(KEPT, 5)), rng.normal(size=9), np.eye(9)
+    way, z, P = rng.normal(size=(KEPT_PLACES, 5)), rng.normal(size=9), np.eye(9)
     before = P.copy()
     free_to_return(way, z, P, 3)
     away = way - z[3:8]
@@ -255,4 +255,4 @@ def test_after_an_inconsistent_spell_health_is_free_to_return(problem):
         _, safety, z, P = settled(problem, at=was)
         safety["counts"][0][INFLATING] = inflating
         P_health.append(corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, 6.0)[1][ZETA + 1, ZETA + 1])
-    assert P_health[1] - P_health[0] == pytest.approx(KEPT * 0.7**2)
+    assert P_health[1] - P_health[0] == pytest.approx(KEPT_PLACES * 0.7**2)

@@ -21,7 +21,7 @@ from twinbench.mismatch.evidence import (
     weights,
 )
 from twinbench.mismatch.proof import Held, Worse, worse_outputs
-from twinbench.mismatch.rivals import NEAR
+from twinbench.mismatch.rivals import NEAR_UNITS
 from twinbench.mismatch.weigh import refusal
 from twinbench.physics.simulator import Port
 
@@ -48,7 +48,7 @@ def test_a_probability_is_weighed_against_everything_fitted_no_effect_at_all_too
     d = weighed({a: 0.0, b: 0.0, none: 0.0})
     assert probabilities(d)["a"] == pytest.approx(1.0 / 3.0)
     assert sum(weights(d).values()) == pytest.approx(1.0)
-    far = weighed({a: 0.0, b: 10.0 * NEAR, none: 20.0 * NEAR})
+    far = weighed({a: 0.0, b: 10.0 * NEAR_UNITS, none: 20.0 * NEAR_UNITS})
     assert 0.9999 < probabilities(far)["a"] < 1.0
 
 

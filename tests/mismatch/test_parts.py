@@ -16,10 +16,10 @@ from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.many import completed
-from twinbench.mismatch.noise import LONGEST, Whitener, blocks_to_forget, fit_whitener, noise_floor
+from twinbench.mismatch.noise import MEMORY_BLOCKS_MOST, Whitener, blocks_to_forget, fit_whitener, noise_floor
 from twinbench.mismatch.picture import RARE, Picture, Variant
 from twinbench.mismatch.proof import Gain
-from twinbench.mismatch.search import PENALTY, best_sets, local_search, wander
+from twinbench.mismatch.search import EFFECT_PENALTY, best_sets, local_search, wander
 from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import held, prepare
 from twinbench.physics.integrate import simulate
@@ -91,7 +91,7 @@ def test_noise_is_whitened_and_a_slow_misfit_is_counted_for_what_it_tells():
         residuals = [s[:, None] for s in series]
         lasts = blocks_to_forget(list(series))
         whitener = fit_whitener(residuals, np.zeros(1))
-        assert (lasts > 2 * LONGEST) == slow
+        assert (lasts > 2 * MEMORY_BLOCKS_MOST) == slow
         assert bool(whitener.a.any()) != slow
         assert whitener.variance() == pytest.approx([np.var(series)], rel=0.1)
         cost = sum(float(np.sum(whitener(r) ** 2)) for r in residuals)
@@ -176,7 +176,7 @@ def test_a_walk_finds_what_single_steps_do_not():
     fakes = np.stack([true[:, 0] + true[:, 1], true[:, 1] + true[:, 2]], axis=-1) + 0.3 * rng.normal(size=(800, 2))
     r = 4.0 * true.sum(axis=1) + rng.normal(size=800)
     shown = pictured(np.concatenate((fakes, true, rng.normal(size=(800, 20))), axis=1), r)
-    assert wander(shown, (0, 1), 6, PENALTY) == (2, 3, 4)
+    assert wander(shown, (0, 1), 6, EFFECT_PENALTY) == (2, 3, 4)
 
 
 @pytest.mark.parametrize(
@@ -210,10 +210,10 @@ def test_a_faulty_sensor_that_is_not_alone_must_earn_more():
     C = rng.normal(size=(300, 2))
     r = 0.3 * C.sum(axis=1) + 0.1 * rng.normal(size=300)
     healthy, faulty = pictured(C, r), replace(pictured(C, r), faults=np.ones(2, bool))
-    assert healthy.score((0, 1), PENALTY) - faulty.score((0, 1), PENALTY) == pytest.approx(RARE)
-    assert healthy.score((0,), PENALTY) == faulty.score((0,), PENALTY)
+    assert healthy.score((0, 1), EFFECT_PENALTY) - faulty.score((0, 1), EFFECT_PENALTY) == pytest.approx(RARE)
+    assert healthy.score((0,), EFFECT_PENALTY) == faulty.score((0,), EFFECT_PENALTY)
     mixed = replace(healthy, faults=np.array([True, False]))
-    assert healthy.score((0, 1), PENALTY) - mixed.score((0, 1), PENALTY) == pytest.approx(RARE)
+    assert healthy.score((0, 1), EFFECT_PENALTY) - mixed.score((0, 1), EFFECT_PENALTY) == pytest.approx(RARE)
 
 
 def test_a_size_beyond_its_bounds_explains_nothing():

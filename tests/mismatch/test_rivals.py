@@ -17,7 +17,7 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.picture import picture, variants
 from twinbench.mismatch.proof import held_out
-from twinbench.mismatch.rivals import NEAR, rivals
+from twinbench.mismatch.rivals import NEAR_UNITS, rivals
 from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import prepare
 
@@ -70,7 +70,7 @@ def test_names_for_one_thing_count_once(fits):
 def test_more_effects_have_no_form_to_excuse(fits):
     before, best, _ = fits
     pair = dataclasses.replace(best, names=NAMES[1:], chosen=best.chosen * 2, cost=best.cost)
-    assert pair.score(16.0) - best.score(16.0) > NEAR
+    assert pair.score(16.0) - best.score(16.0) > NEAR_UNITS
     assert rivals(before, best, [pair])[0].names == []
 
 

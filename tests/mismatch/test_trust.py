@@ -10,7 +10,7 @@ from tank_files import SPILL, TANK, write_python
 
 from twinbench.common.errors import BadInput
 from twinbench.common.filespec import moved
-from twinbench.mismatch.model import DEEPEST, load_model, load_simulator
+from twinbench.mismatch.model import MOST_BASES, load_model, load_simulator
 
 RAN = "open(__file__ + '.ran', 'w').close()\n"
 
@@ -126,11 +126,11 @@ def test_a_value_at_its_bound_and_a_lag_of_many_samples_are_read(places):
 
 
 def test_bases_of_bases_have_an_end(places):
-    for k in range(DEEPEST + 2):
+    for k in range(MOST_BASES + 2):
         model(f"m{k}.toml", f"m{k - 1}.toml" if k else "tank.py")
-    assert load_simulator(f"m{DEEPEST - 1}.toml").name == "tank"
-    with pytest.raises(BadInput, match=f"has more than {DEEPEST} bases below it"):
-        load_simulator(f"m{DEEPEST + 1}.toml")
+    assert load_simulator(f"m{MOST_BASES - 1}.toml").name == "tank"
+    with pytest.raises(BadInput, match=f"has more than {MOST_BASES} bases below it"):
+        load_simulator(f"m{MOST_BASES + 1}.toml")
 
 
 def test_a_circle_of_bases(places):

@@ -14,13 +14,10 @@ from matplotlib.patches import Patch
 from twinbench.bench.report.evidence import Example
 from twinbench.bench.report.figures.looks import legend_handles, line_of, looks
 from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, axis_label, label, ordered
-from twinbench.common.style import INK, MUTED, PAGE_MM, canvas, styled, thin
+from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, ZERO_C_K, canvas, styled, thin
 from twinbench.data.batch import ESTIMATED, Array
 from twinbench.methods.observe import observe
 
-MOST_POINTS = 500
-"""Points per line: more cannot be told apart at page width."""
-ZERO_C_K = 273.15
 STATE_PANELS = (("pressure", "bar", "bar"), ("temperature", "°C", "K"), ("mass flow", "g/s", "g/s"))
 TRUTH_STYLE: dict[str, Any] = {"color": "#aab4bd", "linewidth": 4.0, "solid_capstyle": "round"}
 """A broad road below the estimates, so that it shows where they leave it."""
