@@ -6,7 +6,7 @@ import argparse
 
 from twinbench.bench.cli.output import tell
 
-SAYS = "run the contract battery on an estimator"
+SAYS = "test whether an estimator keeps the contract"
 EXAMPLE = "twinbench check my_baseline.py"
 
 

@@ -7,7 +7,7 @@ import argparse
 SAYS = "print a script that completes commands, options and names in your shell"
 EXAMPLE = (
     'eval "$(twinbench completion bash)"\n\n'
-    "best as a line of ~/.bashrc, or with zsh of ~/.zshrc; fish: twinbench completion fish | source"
+    "Put this line into ~/.bashrc, or with zsh into ~/.zshrc. For fish: twinbench completion fish | source"
 )
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from twinbench.bench.cli.output import tell
 from twinbench.bench.cli.parser import add_map, add_recordings, add_training
 
-ESTIMATE = """columns, a reading each 0.05 s (20 Hz, as in training), empty where missing:
+ESTIMATE = """columns, one reading each 0.05 s (20 Hz, as in training), an empty cell where one is missing:
   time_s       s      time, increasing
   p_suc_bar    bar    suction pressure, absolute
   T_suc_K      K      suction temperature
@@ -19,23 +19,29 @@ ESTIMATE = """columns, a reading each 0.05 s (20 Hz, as in training), empty wher
   m_flow_kg_s  kg/s   mass flow
 --map 'COLUMN[UNIT]=channel' converts other units: kPa, psi, degC, Hz, percent, kg/h, ...
 barg, mbarg, kPag, MPag, psig are gauge: 1.01325 bar is added to them.
-more seldom readings are refused below what the estimator bears; the line says the limit
+Each estimator refuses recordings that are sampled more slowly than it can use, and names its limit.
 
-each result says what it rests on: readings used, innovations against what is expected, gaps, flags.
-exit status: 0 usable, 1 the method failed, 2 bad input, 3 not usable and not written (but with --force)"""
+Each result says what it rests on: readings used, innovations against their expected range, gaps, flags.
+exit status:
+    0  usable
+    1  the method failed
+    2  bad input
+    3  not usable, and not written without --force"""
 
 SAYS = "run a trained estimator over your recordings of a compressor like the built-in one"
 EXAMPLE = "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'PT101[psig]=p_dis_bar'\n\n" + ESTIMATE
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("estimator", metavar="NAME")
+    parser.add_argument("estimator", metavar="NAME", help="a trained estimator")
     add_recordings(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder for the estimates and their figures"
+    )
     add_training(parser)
     add_map(parser)
     parser.add_argument(
-        "--force", action="store_true", help="write estimates that are not usable, too; the exit status stays 3"
+        "--force", action="store_true", help="also write estimates that are not usable; the exit status stays 3"
     )
 
 

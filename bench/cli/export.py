@@ -11,12 +11,12 @@ from twinbench.bench.cli.parser import add_training
 SAYS = "write a trained DeepONet-Kalman as an ONNX graph and arrays, for machines without this package"
 EXAMPLE = (
     "twinbench export --results results/quick --out controller\n\n"
-    "writes operator.onnx and filter.npz into DIR; docs/controller.md has the thirty lines that run them"
+    "DIR gets operator.onnx and filter.npz. docs/controller.md has the thirty lines that run them."
 )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the two files")
     parser.add_argument(
         "--estimator",
         default="deeponet_kalman",

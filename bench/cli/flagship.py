@@ -10,7 +10,8 @@ from twinbench.bench.cli.parser import add_draws
 SAYS = "let mismatch mend the nominal model on drawn plants that differ from it in eleven ways"
 EXAMPLE = (
     "twinbench flagship --draws 10 --out results/flagship\n\n"
-    "draws each plant from the seed, seals the truth, asks the engine blindly, filters with what it mended"
+    "Each plant is drawn from the seed. Its truth is sealed, the engine is asked without it, and a Kalman filter runs\n"
+    "with the model that it mended."
 )
 
 

@@ -11,18 +11,29 @@ from twinbench.bench.cli.parser import add_training
 SAYS = "time one online update of trained estimators and of their peers, on one core"
 EXAMPLE = (
     "twinbench latency --results results/quick\n\n"
-    "back to back and at 20 Hz, beside filterpy's EKF and UKF in the same run; nothing else should run meanwhile"
+    "Updates are timed back to back and at 20 Hz, beside filterpy's EKF and UKF in the same run. Nothing else should\n"
+    "run on the machine meanwhile."
 )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--estimator", nargs="+", default=(), metavar="NAME", help="(default: all that are trained)")
-    add_training(parser, "they come")
-    parser.add_argument("--updates", type=int, default=2000, metavar="N", help="of each, back to back (default: 2000)")
     parser.add_argument(
-        "--ticks", type=int, default=200, metavar="N", help="of each, at 20 Hz; 0: none (default: 200, ten seconds)"
+        "--estimator", nargs="+", default=(), metavar="NAME", help="estimators to time (default: all that are trained)"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables and figures go (results/latency)")
+    add_training(parser)
+    parser.add_argument(
+        "--updates", type=int, default=2000, metavar="N", help="updates of each, back to back (default: 2000)"
+    )
+    parser.add_argument(
+        "--ticks",
+        type=int,
+        default=200,
+        metavar="N",
+        help="updates of each at 20 Hz; 0 for none (default: 200, which take ten seconds)",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for tables and figures (default: results/latency)"
+    )
 
 
 def run(a: argparse.Namespace) -> int:

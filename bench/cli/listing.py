@@ -9,14 +9,14 @@ from typing import Any
 from twinbench.bench.cli.output import tell
 from twinbench.bench.cli.parser import SIMULATOR_HELP, add_trust
 
-SAYS = "list what there is"
+SAYS = "list estimators, ablations, mechanisms or simulators"
 EXAMPLE = "twinbench list estimators --json"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", nargs="?", default="estimators", choices=tuple(_LISTS))
     parser.add_argument(
-        "--simulator", metavar="SIMULATOR", help=f"for mechanisms: all that mismatch looks for in it; {SIMULATOR_HELP}"
+        "--simulator", metavar="SIMULATOR", help=f"list the mechanisms that mismatch looks for in it: {SIMULATOR_HELP}"
     )
     add_trust(parser)
 

@@ -61,9 +61,12 @@ exit status:
     1  a method, a check or a worker process failed; what was finished is kept
     2  bad input: one line says what and where, and nothing is written
     3  estimate: a result is not usable and was not written
-   10  mismatch: something is wrong and has a name; 11: and has none, or not in full
-  130  stopped with Ctrl-C, 143 by SIGTERM; run the same command again to go on
-completion: eval "$(twinbench completion bash)", or zsh; twinbench completion fish | source"""
+   10  mismatch: something is wrong, and it has a name
+   11  mismatch: something is wrong, and it has no name or is not named in full
+  130  stopped with Ctrl-C (143 by SIGTERM); run the same command again to go on
+completion of commands and options:
+  eval "$(twinbench completion bash)"              likewise for zsh
+  twinbench completion fish | source"""
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -74,7 +77,7 @@ def build_parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--version", nargs=0, action=Version, help="the version, and the commit in a checkout")
+    parser.add_argument("--version", nargs=0, action=Version, help="print the version, and in a checkout the commit")
     parser.add_argument("-v", "--verbose", action="count", default=0, help=VERBOSE_HELP)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=Parser)
     for name, command in COMMANDS.items():
@@ -87,10 +90,10 @@ def build_parser() -> argparse.ArgumentParser:
         )
         command.add_options(added)
         if name in PARALLEL:
-            says = "at most so many at once (default: one per core; fewer need less memory)"
+            says = "processes or threads at once (default: one per core); fewer need less memory"
             added.add_argument("--jobs", type=int, metavar="N", help=says)
         if name != "completion":
-            added.add_argument("--json", action="store_true", help="machine-readable, alone on stdout")
+            added.add_argument("--json", action="store_true", help="write JSON to stdout, and nothing else")
         # After the command's name it must not undo what stands before it.
         added.add_argument("-v", "--verbose", action="count", default=argparse.SUPPRESS, help=VERBOSE_HELP)
     return parser

@@ -11,34 +11,36 @@ from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_recordings, 
 SAYS = "find what a simulator leaves out, name it, model it, and prove it on held-out recordings"
 EXAMPLE = (
     "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
-    "writes verdict.json, report.html and model.toml, the mended simulator, into DIR\n"
-    "exit status: " + "; ".join(f"{status} {says}" for status, says in mismatch_status.SAYS.items()) + "; 2 bad input"
+    "DIR gets verdict.json, report.html and model.toml, which is the mended simulator.\n"
+    "exit status:\n"
+    + "\n".join(f"  {status:3}  {says}" for status, says in mismatch_status.SAYS.items())
+    + "\n    2  bad input"
 )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
     add_recordings(parser)
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for what was found")
     parser.add_argument(
         "--hold-out",
         nargs="+",
         default=(),
         type=Path,
         metavar="RECORDING",
-        help="recordings for the proof, best of another regime: no parameter is learnt from them",
+        help="recordings for the proof, best of another operating regime; no parameter is learnt from them",
     )
     parser.add_argument(
         "--catalogue",
         default="",
         metavar="FILE",
-        help="mechanisms of your own, to be tried too: path/to/file.py[:NAME]",
+        help="also try mechanisms of your own: path/to/file.py[:NAME]",
     )
     parser.add_argument(
         "--inputs",
         choices=("auto", "held", "linear"),
         default="auto",
-        help="between samples: each value holds until the next, or lines join them; auto (default) tries both",
+        help="what inputs do between samples: hold their value, or go in lines; auto (default) tries both",
     )
     add_trust(parser)
     add_map(parser)

@@ -12,6 +12,6 @@ STATUS = {
 SAYS = {
     AGREES: "the simulator agrees with the recordings, as it came or with other parameters",
     NAMED: "missing physics, or a fault of a sensor or an input, is named",
-    UNNAMED: "something is wrong that is not named, or not in full",
+    UNNAMED: "something is wrong, and it has no name or is not named in full",
 }
 """What each status means, for help and docs."""

@@ -8,13 +8,18 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
-VERBOSE_HELP = "say on stderr what is done, with times; twice: more"
+VERBOSE_HELP = "report progress in detail on stderr; give it twice for more"
 
 
-def add_training(parser: argparse.ArgumentParser, whose: str = "it comes") -> None:
+def add_training(parser: argparse.ArgumentParser) -> None:
     """Which trained estimators are meant: ``--profile`` and ``--results``."""
-    parser.add_argument("--profile", default="quick", help="whose training (default: quick)")
-    parser.add_argument("--results", type=Path, metavar="DIR", help=f"the run {whose} from (results/<profile>)")
+    parser.add_argument("--profile", default="quick", help="use what this profile trained (default: quick)")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        metavar="DIR",
+        help="use what the run in this folder trained (default: results/<profile>)",
+    )
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
@@ -24,20 +29,30 @@ def add_recordings(parser: argparse.ArgumentParser) -> None:
 
 def add_map(parser: argparse.ArgumentParser) -> None:
     """What the columns of recordings mean: ``--map``."""
-    parser.add_argument("--map", action="append", default=[], metavar="COLUMN[UNIT]=CHANNEL", help="rename, convert")
+    parser.add_argument(
+        "--map",
+        action="append",
+        default=[],
+        metavar="COLUMN[UNIT]=CHANNEL",
+        help="read a channel from another column, in another unit",
+    )
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
     """May a model.toml run Python from anywhere: ``--trust``."""
-    says = "run the Python that a model.toml names though it lies outside its folder and the one you are in"
+    says = "allow a model.toml to run Python files outside its own folder and the present one"
     parser.add_argument("--trust", action="store_true", help=says)
 
 
 def add_draws(parser: argparse.ArgumentParser, count: str, default: int, says: str, out: str) -> None:
     """What a study of drawn machines takes: how many (``count`` is the option's name), ``--seed`` and ``--out``."""
     parser.add_argument(count, type=int, default=default, metavar="N", help=f"{says} (default: {default})")
-    parser.add_argument("--seed", type=int, default=1, metavar="S", help="1 is for development (default)")
-    parser.add_argument("--out", type=Path, default=Path(out), metavar="DIR")
+    parser.add_argument(
+        "--seed", type=int, default=1, metavar="S", help="seed of the draws (default: 1, the seed for development)"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path(out), metavar="DIR", help=f"folder for the results (default: {out})"
+    )
 
 
 class Parser(argparse.ArgumentParser):

@@ -10,7 +10,8 @@ from twinbench.bench.cli.parser import add_draws
 SAYS = "hide effects in simulated machines and see whether mismatch finds them"
 EXAMPLE = (
     "twinbench prove --cases 40 --out results/prove\n\n"
-    "draws each case from the seed, seals the truth, asks the engine blindly and judges; resumes where it stopped"
+    "Each case is drawn from the seed. Its truth is sealed, the engine is asked without it, and the answer is judged.\n"
+    "The same command goes on where it stopped."
 )
 
 
@@ -20,13 +21,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--engines",
         default="twinbench",
         metavar="NAME,...",
-        help="whom to ask: twinbench (default), oracle, opponents, ablations, or all; an unknown name lists them",
+        help="engines to ask: twinbench (default), oracle, opponents, ablations or all; a wrong name lists them",
     )
     parser.add_argument(
         "--opponent-cases",
         type=int,
         metavar="N",
-        help="so many cases, spread over all, for all but twinbench and oracle (default: all)",
+        help="cases for each engine but twinbench and the oracle, spread over all (default: all)",
     )
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from twinbench.bench.cli.output import rows_of, tell
 
-SAYS = "draw tables, figures and report again"
+SAYS = "make tables, figures and the report again from what is stored"
 EXAMPLE = "twinbench report results/quick"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("results", type=Path, metavar="DIR")
+    parser.add_argument("results", type=Path, metavar="DIR", help="folder of a run")
 
 
 def run(a: argparse.Namespace) -> int:

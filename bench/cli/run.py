@@ -7,7 +7,7 @@ from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, failed_cells, rows_of, tell
 
-SAYS = "simulate, train, evaluate, compare, report"
+SAYS = "run the benchmark: simulate, train, evaluate, compare, report"
 EXAMPLE = "twinbench run --only oracle gru_kf"
 
 
@@ -18,27 +18,34 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=(),
         metavar="NAME",
-        help="estimators by name or by path/to/file.py; those that are in --out already keep their rows beside them",
+        help="run these estimators alone, by name or path/to/file.py; the rows of all others in --out stay",
     )
     parser.add_argument(
         "--ablations",
         action="store_true",
-        help="besides, each of the estimators without each of its parts (twinbench list ablations)",
+        help="also run each estimator without each of its parts; twinbench list ablations names them",
     )
     parser.add_argument(
         "--robustness",
         action="store_true",
-        help="besides, under more noise and dropout, faster wear, loads beyond the envelope and sensor faults",
+        help="also test under more noise and dropout, faster wear, loads beyond the envelope and sensor faults",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where results go (results/<profile>)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the results (default: results/<profile>)")
     parser.add_argument(
         "--resume",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="keep what an earlier run finished (default); --no-resume does over what it runs",
+        help="keep what an earlier run finished (default), or run it again",
     )
-    parser.add_argument("--backend", choices=("local", "dask"), default="local", help="where the cells run")
-    parser.add_argument("--scheduler", default="", metavar="ADDRESS", help="the Dask scheduler, tcp://host:port")
+    parser.add_argument(
+        "--backend",
+        choices=("local", "dask"),
+        default="local",
+        help="run on this machine (default) or on a Dask cluster",
+    )
+    parser.add_argument(
+        "--scheduler", default="", metavar="ADDRESS", help="address of the Dask scheduler: tcp://host:port"
+    )
 
 
 def run(a: argparse.Namespace) -> int:

@@ -15,7 +15,7 @@ EXAMPLE = (
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the recordings")
     parser.add_argument("--simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
     add_trust(parser)
     parser.add_argument(
@@ -24,13 +24,17 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=(),
         type=Path,
         metavar="RECORDING",
-        help="recordings whose inputs drive --simulator; it starts from their first readings",
+        help="recordings whose inputs drive --simulator, which starts from their first readings",
     )
     add_map(parser)
-    parser.add_argument("--profile", default="quick", help="whose data (default: quick)")
-    parser.add_argument("--part", choices=("train", "validation", "test"), default="test")
-    parser.add_argument("--format", choices=("csv", "parquet"), default="csv")
-    parser.add_argument("--no-truth", action="store_true", help="sensor columns only")
+    parser.add_argument("--profile", default="quick", help="write the data of this profile (default: quick)")
+    parser.add_argument(
+        "--part", choices=("train", "validation", "test"), default="test", help="split to write (default: test)"
+    )
+    parser.add_argument(
+        "--format", choices=("csv", "parquet"), default="csv", help="format of the files (default: csv)"
+    )
+    parser.add_argument("--no-truth", action="store_true", help="leave out the columns of the true states and health")
 
 
 def run(a: argparse.Namespace) -> int:

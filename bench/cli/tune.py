@@ -13,10 +13,14 @@ EXAMPLE = "twinbench tune gru_kf --trials 20"
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("estimators", nargs="+", metavar="NAME", help="estimators' names, or path/to/file.py[:Class]")
-    parser.add_argument("--profile", default="tuning", help="whose data and training (default: tuning)")
-    parser.add_argument("--trials", type=int, default=20, metavar="N", help="in all, earlier ones included")
-    parser.add_argument("--online", action="store_true", help="only settings that need no new training")
-    parser.add_argument("--out", type=Path, default=Path("results/tuning"), metavar="DIR")
+    parser.add_argument("--profile", default="tuning", help="profile of the data and the training (default: tuning)")
+    parser.add_argument(
+        "--trials", type=int, default=20, metavar="N", help="trials in all, earlier ones included (default: 20)"
+    )
+    parser.add_argument("--online", action="store_true", help="tune only settings that need no new training")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/tuning"), metavar="DIR", help="folder (default: results/tuning)"
+    )
 
 
 def run(a: argparse.Namespace) -> int:

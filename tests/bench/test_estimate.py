@@ -294,7 +294,7 @@ def test_help_and_pages_name_each_channel_its_unit_and_the_rate(capsys):
         for channel, unit in UNITS.items():
             lines = [line for line in page.splitlines() if line.strip(" |`").startswith(channel)]
             assert any(short.get(unit, unit) in line.partition(channel)[2].split() for line in lines)
-    assert "exit status: 0 usable" in said
+    assert "exit status:\n    0  usable" in said
 
 
 @pytest.mark.parametrize(
