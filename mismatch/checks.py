@@ -96,7 +96,7 @@ def residual_tests(
                     variable.name,
                     box,
                     float(chi2.sf(box, LAGS)),
-                    f"residual of {variable.name} remembers itself; {ratio:.3g} times the noise floor's variance",
+                    f"residual of {variable.name} is autocorrelated; its variance is {ratio:.3g} times the noise floor",
                 )
             )
             for i, source in enumerate(simulator.inputs):

@@ -34,7 +34,7 @@ def _fits(d: Diagnosis, shown: Sequence[Replay], sd: Array) -> Iterator[Drawing]
         sd: (ny,) of the noise, in the outputs' units.
     """
     for name, held_out in (("fit_held_out", True), ("fit_learnt", False)):
-        title = "Before and after, " + ("held out" if held_out else "where it learnt")
+        title = "Before and after, " + ("held out" if held_out else "on the recordings fitted")
         some = [r for r in shown if r.held_out == held_out]
         if not some:
             yield Drawing(name, "Held-out recordings.", None, "no recording was held out", title)
@@ -126,6 +126,6 @@ def _fit_caption(replay: Replay, count: int, compared: int, with_spikes: set[str
         f"Recording {replay.track.name}{of}.{used} Measured and simulated open loop, {after}. Left: the whole "
         "recording; right: the shaded window, where "
         + ("the two differ most" if replay.after is not None else "the error is largest")
-        + ". Beneath each: measured minus simulated, with twice the error where it learnt in grey."
+        + ". Beneath each: measured minus simulated, with twice the error on the recordings fitted in grey."
         + (crosses if replay.track.name in with_spikes else "")
     )

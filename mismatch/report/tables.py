@@ -161,12 +161,12 @@ def _explanations(d: Diagnosis) -> Listing:
     return Listing(
         "explanations-fitted",
         "Explanations fitted in full",
-        ("explanation", "effects", "gain", "had to gain", "standing"),
+        ("explanation", "effects", "gain", "required gain", "standing"),
         ("standing",),
         rows,
         (
-            "Gain: over the calibrated simulator, twice the log-likelihood. Had to gain: what noise alone could with "
-            "as many effects.",
+            "Gain: over the calibrated simulator, twice the log-likelihood. Required gain: what noise alone can reach "
+            "with as many effects.",
         ),
         "None: no candidate promised enough.",
     )
