@@ -52,6 +52,11 @@ class Errors:
     T: float
     m: float
 
+    @property
+    def open60(self) -> float:
+        """The forecast's errors of p, T and m together."""
+        return self.p + self.T + self.m
+
 
 def errors(simulator: Simulator, train: Batch, held_out: Batch) -> Errors:
     """Filter the held-out recordings with a model and score the estimates; NaN if the filter diverges."""

@@ -156,7 +156,7 @@ def test_the_exit_status_tells_the_verdict_and_help_and_docs_say_which(
     capsys.readouterr()
     with pytest.raises(SystemExit):
         twinbench("mismatch", "--help")
-    assert f"{status} {SAYS[status]}" in capsys.readouterr().out
+    assert f"{status}  {SAYS[status]}\n" in capsys.readouterr().out
     page = (Path(__file__).parents[2] / "docs" / "mismatch_tutorial.md").read_text(encoding="utf-8")
     assert f"| {status} | {SAYS[status]} |" in page
 

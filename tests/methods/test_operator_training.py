@@ -176,8 +176,8 @@ def test_refining_the_heads_lowers_the_loss_and_leaves_the_rest(train):
         recipe = Recipe(30, 64, 1e-2, refinement=refinement)
         found.append((fit_operator(operator, source, transitions, scales, rng, recipe), weights_of(operator)))
     (losses, before), (both, after) = found
-    assert both[:30] == losses
-    refined = both[30:]
+    assert both[: len(losses)] == losses
+    refined = both[len(losses) :]
     assert refined[-1] < 0.7 * refined[0] < losses[0]
     changed = {name for name in before if not np.array_equal(before[name], after[name])}
     assert changed
