@@ -35,8 +35,9 @@ def diagnose(
         simulator: of the machine, as it is believed to be.
         recordings: of the machine, to learn from: channels are the simulator's inputs, then its outputs, in their
             units, as ``read_recordings`` gives them.
-        hold_out: recordings of another operating regime, never learnt from; without any, the last
-            recording is held out, or the last third of the only one.
+        hold_out: recordings of another operating regime. No parameter is learnt from them, but how each starts and
+            drifts is, and they choose among explanations. Without any, the last recording is held out, or the last
+            30 % of the only one.
         catalogue: what may be missing; everything that we know of if left out.
         progress: told the stage's name and the share of it that is done.
         faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
