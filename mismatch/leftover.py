@@ -1,7 +1,8 @@
 """Is what a model leaves of the readings noise? Three signs that it is not, whatever the catalogue holds.
 
-Errors that last too long, errors far above what the sensor scatters from reading to reading, where they were learnt
-from or where they were held back, and errors that are far larger on the recordings held back.
+- Errors last too long.
+- Errors are far above what the sensor scatters from reading to reading, on recordings that were fitted or held out.
+- Errors are far larger on the recordings held out.
 """
 
 from __future__ import annotations

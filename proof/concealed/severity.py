@@ -1,8 +1,8 @@
 """How large an effect is where it counts: what calibration cannot absorb, in noise sigmas.
 
-Severity s of an effect := the smaller of two rms values of what is left of
-(readings with the effect - readings without it) / sigma, over samples and channels, when all that the
-twin could absorb is taken out of it:
+An effect changes readings by (readings with it - readings without it) / sigma. All that the twin can absorb is
+taken out of that. The rms of what is left, over samples and channels, is computed twice, and severity s is the
+smaller of the two:
 
 - in the training recordings: after a linear least-squares fit of the twin's calibratable parameters (with a
   prior as wide as they are off) and of the start values of slow states, one set per recording;

@@ -1,8 +1,8 @@
 """What SINDy looks at: derivatives of measured states, and every candidate's term along the states' paths.
 
 Equations of motion are regressed on, not trajectories. A state that an output shows by itself is taken from its
-readings; all others from the calibrated simulation. Only the balances of the former have a derivative to explain,
-so a term that acts elsewhere alone, at an output, or only as a fault of a sensor, has no column and is never named.
+readings; all others from the calibrated simulation. Only the balances of the former have a derivative to explain.
+So a term that acts elsewhere alone has no column and is never named, nor is a fault of a sensor.
 """
 
 from __future__ import annotations
