@@ -1,7 +1,9 @@
-# Two commands do everything: `make bench` and `make test`.
+# Two commands do everything: `make bench` and `make test`. JOBS says in how many processes tests run.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3 python,$(if $(shell $(p) -c 'import sys, venv, ensurepip; print(1 if (3, 11) <= sys.version_info < (3, 14) else "")' 2>/dev/null),$(p))))
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off -c constraints.txt
+
+JOBS ?= 2
 
 .PHONY: bench test test-slow lint docs clean
 
@@ -9,7 +11,7 @@ bench: .venv/.ready
 	$(BIN)/twinbench run --profile quick
 
 test: .venv/.ready-dev lint docs
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 test-slow: .venv/.ready-dev
 	$(BIN)/python -m pytest -m slow

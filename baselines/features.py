@@ -17,8 +17,8 @@ from twinbench.methods.frontend import Clean, FrontEnd, Memory
 
 TAUS_S = (0.5, 2.0, 30.0, 300.0)
 """Time constants of the running means."""
-KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(TAUS_S))
-LIMIT = 8.0
+SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(TAUS_S))
+FEATURE_LIMIT = 8.0
 """Standardised values are held within this many spreads of the training mean."""
 
 
@@ -50,8 +50,8 @@ def step(memory: FeatureMemory, values: Array) -> tuple[FeatureMemory, Array]:
     Args:
         values: (B, C) standardised.
     """
-    values = np.clip(values, -LIMIT, LIMIT)
-    keep = np.where(memory.started[:, None], KEEP, 0.0)[..., None]
+    values = np.clip(values, -FEATURE_LIMIT, FEATURE_LIMIT)
+    keep = np.where(memory.started[:, None], SLOW_KEEP, 0.0)[..., None]
     means = keep * memory.means + (1.0 - keep) * values[:, None]
     flat = np.concatenate([values, means.reshape(len(values), -1)], axis=1)
     return FeatureMemory(means, np.ones_like(memory.started)), flat
@@ -63,11 +63,11 @@ def run(values: Array) -> np.ndarray:
     Args:
         values: (B, N, C) standardised.
     """
-    values = np.clip(values, -LIMIT, LIMIT)
+    values = np.clip(values, -FEATURE_LIMIT, FEATURE_LIMIT)
     channels = values.shape[-1]
     out = np.empty((*values.shape[:2], width(channels)), np.float32)
     out[..., :channels] = values
-    for i, keep in enumerate(KEEP):
+    for i, keep in enumerate(SLOW_KEEP):
         at = slice(channels * (i + 1), channels * (i + 2))
         out[..., at], _ = lfilter([1.0 - keep], [1.0, -keep], values, axis=1, zi=keep * values[:, :1])
     return out

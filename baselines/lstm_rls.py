@@ -21,17 +21,16 @@ from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
 from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.kalman import INNOVATION_CLIP_SD
 from twinbench.methods.noise import coloured_tau_s, output_sd
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
+from twinbench.physics.health import ZETA_LIMIT, ZETA_SCALE, theta_and_slope, to_zeta
 
 N_TARGETS = len(STATES) + 1  # the probe's temperature too
 N_ZETA = len(HEALTH) - 1  # the sensor's bias does not move the machine
 N_FITTED = len(HEALTH) + 2  # zeta, and the offsets of pressure and flow
 PRESSURE, PROBE, FLOW = STATE.p_exh_bar, len(STATES), STATE.flow_memory
-ZETA_SCALE = 4.0
-CLIP_SD = 6.0
 LAG_S = 1.0
 
 
@@ -174,7 +173,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         pull = np.where(fresh, 0.0, pull)
         S = H @ np.linalg.solve(kept, H.transpose(0, 2, 1))
         S[:, range(3), range(3)] += white**2 + coloured**2
-        limit = CLIP_SD * np.sqrt(np.diagonal(S, axis1=1, axis2=2))
+        limit = INNOVATION_CLIP_SD * np.sqrt(np.diagonal(S, axis1=1, axis2=2))
         bounded = np.where(present, np.clip(innovation, -limit, limit), 0.0)
         variance = white**2 + self._coloured_ticks * coloured**2 + self._own_ticks * self._own_var
         weight = present / (self.config["noise_inflation"] * variance)

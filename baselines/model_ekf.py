@@ -19,7 +19,7 @@ from twinbench.baselines.filterpy_filters import ekf_predict, ekf_update
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State
 from twinbench.methods.frontend import FrontEnd, Memory
-from twinbench.methods.kalman import linear_filter, predict_covariance, update
+from twinbench.methods.kalman import INNOVATION_CLIP_SD, linear_filter, predict_covariance, update
 from twinbench.methods.noise import coloured_keep, health_walk_var, input_sd, output_sd
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compile import compiled
@@ -29,7 +29,6 @@ from twinbench.physics.jit import as_argument
 from twinbench.physics.simulator import Simulator
 
 N_HEALTH, N_NOISE = len(HEALTH), 3
-INNOVATION_CLIP_SD = 6.0
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3, 0.01, 1e-4, 0.05])
 """Process noise of the plant's states per square root of a second, before ``state_walk``."""
 LEAST_FLOW = 0.05

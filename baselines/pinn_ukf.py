@@ -19,11 +19,12 @@ from twinbench.baselines.unscented import correct, linear_filter, moments, sigma
 from twinbench.data.batch import HEALTH, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
+from twinbench.methods.kalman import INNOVATION_CLIP_SD
 from twinbench.methods.noise import coloured_keep, health_walk_var, output_sd
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S, PLANT, X
-from twinbench.physics.health import ZETA_LIMIT, to_theta, to_zeta
+from twinbench.physics.health import ZETA_LIMIT, ZETA_SCALE, to_theta, to_zeta
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
 PRESSURE, GAS, FLOW = STATE.p_exh_bar, STATE.T_gas_K, STATE.flow_memory
@@ -35,9 +36,7 @@ SIZE = NOISE + N_NOISE
 """Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it."""
 N_MOVED = 1 + 2 * BIAS
 VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
-ZETA_SCALE = 4.0
 KEEP = np.r_[0:N_X, ZETA:PROBE]
-CLIP_SD = 6.0
 ALPHA = 0.5
 W_MEAN, W_COV = weights(SIZE, ALPHA)
 VALVE = X.valve_pos
@@ -205,7 +204,7 @@ class PINNUnscentedKalman(Estimator):
         z = np.where(started[:, None], ahead, z)
         P = np.where(started[:, None, None], P_ahead, P)
         sigma = sigma_points(z, P, ALPHA)
-        return correct(z, P, sigma, _readings(sigma, coloured), measured, white**2, W_MEAN, W_COV, CLIP_SD)
+        return correct(z, P, sigma, _readings(sigma, coloured), measured, white**2, W_MEAN, W_COV, INNOVATION_CLIP_SD)
 
     def _tick_filterpy(
         self, z: Array, P: Array, started: np.ndarray, u: Array, measured: Array, white: Array, coloured: Array
@@ -224,7 +223,9 @@ class PINNUnscentedKalman(Estimator):
             if started[b]:
                 z[b], P[b] = ukf_predict(z[b], P[b], self._Q, ALPHA, move)
             R = np.diag(white[b] ** 2)
-            z[b], P[b], innovation[b], S[b], nis[b] = ukf_update(z[b], P[b], measured[b], R, ALPHA, CLIP_SD, read)
+            z[b], P[b], innovation[b], S[b], nis[b] = ukf_update(
+                z[b], P[b], measured[b], R, ALPHA, INNOVATION_CLIP_SD, read
+            )
         return z, P, innovation, S, nis
 
     def _moved(self, points: Array, u: Array) -> Array:

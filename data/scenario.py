@@ -15,12 +15,12 @@ import numpy as np
 from scipy.stats import qmc
 
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array
+from twinbench.physics.health import HEALTHY
 from twinbench.physics.steady import valve_for
 
 N_LIMITS_RPM = (900.0, 1800.0)
 P_SUC_LIMITS_BAR = (0.82, 1.08)
 RATIO_LIMITS = (2.36, 4.85)  # what the valve aims at on a healthy machine at 0.95 bar
-HEALTHY = np.array([1.0, 1.0, 0.015, 1.0, 0.0])
 WORN = np.array([0.88, 0.90, 0.052, 0.65, 0.0])
 RATE_PER_MIN = {"capacity": (0.003, 0.010), "efficiency": (0.002, 0.006), "leakage": (0.001, 0.004)}
 HEAT_TRANSFER_LOSS = (0.10, 0.35)

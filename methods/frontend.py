@@ -23,7 +23,7 @@ HAMPEL_WINDOW = 11
 THRESHOLD = 6.0
 STUCK_S = 3.0
 """An output that reads the same for so long is stuck, unless it did so in training. An input may well be constant."""
-PLAUSIBLE = 10.0
+PLAUSIBLE_SPREADS = 10.0
 """Training spreads around the training mean: what lies beyond is no reading, however long it lasts
 (a historian's -9999, an open circuit, another unit)."""
 
@@ -130,7 +130,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
         if m.still[c] >= fitted.still[c]:
             m.recent[window - 1, c] = np.nan
             continue
-        if abs(value - fitted.mean[c]) > PLAUSIBLE * fitted.scale[c]:
+        if abs(value - fitted.mean[c]) > PLAUSIBLE_SPREADS * fitted.scale[c]:
             m.recent[window - 1, c] = np.nan
             spike[c] = True
             continue

@@ -13,6 +13,9 @@ from numba import njit
 
 from twinbench.data.batch import Array
 
+INNOVATION_CLIP_SD = 6.0
+"""Filters bound innovations to so many standard deviations: larger ones are faults, which must not move health."""
+
 
 @njit(cache=True, error_model="numpy")
 def predict_covariance(P, F, Q):  # type: ignore[no-untyped-def]

@@ -14,7 +14,7 @@ from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 
-PRIOR = 4.0
+PRIOR_SD = 4.0
 """Prior standard deviation of a parameter or start state, in its scales."""
 
 
@@ -62,7 +62,7 @@ def shared_unknowns(simulator: Simulator) -> tuple[Unknown, ...]:
     """The parameters that all recordings have in common."""
     names = free_names(simulator)
     return tuple(
-        Unknown(v.name, "parameter", i, v.low, v.high, v.nominal, PRIOR * v.scale, v.scale)
+        Unknown(v.name, "parameter", i, v.low, v.high, v.nominal, PRIOR_SD * v.scale, v.scale)
         for i, v in enumerate(simulator.parameters)
         if v.name in names and v.name not in simulator.drifts and v.low < v.high
     )
@@ -74,13 +74,13 @@ def own_unknowns(simulator: Simulator, tracks: Sequence[Track]) -> tuple[Unknown
     for r, track in enumerate(tracks):
         for i, v in enumerate(simulator.states):
             found.append(
-                Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, PRIOR * v.scale, 0.2 * v.scale, r)
+                Unknown(f"start of {v.name}", "start", i, -np.inf, np.inf, 0.0, PRIOR_SD * v.scale, 0.2 * v.scale, r)
             )
         for name in simulator.drifts:
             i = simulator.index(name)
             v = simulator.parameters[i]
             found += [
-                Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR * v.scale, v.scale, r, k)
+                Unknown(name, "drift", i, v.low - v.nominal, v.high - v.nominal, 0.0, PRIOR_SD * v.scale, v.scale, r, k)
                 for k in range(max(KNOTS_LEAST, 1 + round((track.time_s[-1] - track.time_s[0]) / KNOT_EVERY_S)))
             ]
     return tuple(found)

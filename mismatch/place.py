@@ -10,7 +10,7 @@ from twinbench.physics.simulator import Array, Equation, Port, Term, Variable
 
 Rate = Callable[[Array, Array, Array], float]
 """What a term adds to a balance: ``rate(x, u, theta)``."""
-SHARE = 0.1
+TYPICAL_SHARE = 0.1
 """A typical effect changes a balance by this share of what commonly moves it."""
 CLOCK = "clock"
 """A mechanism's own state whose name begins so goes by the recordings' clock."""
@@ -66,7 +66,7 @@ class Place:
 
         ``low`` is in shares of the upper bound: 0 or -1.
         """
-        typical = SHARE * self.rate / at
+        typical = TYPICAL_SHARE * self.rate / at
         what, _, source = effect.partition("_from_")
         high, says = generous * typical, f"size of the {what.replace('_', ' ')}{f' from {source}' if source else ''}"
         return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)

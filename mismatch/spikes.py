@@ -15,7 +15,7 @@ is; of as many Gaussian readings as anybody records none lies so far off."""
 RETURNS = 0.2
 """Share of the jump, beside half of its least size for noise, by which the readings before and after a spike may
 differ: more is a step or a transient, which a larger share would take out."""
-FOLLOWED = 0.5
+FOLLOWED_SHARE = 0.5
 """Share of a jump that the simulator must show to follow it; noise does not make a simulator jump."""
 
 
@@ -68,7 +68,7 @@ def is_followed(values: Array, simulated: Array, sample: int) -> bool:
     place = int(np.searchsorted(near, sample))
     three = near[place - 1 : place + 2]
     measured, says = _off(values[three])[0], _off(simulated[three])[0]
-    return bool(says * np.sign(measured) > FOLLOWED * abs(measured))
+    return bool(says * np.sign(measured) > FOLLOWED_SHARE * abs(measured))
 
 
 def _off(y: Array) -> Array:

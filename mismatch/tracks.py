@@ -26,7 +26,7 @@ DOUBT = 1.2
 """The noise's variance may be so many times what neighbours say it is."""
 STEPPED_BLOCKS = 5
 """Blocks at the start that are stepped through sample by sample."""
-SEEN = 0.6
+SEEN_SHARE = 0.6
 """Share of a block's readings that must be there."""
 LINES = 4
 """Parts of a sample in each of which an input that is joined by lines counts as its mean; what that leaves out falls
@@ -266,4 +266,4 @@ def _means(values: Array, starts: np.ndarray) -> Array:
     sums = np.add.reduceat(np.where(seen, values, 0.0), starts, axis=0)
     # What is missing is missing where a reading jumps, often; half a block is not a block then.
     whole = np.add.reduceat(np.ones_like(values), starts, axis=0)
-    return np.where(counts > SEEN * whole, sums / np.maximum(counts, 1.0), np.nan)
+    return np.where(counts > SEEN_SHARE * whole, sums / np.maximum(counts, 1.0), np.nan)

@@ -17,7 +17,7 @@ from twinbench.mismatch.tracks import Track
 
 FORM_EXCESS = 2.0
 """Times that the chi-square may exceed what chance makes in one of a hundred: no drift's form is exact."""
-TOLD = 0.05
+TOLD_INFORMATION = 0.05
 """Information of the held-out recordings about a size, in what the fitted ones have, from which on it is compared."""
 
 
@@ -65,6 +65,6 @@ def transfer(best: Explanation, held: Held, tracks: Sequence[Track], own: Sequen
     half = solve_triangular(frame, wanted, lower=True)
     information, axes = np.linalg.eigh(solve_triangular(frame, half.T, lower=True))
     along = axes.T @ solve_triangular(frame, pull, lower=True)
-    told = information > TOLD
+    told = information > TOLD_INFORMATION
     far = along[told] ** 2 / (information[told] * (1.0 + information[told]))
     return Transfer(float(np.sum(far)) / noise, int(told.sum()))

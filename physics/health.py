@@ -20,6 +20,8 @@ LOW = np.array([v.low for v in HEALTH])
 HIGH = np.array([v.high for v in HEALTH])
 SPAN = np.array([0.12, 0.10, 0.037, 0.35, 6.0])
 """How far each parameter moves over a machine's life; errors in per cent of range refer to it."""
+ZETA_SCALE = 4.0
+"""Networks see health coordinates divided by this, so that a machine's life spans about one."""
 
 _EXPONENTIAL = np.array([False, False, True, True, False])  # leakage and heat transfer
 _SCALE = np.array([v.scale for v in HEALTH])

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.unscented import correct, moments, sigma_points, weights
-from twinbench.bench.latency.peers import ALPHA, SIZE, STEP, Q, numba_move, numba_observe, start
+from twinbench.bench.latency.peers import ALPHA, DIFFERENCE_STEP, SIZE, Q, numba_move, numba_observe, start
 from twinbench.data.batch import Array
 from twinbench.methods.kalman import predict_covariance, update
 from twinbench.methods.noise import output_sd_of
@@ -30,13 +30,13 @@ def ekf(z, P, before, readings):  # type: ignore[no-untyped-def]
     ahead, F, H = numba_move(z, before), np.empty((n, n)), np.empty((3, n))
     for j in range(n):
         moved = z.copy()
-        moved[j] += STEP[j]
-        F[:, j] = (numba_move(moved, before) - ahead) / STEP[j]
+        moved[j] += DIFFERENCE_STEP[j]
+        F[:, j] = (numba_move(moved, before) - ahead) / DIFFERENCE_STEP[j]
     y = numba_observe(ahead, u)
     for j in range(n):
         moved = ahead.copy()
-        moved[j] += STEP[j]
-        H[:, j] = (numba_observe(moved, u) - y) / STEP[j]
+        moved[j] += DIFFERENCE_STEP[j]
+        H[:, j] = (numba_observe(moved, u) - y) / DIFFERENCE_STEP[j]
     P = predict_covariance(P, F, Q)
     z, P, _, _ = update(ahead, P, readings[4:] - y, H, np.diag(_variance(readings)), np.inf)
     return z, P

@@ -27,7 +27,9 @@ N_STATES, N_HEALTH = len(STATES), len(HEALTH)
 SIZE = N_STATES + N_HEALTH
 ALPHA = 0.5
 """Spread of the sigma points, as ``baselines.pinn_ukf`` has it."""
-STEP = np.concatenate([1e-4 * np.array([v.scale for v in NOMINAL.states[:N_STATES]]), np.full(len(HEALTH), 1e-3)])
+DIFFERENCE_STEP = np.concatenate(
+    [1e-4 * np.array([v.scale for v in NOMINAL.states[:N_STATES]]), np.full(len(HEALTH), 1e-3)]
+)
 """Of the forward differences."""
 Q = np.diag(np.concatenate([STATE_WALK[:N_STATES] ** 2 * SAMPLE_PERIOD_S, health_walk_var(1.0)]))
 CONSTANTS = NOMINAL.theta()
@@ -131,7 +133,10 @@ def numba_observe(z, u):  # type: ignore[no-untyped-def]
 def _differences(function: Callable[[Array, Array], Array], z: Array, u: Array) -> Array:
     """Jacobian by forward differences."""
     base = function(z, u)
-    return np.stack([(function(z + STEP * one, u) - base) / STEP[j] for j, one in enumerate(np.eye(SIZE))], axis=1)
+    return np.stack(
+        [(function(z + DIFFERENCE_STEP * one, u) - base) / DIFFERENCE_STEP[j] for j, one in enumerate(np.eye(SIZE))],
+        axis=1,
+    )
 
 
 class _EKF(ExtendedKalmanFilter):

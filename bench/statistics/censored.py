@@ -17,7 +17,7 @@ from twinbench.bench.statistics.bootstrap import interval, resample_weights
 from twinbench.bench.statistics.tracking import LONGEST_DELAY_S
 from twinbench.data.batch import Array
 
-LIMIT = "recovery_limit_s"
+RECOVERY_LIMIT = "recovery_limit_s"
 """The metric that says how long a recovery could be watched; NaN where no health changes."""
 CENSORED = ("delay_s", "recovery_s")
 LEAST_WATCHED = 0.2
@@ -57,7 +57,7 @@ def watched(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
         Columns ``estimator, seed, sequence, time_s, seen``; sequences without a change of health are left
         out, and so are seeds that repeat another one's scores, as of who draws nothing at random.
     """
-    limit_s = scores[scores["metric"] == LIMIT].groupby("sequence")["value"].max()
+    limit_s = scores[scores["metric"] == RECOVERY_LIMIT].groupby("sequence")["value"].max()
     chosen = scores[scores["metric"] == metric].set_index(["estimator", "seed", "sequence"])["value"]
     runs = _distinct(scores)
     anyone = scores[scores["metric"].isin(CENSORED)].groupby("sequence")["value"].count()

@@ -21,12 +21,12 @@ from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, SAFETY
 from twinbench.methods.deeponet_kalman.stream import N_QUERY, fill, push
 from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE
 from twinbench.methods.frontend import HAMPEL_WINDOW, Fitted, gate_one
+from twinbench.methods.kalman import INNOVATION_CLIP_SD
 from twinbench.methods.noise import output_sd_of
 from twinbench.methods.reporting import report_one
 from twinbench.physics.health import map_one
 
 N_CHANNELS, N_INPUTS, N_ESTIMATED = len(CHANNELS), len(INPUTS), len(ESTIMATED)
-INNOVATION_CLIP_SD = 6.0
 N_ASKED, UNKNOWN_S = 5, 1.0
 """The first channels, inputs and discharge pressure, make up the operator's query. From this age of one of them on,
 what is slow is not corrected: what the outputs say then may be its doing."""
@@ -74,7 +74,7 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
     """What one machine carries from update to update.
 
     Args:
-        weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
+        weights: (1,) of ``methods.deeponet_kalman.layout.pack``, a record of dimensionless weights.
     """
     return record(
         {
@@ -94,7 +94,7 @@ def scratch(weights: np.ndarray) -> np.ndarray:
     """(1,) of room for one update.
 
     Args:
-        weights: (1,) of ``methods.deeponet_kalman.stream.pack``, a record of dimensionless weights.
+        weights: (1,) of ``methods.deeponet_kalman.layout.pack``, a record of dimensionless weights.
     """
     return np.zeros(
         1,
@@ -171,7 +171,7 @@ def update(weights, twin, memory, measured, lag_s, said, t):  # type: ignore[no-
     """One update of B machines, in place on ``memory`` and ``said``.
 
     Args:
-        weights: (1,) of ``methods.deeponet_kalman.stream.pack``.
+        weights: (1,) of ``methods.deeponet_kalman.layout.pack``.
         twin: (1,) of ``twin_record``.
         memory: (B,) of ``memory_type``.
         measured: (B, 7) readings in the channels' units, order CHANNELS; NaN means missing.

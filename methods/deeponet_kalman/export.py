@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from twinbench.data.batch import CHANNEL, HEALTH, SAMPLE_PERIOD_S, STATE, Array
-from twinbench.methods.deeponet_kalman.layout import N_CONDITION, ZETA_SCALE
+from twinbench.methods.deeponet_kalman.layout import N_CONDITION
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.model import ERROR, FLOW, NOISE, PROBE, SIZE, ZETA
-from twinbench.methods.deeponet_kalman.stream import LIMIT
+from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT
 from twinbench.methods.operator import (
     HEAD_OF_STATE,
     KERNEL,
@@ -30,7 +30,7 @@ from twinbench.methods.operator import (
 )
 from twinbench.methods.probe import TAU_PROBE_S, TAU_PROBE_X
 from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import HEALTHY, HIGH, LOW, d_theta_d_zeta
+from twinbench.physics.health import HEALTHY, HIGH, LOW, ZETA_SCALE, d_theta_d_zeta
 from twinbench.physics.sensors import OUTPUT_NOISE, speed_factor
 
 OPSET, IR_VERSION = 18, 8
@@ -98,7 +98,7 @@ class _Graph:
 
     def bounded(self, x: str) -> str:
         """Within what the operator is shown."""
-        return self("Clip", x, np.array(-LIMIT), np.array(LIMIT))
+        return self("Clip", x, np.array(-STANDARDISED_LIMIT), np.array(STANDARDISED_LIMIT))
 
 
 def operator_graph(estimator: DeepONetKalman) -> bytes:

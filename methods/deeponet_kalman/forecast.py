@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from numba import njit
 
-from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.model import ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import N_HEALTH, N_MOVED, N_OUTPUTS, trust, walk_factor
 from twinbench.methods.deeponet_kalman.stream import heads, heads_with_differences, heads_with_jacobian
 from twinbench.methods.kalman import symmetrise
 from twinbench.methods.operator import N_STATES, N_ZETA
 from twinbench.methods.probe import probe_lag
+from twinbench.physics.health import ZETA_SCALE
 
 ACTING = ZETA + N_HEALTH
 """Columns of F that the states' and the probe's rows fill: the states, the probe, health."""

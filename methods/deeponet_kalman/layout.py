@@ -12,8 +12,6 @@ from twinbench.methods.operator import KERNEL, N_CHANNELS, N_COLUMNS, N_HEADS, N
 N_CONDITION = N_STATES + N_ZETA
 """Of the heads: states and health coordinates."""
 REACH_1 = KERNEL * (KERNEL - 1) + 1  # columns of block 1 that one column of block 2 looks at
-ZETA_SCALE = 4.0
-"""Health coordinates enter the heads divided by this."""
 
 
 def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:

@@ -11,16 +11,15 @@ from torch.nn import functional
 
 from twinbench.data.batch import SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
 from twinbench.methods.deeponet_kalman.augmentation import augmented
-from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
 from twinbench.methods.operator import N_STATES, N_ZETA, Operator
 from twinbench.methods.training import adamw
 from twinbench.methods.transitions import Sampling, Transitions, draw_transitions, plant_sensitivities
-from twinbench.physics.health import to_zeta
+from twinbench.physics.health import ZETA_SCALE, to_zeta
 
 HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
 """Query times of the training transitions: mostly one tick, some shorter and longer."""
-RATIO_LIMITS = (1.0, 6.5)
+FEASIBLE_RATIOS = (1.0, 6.5)
 SMOOTHNESS_STEP = 1.1
 REFINED_WINDOWS = 8192
 """Windows of the batch on which the heads are refined."""
@@ -91,7 +90,7 @@ def feasibility(x_next: Tensor, suction: Tensor) -> Tensor:
     flow = torch.relu(-x_next[:, STATE.flow_memory])
     cold = torch.relu(suction[:, 1] - x_next[:, STATE.T_gas_K]) / 10.0
     ratio = x_next[:, STATE.p_exh_bar] / suction[:, 0]
-    beyond = torch.relu(ratio - RATIO_LIMITS[1]) + torch.relu(RATIO_LIMITS[0] - ratio)
+    beyond = torch.relu(ratio - FEASIBLE_RATIOS[1]) + torch.relu(FEASIBLE_RATIOS[0] - ratio)
     return (flow.square() + cold.square() + beyond.square()).mean()
 
 

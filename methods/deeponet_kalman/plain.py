@@ -11,8 +11,7 @@ import torch
 
 from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, STATE, Array
 from twinbench.methods.deeponet_kalman.augmented import LATE, SHIFTS, SLOW, WANDERING
-from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
-from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE
+from twinbench.methods.deeponet_kalman.cycle import KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
@@ -42,7 +41,7 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     watch,
 )
 from twinbench.methods.deeponet_kalman.steps import follow_steps, free_to_return, note_way
-from twinbench.methods.deeponet_kalman.stream import LIMIT
+from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import (
     FLAG_FROZEN,
@@ -55,13 +54,14 @@ from twinbench.methods.estimator import (
     State,
 )
 from twinbench.methods.frontend import HAMPEL_WINDOW, Memory, gate_one
+from twinbench.methods.kalman import INNOVATION_CLIP_SD
 from twinbench.methods.noise import output_sd
 from twinbench.methods.operator import N_STATES, N_ZETA, SLOW_TAU_S, Operator
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import report
 from twinbench.methods.training import load_weights
 from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import theta_and_slope
+from twinbench.physics.health import ZETA_SCALE, theta_and_slope
 
 HEALTH = slice(ZETA, NOISE)
 
@@ -120,7 +120,7 @@ class PlainTwin:
             mask: (7,) dimensionless, 1 where accepted.
         """
         fitted = self.front_end.fitted
-        value = np.clip((readings - fitted.mean) / fitted.scale, -LIMIT, LIMIT)
+        value = np.clip((readings - fitted.mean) / fitted.scale, -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
         temperature, keep = value[CHANNEL.T_dis_K], np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
         if self.ticks == 1:  # the window was always filled with the first sample
             self.values, self.masks = np.tile(value, (self.window + 1, 1)), np.tile(mask, (self.window, 1))
@@ -128,7 +128,7 @@ class PlainTwin:
         else:
             self.values, self.masks = np.vstack([self.values[1:], value]), np.vstack([self.masks[1:], mask])
             self.slow = keep * self.slow + (1 - keep) * temperature
-        query = np.clip(self._query(readings), -LIMIT, LIMIT)
+        query = np.clip(self._query(readings), -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
         window = (self.values, self.masks, temperature - self.slow, query, np.float64(SAMPLE_PERIOD_S))
         self.latent = self.operator.latent(*(torch.as_tensor(part, dtype=self.dtype)[None] for part in window))
 

@@ -29,7 +29,7 @@ from twinbench.methods.operator import (
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """Liberties with the order of sums; none with infinities, which a broken sensor can bring."""
-LIMIT = np.float32(10.0)
+STANDARDISED_LIMIT = np.float32(10.0)
 """Standardised values are held within this many spreads of the training mean."""
 _HEAD_OF_STATE = np.array(HEAD_OF_STATE)
 _SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
@@ -149,7 +149,7 @@ def push(w, s, t, sample, mask, query):  # type: ignore[no-untyped-def]
         query: (5,) standardised inputs that hold until the next tick.
     """
     for c in range(N_CHANNELS):
-        sample[c] = min(max(sample[c], -LIMIT), LIMIT)
+        sample[c] = min(max(sample[c], -STANDARDISED_LIMIT), STANDARDISED_LIMIT)
     temperature = sample[CHANNEL.T_dis_K]
     times = 1
     if s.ticks[0] == 0:
@@ -224,7 +224,7 @@ def trunk(w, t, query, time_s):  # type: ignore[no-untyped-def]
     """Trunk features of one standardised query (5,) at ``time_s``, into ``t.trunk``."""
     entry = t.entry
     for i in range(N_QUERY):
-        entry[i] = t.query[i] = min(max(query[i], -LIMIT), LIMIT)
+        entry[i] = t.query[i] = min(max(query[i], -STANDARDISED_LIMIT), STANDARDISED_LIMIT)
     _affine(w.embedding, w.embedding_bias, t.query[:2], t.embedded)
     _silu(t.embedded)
     at = N_QUERY + t.embedded.size

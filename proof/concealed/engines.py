@@ -9,8 +9,8 @@ from twinbench.common.errors import BadInput
 ORACLE = "oracle"
 """It is told which mechanisms there are, and its gain is what others are held against."""
 ENGINES = {
-    "twinbench": "mismatch:diagnose",
-    ORACLE: "mismatch:diagnose",
+    "twinbench": "twinbench.mismatch:diagnose",
+    ORACLE: "twinbench.mismatch:diagnose",
     "calibrate_only": "twinbench.proof.opponents.calibrate_only:diagnose",
     "sindy": "twinbench.proof.opponents.sindy:sindy",
     "sindy_projected": "twinbench.proof.opponents.sindy:sindy_projected",
@@ -24,7 +24,7 @@ ENGINES = {
     "no_pairs": "twinbench.proof.opponents.ablations:no_pairs",
     "no_nominal_null": "twinbench.proof.opponents.ablations:no_nominal_null",
 }
-"""By name, "module:function", called as ``mismatch.diagnose``."""
+"""By name, "module:function", called as ``twinbench.diagnose``."""
 MAIN = ("twinbench", ORACLE)
 """Those that always get every case."""
 

@@ -24,13 +24,13 @@ MODEL, CALIBRATED = "model.toml", "calibrated.toml"
 
 def with_constants(simulator: Simulator, names: Sequence[str], tolerance: float) -> Simulator:
     """A simulator with constants that its owner knows to a tolerance only: they are calibrated within it."""
-    from twinbench.mismatch.calibrate import PRIOR
+    from twinbench.mismatch.calibrate import PRIOR_SD
 
     return replace(
         simulator,
         calibrate=(*simulator.calibrate, *names),
         parameters=tuple(
-            replace(v, scale=tolerance * v.nominal / PRIOR) if v.name in names else v for v in simulator.parameters
+            replace(v, scale=tolerance * v.nominal / PRIOR_SD) if v.name in names else v for v in simulator.parameters
         ),
     )
 

@@ -17,7 +17,7 @@ CELLS = ("plain", "left_out", "nominal", "enriched", "loose")
 the nominal model itself; the plant with two effects more; the plant with constants that nobody knows well."""
 EFFECTS = tuple(m for m in CATALOGUE if m.parameters[0].name in REDUCED)
 """What the nominal model leaves out of every plant."""
-SHARE = (0.6, 1.4)
+SIZE_RANGE = (0.6, 1.4)
 """An effect's size over that of ``physics.compressor``, both measured from what the nominal model has of it."""
 CALIBRATED = {"V_d_m3": 0.05, "eta_0": 0.02, "UA_gw_W_K": 0.15}
 """How far the parameters that the engine calibrates lie off, as a share, evenly either way."""
@@ -103,5 +103,5 @@ def _effect(mechanism: Mechanism, typical: float, rng: np.random.Generator) -> E
     """Of a drawn size; the exhaust volume's energy balance is there or not."""
     v = mechanism.parameters[0]
     absent = float(NOMINAL.theta()[NOMINAL.index(v.name)])
-    share = 1.0 if v.name == "iso" else rng.uniform(*SHARE)
+    share = 1.0 if v.name == "iso" else rng.uniform(*SIZE_RANGE)
     return Effect(mechanism.name, v.name, float(absent + share * (typical - absent)), absent)

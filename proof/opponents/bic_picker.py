@@ -13,7 +13,7 @@ import numpy as np
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.explanation import Explanation, present, refit
-from twinbench.mismatch.findings import uncertainty
+from twinbench.mismatch.findings import Z90, uncertainty
 from twinbench.mismatch.noise import AUTOREGRESSION_ORDER, fit_whitener
 from twinbench.mismatch.picture import Picture, picture, variants
 from twinbench.mismatch.proof import held_out
@@ -23,7 +23,6 @@ from twinbench.proof.opponents.base import Progress, calibrated, finding, quiet,
 REFITS_EACH_STEP = 8
 """Candidates that are fitted in full at each step: those that gain most in the linear picture."""
 MOST_TERMS = 4
-Z90 = 1.645
 
 
 def diagnose(

@@ -26,6 +26,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from twinbench.data.recording import Recording
+from twinbench.mismatch.findings import Z90
 from twinbench.mismatch.picture import typical
 from twinbench.physics.simulator import Array, Mechanism, Simulator
 from twinbench.proof.opponents.base import Progress, calibrated, check_folds, finding, quiet, told
@@ -39,7 +40,6 @@ LEAST_BETTER = 0.005
 """And by so much, as a share of the error without any term, must a threshold be better for less sparsity."""
 NAMED_SHARE = 0.5
 """Terms are named whose standardised coefficient is at least this share of the largest."""
-Z90 = 1.645
 _Operator = Callable[[Array], Array]
 
 

@@ -8,7 +8,15 @@ import pytest
 from statsmodels.duration.survfunc import SurvfuncRight
 
 from twinbench.bench.report.tables import build_tables
-from twinbench.bench.statistics.censored import LEAST_WATCHED, LIMIT, Waiting, median, survival, waiting, watched
+from twinbench.bench.statistics.censored import (
+    LEAST_WATCHED,
+    RECOVERY_LIMIT,
+    Waiting,
+    median,
+    survival,
+    waiting,
+    watched,
+)
 from twinbench.bench.statistics.summary import summarise
 from twinbench.bench.statistics.tracking import LONGEST_DELAY_S
 
@@ -21,7 +29,10 @@ def rows(times: dict[str, list[list[float]]], metric="recovery_s", limit_s=100.0
     for e, (estimator, seeds) in enumerate(times.items()):
         for seed, values in enumerate(seeds):
             for s, value in enumerate(values):
-                found += [(estimator, seed, f"s{s}", metric, value), (estimator, seed, f"s{s}", LIMIT, limit_s)]
+                found += [
+                    (estimator, seed, f"s{s}", metric, value),
+                    (estimator, seed, f"s{s}", RECOVERY_LIMIT, limit_s),
+                ]
                 other = 0 if estimator.startswith("same") else seed
                 found.append((estimator, seed, f"s{s}", "parameter_error_pct", 1.0 + e + 0.1 * s + 0.01 * other))
     return pd.DataFrame(found, columns=COLUMNS)
@@ -85,7 +96,7 @@ def test_seeds_that_repeat_one_another_count_once_and_failed_ones_never():
 
 def test_scores_of_before_the_limit_was_stored_still_read():
     scores = rows({"a": [[5.0, np.nan, 7.0]], "b": [[np.nan, np.nan, 9.0]]})
-    old = scores[scores["metric"] != LIMIT]
+    old = scores[scores["metric"] != RECOVERY_LIMIT]
     by = {e: waiting(own) for e, own in watched(old, "recovery_s").groupby("estimator")}
     assert (by["a"].median_s, by["a"].happened, by["a"].runs) == (5.0, 2, 2), "the second had no change of health"
     assert (by["b"].median_s, by["b"].happened, by["b"].runs) == (9.0, 1, 2)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.bootstrap import NEED_A_CHANGE
-from twinbench.bench.statistics.censored import LIMIT
+from twinbench.bench.statistics.censored import RECOVERY_LIMIT
 from twinbench.bench.statistics.scores import DEFINITIONS, IDEAL, parameter_error_series, score
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import ESTIMATED, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
@@ -343,7 +343,7 @@ def test_an_estimate_that_diverges_altogether_has_no_score_and_no_warning(bad):
     mean[:, ::3] = bad
     table = scores(replace(estimates, mean=mean))
     # How long a recovery could be watched is the recording's, not the estimate's.
-    own = [metric for metric in DEFINITIONS if metric != LIMIT]
+    own = [metric for metric in DEFINITIONS if metric != RECOVERY_LIMIT]
     errors = [metric for metric in own if metric not in IDEAL and "_open" not in metric]
     assert table[errors].isna().all(axis=None)
 

@@ -22,7 +22,7 @@ from twinbench.methods.deeponet_kalman.export import INPUTS, filter_arrays, oper
 from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE, stream_type
 from twinbench.methods.deeponet_kalman.method import ZETA_HIGH, ZETA_LOW, DeepONetKalman
 from twinbench.methods.deeponet_kalman.model import NOISE, ZETA
-from twinbench.methods.deeponet_kalman.stream import LIMIT, heads_with_jacobian, push
+from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT, heads_with_jacobian, push
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import Sample
 from twinbench.methods.operator import SLOW_TAU_S, WINDOW, Operator
@@ -77,11 +77,13 @@ class Reference:
         self.model, self.operator = twin.model, Operator().double()
         load_weights(self.operator, twin.arrays)
         index = np.maximum(np.arange(len(filled) - WINDOW - 1, len(filled)), 0)
-        values = np.clip(twin.front_end.standardise(filled), -LIMIT, LIMIT)
+        values = np.clip(twin.front_end.standardise(filled), -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
         temperature, slow = values[:, 5], np.full(2, values[0, 5])
         for now in temperature:
             slow += (1.0 - np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))) * (now - slow)
-        query = np.clip((query_of(filled[-1]) - twin.scaling.mean) / twin.scaling.scale, -LIMIT, LIMIT)
+        query = np.clip(
+            (query_of(filled[-1]) - twin.scaling.mean) / twin.scaling.scale, -STANDARDISED_LIMIT, STANDARDISED_LIMIT
+        )
         self.time = torch.tensor([SAMPLE_PERIOD_S], dtype=torch.float64)
         read = (values[index], masks[index[1:]].astype(float), temperature[-1] - slow, query)
         self.latent = self.operator.latent(*(torch.from_numpy(part)[None] for part in read), self.time).detach()

@@ -235,7 +235,7 @@ def look(simulator, recordings, hold_out=(), catalogue=None):
         "import": lambda: importlib.import_module("twinbench.proof.concealed.generate"),
         "source": lambda: (suite / "generate.py").read_text(),
         "truth": lambda: (out / "truth.json").read_text(),
-        "link": lambda: os.symlink(out, "/tmp/spy-link"),
+        "link": lambda: os.symlink(out, out.parent / "spy-link"),
         "list": lambda: list(out.iterdir()),
         "memory": lambda: open(f"/proc/{os.getppid()}/mem", "rb"),
         "arguments": lambda: open(f"/proc/{os.getppid()}/cmdline", "rb"),
