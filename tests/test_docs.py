@@ -264,6 +264,17 @@ def test_every_picture_on_the_pages_is_there():
             assert (page.parent / target).is_file(), f"{page.name}: {target}"
 
 
+def test_every_file_that_a_page_names_is_there():
+    named = {
+        (page, name)
+        for page in READ
+        if page.name != "CHANGELOG.md"
+        for name in re.findall(r"`([\w./-]+/[\w.-]+\.(?:py|toml|md))`", page.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 20
+    assert {(p.name, n) for p, n in named if not (ROOT / n).exists() and not (p.parent / n).exists()} == set()
+
+
 def words(page):
     """A page's text, its lines joined."""
     return " ".join((ROOT / page).read_text(encoding="utf-8").split())

@@ -215,6 +215,10 @@ def test_every_engine_of_the_registry_is_there() -> None:
     assert set(OPPONENTS) < set(ENGINES)
 
 
+def test_every_engine_is_asked_by_the_name_that_is_installed() -> None:
+    assert all(where.startswith("twinbench.") for where in ENGINES.values())
+
+
 def test_each_ablation_leaves_one_guard_out() -> None:
     for guard in dataclasses.fields(Guards):
         name = f"no_{guard.name}"
