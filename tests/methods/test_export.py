@@ -19,7 +19,7 @@ from twinbench.common.store import Store
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, scratch, standardise
 from twinbench.methods.deeponet_kalman.export import INPUTS, filter_arrays, operator_graph
-from twinbench.methods.deeponet_kalman.layout import ZETA_SCALE, stream_type
+from twinbench.methods.deeponet_kalman.layout import stream_type
 from twinbench.methods.deeponet_kalman.method import ZETA_HIGH, ZETA_LOW, DeepONetKalman
 from twinbench.methods.deeponet_kalman.model import NOISE, ZETA
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT, heads_with_jacobian, push
@@ -27,7 +27,7 @@ from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import Sample
 from twinbench.methods.operator import SLOW_TAU_S, WINDOW, Operator
 from twinbench.methods.training import load_weights
-from twinbench.physics.health import to_theta
+from twinbench.physics.health import ZETA_SCALE, to_theta
 
 PAGE = (Path(__file__).parents[2] / "docs/controller.md").read_text(encoding="utf-8")
 LOOP, ON_A_RECORDING, ONLINE = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
