@@ -21,7 +21,7 @@ from twinbench.bench.robustness import Trial
 from twinbench.bench.roster import is_ablation, ordered
 from twinbench.bench.scenes import Take
 from twinbench.bench.statistics.scores import DEFINITIONS
-from twinbench.common.store import Store, write_atomically, write_text
+from twinbench.common.store import Store, write_csv, write_text
 from twinbench.common.versions import code_version, provenance
 
 SCORES = ["estimator", "seed", "sequence", "metric", "value"]
@@ -171,11 +171,6 @@ def _made(before: Earlier, ran: Ran, now: Mapping[str, Any]) -> dict[str, Any]:
             filmed = before.made[name]["takes"]
         made[name] = {**by, "estimates": list(dict.fromkeys(keys)), "takes": filmed}
     return made
-
-
-def write_csv(path: Path, table: pd.DataFrame) -> None:
-    """Write a table atomically."""
-    write_atomically(path, lambda beside: table.to_csv(beside, index=False))
 
 
 def _added(kept: pd.DataFrame, own: pd.DataFrame) -> pd.DataFrame:

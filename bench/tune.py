@@ -26,7 +26,7 @@ from twinbench.bench.settings import check_settings, search_space
 from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
-from twinbench.common.store import Store, check_writable, write_atomically, write_text
+from twinbench.common.store import Store, check_writable, write_csv, write_text
 from twinbench.common.versions import provenance
 from twinbench.methods.estimator import Estimator
 
@@ -154,7 +154,7 @@ def _measure(
 def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
     done = _finished(study)
     table = pd.DataFrame([{"trial": t.number, **t.params, **t.user_attrs} for t in done])
-    write_atomically(out / f"{kind.name}.csv", lambda path: table.to_csv(path, index=False))
+    write_csv(out / f"{kind.name}.csv", table)
     best = {name: _rounded(value) for name, value in study.best_trial.params.items()}
     lines = [f"# The best of {len(done)} trials; merit {study.best_value:.4g}.", f"[settings.{kind.name}]"]
     section = "\n".join([*lines, *(f"{n} = {v!r}" for n, v in best.items())]) + "\n"

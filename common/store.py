@@ -15,9 +15,12 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twinbench.common.errors import BadInput
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PARTIAL = ".part"
 log = logging.getLogger(__name__)
@@ -70,6 +73,11 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write text atomically."""
     write_atomically(path, lambda beside: beside.write_text(text, encoding="utf-8"))
+
+
+def write_csv(path: Path, table: pd.DataFrame) -> None:
+    """Write a table atomically, without its index."""
+    write_atomically(path, lambda beside: table.to_csv(beside, index=False))
 
 
 def check_writable(folder: Path) -> None:

@@ -26,7 +26,7 @@ from twinbench.bench.estimate.apply import trained_cells  # noqa: E402
 from twinbench.bench.evaluate import run as evaluate  # noqa: E402
 from twinbench.bench.profile import Evaluation, load_profile  # noqa: E402
 from twinbench.common.jobs import cores  # noqa: E402
-from twinbench.common.store import Store, write_atomically, write_text  # noqa: E402
+from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 
@@ -65,7 +65,7 @@ def main() -> None:
     store, cells = trained_cells(a.profile, a.results, [])
     about = {"processes": cores(), "profile": a.profile, "provenance": provenance()}  # the load before, not our own
     table = measure(store, cells, load_profile(a.profile).evaluation)
-    write_atomically(a.out / "evaluation.csv", lambda path: table.to_csv(path, index=False))
+    write_csv(a.out / "evaluation.csv", table)
     write_text(a.out / "evaluation.json", json.dumps(about, indent=2) + "\n")
     print(table.to_string(index=False))
 

@@ -23,7 +23,7 @@ import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 
 from twinbench.bench.profile import load_profile  # noqa: E402
 from twinbench.bench.registry import find  # noqa: E402
-from twinbench.common.store import write_atomically, write_text  # noqa: E402
+from twinbench.common.store import write_csv, write_text  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.data.benchmark import Split, simulate_benchmark  # noqa: E402
@@ -59,7 +59,7 @@ def main() -> None:
     paper = load_profile("paper")
     split = simulate_benchmark(paper.data, paper.corruption)
     table = pd.concat([profile(spec, split, a.iterations) for spec in a.only])
-    write_atomically(a.out / "training_profile.csv", lambda path: table.to_csv(path, index=False))
+    write_csv(a.out / "training_profile.csv", table)
     about = {"iterations": a.iterations, "profile": paper.name, "provenance": provenance()}
     write_text(a.out / "training_profile.json", json.dumps(about, indent=2) + "\n")
     print(table.to_string(index=False))

@@ -26,7 +26,7 @@ from twinbench.bench.results import load_results
 from twinbench.bench.roster import axis_label, label, ordered
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import each
-from twinbench.common.store import Store, write_atomically, write_text
+from twinbench.common.store import Store, write_atomically, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import code_version
 from twinbench.data.batch import ESTIMATED, HEALTH
@@ -183,6 +183,6 @@ def _write(out: Path, answer: _Answer) -> None:
         columns |= {q: mean[:, i], f"{q}_low": low[:, i], f"{q}_high": high[:, i]}
     table = pd.DataFrame(columns)
     drawn = (time_s, mean, low, high, answer.readings)
-    write_atomically(out / f"{name}.estimates.csv", lambda path: table.to_csv(path, index=False))
+    write_csv(out / f"{name}.estimates.csv", table)
     write_text(out / f"{name}.summary.json", json.dumps(answer.summary, indent=2) + "\n")
     write_atomically(out / f"{name}.png", lambda path: estimate_figure(*drawn, path))

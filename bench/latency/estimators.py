@@ -13,7 +13,7 @@ from twinbench.bench.latency.timing import Name, Timed, back_to_back, percentile
 from twinbench.bench.registry import find, one_line
 from twinbench.bench.roster import PRIOR
 from twinbench.common.progress import Progress
-from twinbench.common.store import Store, key_of, write_atomically
+from twinbench.common.store import Store, key_of, write_csv
 from twinbench.common.threads import pin_torch
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 from twinbench.methods.estimator import Estimator, Sample
@@ -110,7 +110,7 @@ def measure(store: Store, updates: int, todo: list[Cell], progress: Progress) ->
 
 def write(out: Path, table: pd.DataFrame) -> None:
     """Write ``latency.csv``."""
-    write_atomically(out / "latency.csv", lambda path: table.to_csv(path, index=False))
+    write_csv(out / "latency.csv", table)
 
 
 def save_samples(took: dict[str, dict[Name, Array]], path: Path) -> None:

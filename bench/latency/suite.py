@@ -36,7 +36,7 @@ from twinbench.bench.report.write import FORMATS
 from twinbench.bench.roster import PROPOSED
 from twinbench.common.page import Drawing, write_figures
 from twinbench.common.progress import Progress
-from twinbench.common.store import Store, check_writable, write_atomically, write_text
+from twinbench.common.store import Store, check_writable, write_atomically, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import provenance
 from twinbench.data.batch import Array
@@ -120,9 +120,9 @@ def _measure(store: Store, todo: list[Cell], counts: Counts, console: Console) -
 
 def _write(out: Path, measured: _Measured, shown: Table) -> None:
     """Tables, samples and figures."""
-    _write_csv(out / "latency.csv", measured.table)
-    _write_csv(out / "stages.csv", pd.DataFrame(measured.parts.items(), columns=["stage", "us"]))
-    _write_csv(out / "memory.csv", measured.held)
+    write_csv(out / "latency.csv", measured.table)
+    write_csv(out / "stages.csv", pd.DataFrame(measured.parts.items(), columns=["stage", "us"]))
+    write_csv(out / "memory.csv", measured.held)
     write_atomically(out / "samples.npz", lambda path: save_samples(measured.took, path))
     for name, written in (("latency", shown), ("memory", memory_table(measured.held))):
         write_text(out / f"{name}.md", FORMATS["md"](written))
@@ -172,7 +172,3 @@ def _drawings(table: pd.DataFrame, parts: dict[str, float]) -> Iterator[Drawing]
     if parts:
         yield Drawing("fig7a_stages", "", decomposition(parts), "")
         yield Drawing("fig7b_windows", "", window_lengths(hot[hot["implementation"] == IN_PLACE]), "")
-
-
-def _write_csv(path: Path, table: pd.DataFrame) -> None:
-    write_atomically(path, lambda beside: table.to_csv(beside, index=False))

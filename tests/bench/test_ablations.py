@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.tiny_run import parts, twinbench, write_profile
+from helpers.tiny_run import parts, run_here, twinbench, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
@@ -107,8 +107,7 @@ class Constant(Estimator):
 
 
 def test_a_run_with_ablations_trains_what_differs_and_reports_it_apart(tmp_path, monkeypatch):
-    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
-    monkeypatch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+    run_here(monkeypatch)
     (tmp_path / "constant.py").write_text(ABLATED)
     out = tmp_path / "out"
     profile = write_profile(tmp_path, updates=3)

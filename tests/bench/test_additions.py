@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from helpers.refusals import refused
 from helpers.sample_run import write_run
-from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.report.write import write_report
 
@@ -23,8 +23,7 @@ TABLES = ("scores.csv", "cost.csv", "failures.csv", "latency.csv", "tables/regim
 def _quick() -> Iterator[None]:
     """Cells in this process, and no figures of runs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         yield
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.refusals import listing, refused
-from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.data.batch import CHANNELS, ESTIMATED
 
@@ -24,8 +24,7 @@ from twinbench.data.batch import CHANNELS, ESTIMATED
 def _quick() -> Iterator[None]:
     """Cells in this process, and no figures of runs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         yield
 
 

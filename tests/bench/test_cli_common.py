@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import pandas as pd
 import pytest
 from helpers.refusals import refused
-from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cli.completion import script
 from twinbench.bench.cli.main import COMMANDS as COMMANDS_OF
@@ -32,8 +32,7 @@ from twinbench.common.jobs import cores
 def _quick() -> Iterator[None]:
     """Cells in this process, and no figures of runs."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         yield
 
 

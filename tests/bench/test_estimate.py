@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.refusals import listing
-from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cli.main import build_parser
 from twinbench.bench.estimate.reference import Reference
@@ -40,8 +40,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     text = profile.read_text().replace("n_validation = 1", "n_validation = 6").replace("= 2.5", "= 4.0")
     profile.write_text(text.replace("n_train = 2", "n_train = 6"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         assert twinbench(*run_arguments(profile, folder / "run", ["oracle"])) == 0
     assert twinbench("simulate", "--profile", profile, "--no-truth", "--out", folder / "recordings") == 0
     tables = [pd.read_csv(path) for path in listing(folder / "recordings")]
@@ -219,8 +218,7 @@ def estimators(tmp_path_factory):
     steps = {"prior": "", "learner": LEARNS, "hasty": HASTY}
     specs = {name: write_estimator(folder, name, step=step) for name, step in steps.items()}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         assert twinbench(*run_arguments(profile, folder / "run", list(specs.values()))) == 0
     assert twinbench("simulate", "--part", "train", "--profile", profile, "--out", folder / "recordings") == 0
     table = pd.read_csv(folder / "recordings" / "train-00.csv")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.benchmarks.evaluation import measure
 from twinbench.bench.estimate.apply import trained_cells
@@ -13,8 +13,7 @@ from twinbench.bench.profile import load_profile
 
 
 def test_every_trained_estimator_is_timed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("LOKY_MAX_CPU_COUNT", "1")
-    monkeypatch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+    run_here(monkeypatch)
     profile = write_profile(tmp_path)
     quick = write_estimator(tmp_path, "quick")
     slow = write_estimator(tmp_path, "slow", step="sum(range(20_000))")

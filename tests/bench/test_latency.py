@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.tiny_run import run_arguments, twinbench, write_profile
+from helpers.tiny_run import run_arguments, run_here, twinbench, write_profile
 from rich.console import Console
 
 from twinbench.bench.latency import forms, stages, timing
@@ -28,8 +28,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("latency")
     profile = write_profile(folder, more=SETTINGS)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         patch.setattr(forms, "WINDOWS", (64,))
         patch.setattr(stages, "TICKS", 500)
         assert twinbench(*run_arguments(profile, folder / "run", ["deeponet_kalman"])) == 0

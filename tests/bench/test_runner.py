@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
@@ -62,8 +62,7 @@ print(*depths)
 def _quick() -> Iterator[None]:
     """Cells one after the other in this process, as on a machine with one core, and no figures."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-        patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+        run_here(patch)
         yield
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import pytest
+
 from helpers.tiny_profile import PROFILE
 from twinbench.bench.cli.main import main
 
@@ -48,6 +50,12 @@ def write_estimator(folder: Path, name: str, scale: float = 1.0, fit: str = "", 
     path = folder / f"{name}.py"
     path.write_text(ESTIMATOR.format(name=name, scale=scale, fit=fit, step=step))
     return str(path)
+
+
+def run_here(patch: pytest.MonkeyPatch) -> None:
+    """Runs keep to this process, as on a machine with one core, and draw no figures."""
+    patch.setenv("LOKY_MAX_CPU_COUNT", "1")
+    patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
 
 
 def twinbench(*arguments: object) -> int:
