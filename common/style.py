@@ -23,6 +23,9 @@ INK = "#1b1f24"
 MUTED = "#6b7580"
 FAINT = "#c9d0d6"
 PAPER = "#ffffff"
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+"""Two of Okabe and Ito's colours, which also the colour-blind tell apart."""
 
 RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

@@ -33,9 +33,13 @@ def on_files(files: Files, config: Any) -> Files:
             source, where = os.path.relpath(place, docs), place.relative_to(docs.parent).as_posix()
             if files.get_file_from_path(source) is None:
                 file = File(
-                    source, str(docs), config.site_dir, config.use_directory_urls,
-                    dest_uri=where, inclusion=InclusionLevel.INCLUDED,
-                )  # fmt: skip
+                    source,
+                    str(docs),
+                    config.site_dir,
+                    config.use_directory_urls,
+                    dest_uri=where,
+                    inclusion=InclusionLevel.INCLUDED,
+                )
                 files.append(file)
     return files
 

@@ -32,9 +32,11 @@ UNIT = re.compile(
 @cache
 def package() -> griffe.Module:
     loader = griffe.GriffeLoader(
-        search_paths=[ROOT], docstring_parser=griffe.Parser.google, docstring_options={"warn_missing_types": False},
+        search_paths=[ROOT],
+        docstring_parser=griffe.Parser.google,
+        docstring_options={"warn_missing_types": False},
         allow_inspection=False,
-    )  # fmt: skip
+    )
     loaded = loader.load("twinbench")
     assert isinstance(loaded, griffe.Module)
     loader.resolve_aliases()

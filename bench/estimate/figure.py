@@ -14,12 +14,14 @@ from matplotlib.patches import Patch
 
 from twinbench.bench.roster import SENSORS, axis_label
 from twinbench.common.style import (
+    BLUE,
     FAINT,
     INK,
     MOST_POINTS,
     MUTED,
     PAGE_MM,
     PAPER,
+    VERMILION,
     ZERO_C_K,
     canvas,
     png,
@@ -31,9 +33,7 @@ from twinbench.data.batch import CHANNELS, ESTIMATED, HEALTH, OUTPUTS, SAMPLE_PE
 from twinbench.methods.observe import observe
 from twinbench.physics.health import HEALTHY
 
-BLUE = "#0072B2"
-RED = "#D55E00"
-KINDS = {"used": "#9ecae1", "outside training": "#E69F00", "rejected": RED, "missing": FAINT}
+KINDS = {"used": "#9ecae1", "outside training": "#E69F00", "rejected": VERMILION, "missing": FAINT}
 """What becomes of a reading, and its colour, told apart by the colour-blind, too."""
 MOST_BINS = 300
 READINGS = (
@@ -134,7 +134,7 @@ def recording_estimates(time_s: Array, mean: Array, low: Array, high: Array, rea
     _strip(figure.add_subplot(rows[3, :], sharex=first), readings)
     figure.supxlabel("time, min", fontsize=8)
     if readings.warning:
-        figure.suptitle(readings.warning, fontsize=9, color=RED, x=0.01, ha="left", weight="bold")
+        figure.suptitle(readings.warning, fontsize=9, color=VERMILION, x=0.01, ha="left", weight="bold")
     return figure
 
 
@@ -142,7 +142,7 @@ def _dots(axes: Axes, readings: Readings, channel: int, scale: float, shift: flo
     """Readings that were used, and on top of them those that were not; the view is that of the former if there are."""
     values, used = readings.measured[:, channel] * scale + shift, readings.accepted[:, channel]
     minutes = readings.time_s / 60.0
-    for which, colour, marker, size in ((used, MUTED, ".", 1.6), (~used & ~np.isnan(values), RED, "x", 2.6)):
+    for which, colour, marker, size in ((used, MUTED, ".", 1.6), (~used & ~np.isnan(values), VERMILION, "x", 2.6)):
         some = np.flatnonzero(which)[thin(int(which.sum()), MOST_POINTS)] if which.any() else []
         axes.plot(minutes[some], values[some], marker, color=colour, markersize=size, alpha=0.7, markeredgewidth=0.6)
 
@@ -179,7 +179,7 @@ def _legend(axes: Axes) -> None:
     axes.legend(
         handles=[
             Line2D([], [], color=MUTED, marker=".", markersize=4, linestyle="none", label="reading"),
-            Line2D([], [], color=RED, marker="x", markersize=4, linestyle="none", label="reading, rejected"),
+            Line2D([], [], color=VERMILION, marker="x", markersize=4, linestyle="none", label="reading, rejected"),
             Line2D([], [], color=BLUE, linewidth=1.2, label="estimate"),
             Patch(color=BLUE, alpha=0.25, linewidth=0, label="95 % band"),
             Line2D([], [], color=INK, linewidth=0.7, linestyle=":", label="healthy"),

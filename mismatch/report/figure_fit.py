@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from twinbench.common.style import FAINT, INK, MOST_POINTS, MUTED, PAGE_MM, canvas, styled, thin
+from twinbench.common.style import BLUE, FAINT, INK, MOST_POINTS, MUTED, PAGE_MM, VERMILION, canvas, styled, thin
 from twinbench.mismatch.report.replays import Replay, window
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.words import labelled, spoken
@@ -28,8 +28,8 @@ MEASURED: dict[str, Any] = {
     "markeredgewidth": 0,
 }
 """A broad road below the simulated lines; the markers show readings that stand alone between gaps."""
-BEFORE: dict[str, Any] = {"color": "#D55E00", "linestyle": (0, (3.5, 1.2)), "linewidth": 1.1}
-AFTER: dict[str, Any] = {"color": "#0072B2", "linestyle": "-", "linewidth": 1.1}
+BEFORE: dict[str, Any] = {"color": VERMILION, "linestyle": (0, (3.5, 1.2)), "linewidth": 1.1}
+AFTER: dict[str, Any] = {"color": BLUE, "linestyle": "-", "linewidth": 1.1}
 ERROR_BEFORE: dict[str, Any] = BEFORE | {"linestyle": "-", "linewidth": 1.5}
 ERROR_AFTER: dict[str, Any] = AFTER | {"linewidth": 0.8}
 """Errors are noisy: dashes would be lost in them, so the widths tell them apart without colour."""

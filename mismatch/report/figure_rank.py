@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-from twinbench.common.style import INK, MUTED, PAGE_MM, PAPER, canvas, styled
+from twinbench.common.style import BLUE, INK, MUTED, PAGE_MM, PAPER, canvas, styled
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.report.ranking import CHOSEN, REFUSED, RIVAL, TRIED, ranking
 from twinbench.physics.simulator import Port
@@ -19,7 +19,6 @@ from twinbench.physics.simulator import Port
 MOST_BARS = 12
 NAME_LENGTH = 64
 HEIGHT = 0.62
-BLUE = "#0072B2"
 LOOKS: dict[str, dict[str, Any]] = {
     CHOSEN: {"facecolor": BLUE, "edgecolor": BLUE},
     REFUSED: {"facecolor": PAPER, "edgecolor": BLUE, "hatch": "xxxx"},
