@@ -9,7 +9,12 @@ import pandas as pd
 
 from twinbench.bench.report.evidence import Evidence
 from twinbench.bench.report.figures.coverage import coverage_by_quantity, coverage_by_regime
-from twinbench.bench.report.figures.errors import critical_difference, error_bars, parameter_violins
+from twinbench.bench.report.figures.errors import (
+    LEAST_SHOWN_PCT,
+    critical_difference,
+    error_bars,
+    parameter_violins,
+)
 from twinbench.bench.report.figures.latency import accuracy_and_time, latency_percentiles
 from twinbench.bench.report.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
 from twinbench.bench.report.figures.scenes import flow_parity, innovations, ramps, wear
@@ -69,7 +74,7 @@ def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
         "fig5c_parameter_errors",
         "Mean relative error of capacity, efficiency, leakage and heat transfer over all test time. Violin: density; "
         "box: quartiles with the median; line: 5th to 95th percentile; ticks: means of the single sequences; dashed: "
-        "the oracle's median.",
+        f"the oracle's median. Errors below {LEAST_SHOWN_PCT:g} % count as that.",
         parameter_violins(evidence.errors, _by_sequence(summary)) if known_errors else None,
         NO_ESTIMATES,
         "How parameter errors spread",

@@ -13,7 +13,7 @@ from twinbench.bench.report.figures.looks import face, legend_handles, looks
 from twinbench.bench.roster import PROPOSED, REFERENCE, label, ordered
 from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS
 from twinbench.bench.statistics.summary import Summary
-from twinbench.common.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, log_axis, styled, thin
+from twinbench.common.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled, thin
 
 PANELS = (
     ("filtered state", STATE_ERRORS),
@@ -149,13 +149,18 @@ def parameter_violins(samples: Mapping[str, np.ndarray], per_sequence: Mapping[s
         density_norm="width",
         width=0.84,
         cut=0,
-        inner="box",
+        inner=None,
         linewidth=0.7,
+        alpha=0.45,
         ax=axes,
     )
     for row, name in enumerate(names):
+        p5, q1, median, q3, p95 = np.quantile(drawn[name], [0.05, 0.25, 0.5, 0.75, 0.95])
         if name == REFERENCE:
-            axes.axvline(float(np.median(drawn[name])), color=INK, linewidth=0.7, linestyle="--", zorder=0.5)
+            axes.axvline(median, color=INK, linewidth=0.7, linestyle="--", zorder=0.5)
+        axes.hlines(row, p5, p95, color=INK, linewidth=0.8)
+        axes.barh(row, q3 - q1, left=q1, height=0.16, color=INK)
+        axes.plot(median, row, "o", markersize=3.6, markerfacecolor=PAPER, markeredgecolor=INK, markeredgewidth=0.8)
         dots = per_sequence.get(name, np.empty(0))
         axes.plot(dots, np.full(dots.size, row + 0.3), "|", color=INK, markersize=5, markeredgewidth=0.8)
     log_axis(axes, np.concatenate([np.quantile(v, [0.005, 0.995]) for v in drawn.values()] or [np.ones(1)]), "x")
@@ -168,5 +173,6 @@ def parameter_violins(samples: Mapping[str, np.ndarray], per_sequence: Mapping[s
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:
-    """At most 3,000 of the sorted values, evenly: as many as a density needs."""
-    return np.sort(values)[thin(values.size, 3000)]
+    """At most 3,000 of the values, as many as a density needs; without two in a thousand at either end, hairs."""
+    ordinary = np.sort(values)[values.size // 500 : values.size - values.size // 500]
+    return ordinary[thin(ordinary.size, 3000)]
