@@ -90,11 +90,12 @@ def _best_at(summary: Summary, question: str) -> str:
     size = _size(summary, best, question)
     tests = "Wilcoxon's test, Holm's correction for all pairs"
     if not alike:
-        says = f"{label(best)} {BEST[question]}: {ERROR[question]} {size}. It is told apart from every other ({tests})."
+        says = f"{label(best)} {BEST[question]}: {ERROR[question]} {size}. "
+        says += f"It differs significantly from every other ({tests})."
     else:
         named = _names(f"{label(e)} ({_p(_pair(ranking, best, e)[0])})" for e in alike)
-        says = f"{label(best)} has the least {ERROR[question]}: {size}. It cannot be told apart from {named}"
-        says += f", but is from {_names(map(label, apart))} ({tests})." if apart else f" ({tests})."
+        says = f"{label(best)} has the least {ERROR[question]}: {size}. It does not differ significantly from {named}"
+        says += f", but does from {_names(map(label, apart))} ({tests})." if apart else f" ({tests})."
     gap, low, high = summary.difference(second, best, question)
     scores = summary.by_sequence[question]
     wins = int((scores.row(best) < scores.row(second)).sum())
@@ -117,12 +118,12 @@ def _against_prior(summary: Summary) -> list[str]:
     rows = rows[rows["low"].notna()]
     better, worse = list(rows.index[rows["high"] < 0]), list(rows.index[rows["low"] > 0])
     level = [e for e in rows.index if e not in (*better, *worse)]
-    said = [f"Better by the paired 95 % interval: {_names(map(label, better)) if better else 'nobody'}."]
-    said += [f"Not told from it: {_names(map(label, level))}."] if level else []
+    said = [f"Better by the paired 95 % interval: {_names(map(label, better)) if better else 'none'}."]
+    said += [f"No significant difference: {_names(map(label, level))}."] if level else []
     said += [f"Worse: {_names(map(label, worse))}."] if worse else []
     prior = number(summary.value(PRIOR, PARAMETERS).mean)
     return [
-        f"Who looks at no measurement and always says that the machine is healthy errs by {prior} % in health. "
+        f"{label(PRIOR)} uses no measurement, calls every machine healthy, and errs by {prior} % in health. "
         f"{' '.join(said)}"
     ]
 
@@ -140,7 +141,7 @@ def _proposed(summary: Summary) -> list[str]:
                 f"{ranking.dropped.get(PROPOSED, 'it failed')}."
             )
         elif order[0] != PROPOSED:
-            alike = " It cannot be told apart from the first." if PROPOSED in _alike(summary, question) else ""
+            alike = " It does not differ significantly from the first." if PROPOSED in _alike(summary, question) else ""
             said.append(
                 f"The proposed method, {label(PROPOSED)}, does not have the least {ERROR[question]}: it is number "
                 f"{order.index(PROPOSED) + 1} of {len(order)} with {_size(summary, PROPOSED, question)}.{alike}"
@@ -170,7 +171,7 @@ def _friedman(ranking: Ranking, question: str) -> str:
     n = f"{len(ranking.estimators)} estimators on {len(ranking.sequences)} sequences"
     if not math.isfinite(ranking.friedman_p):
         return f"By {ERROR[question]}, {n} are too few for Friedman's test."
-    differ = "do differ" if ranking.friedman_p < FAMILY_LEVEL else "cannot be told from alike"
+    differ = "differ significantly" if ranking.friedman_p < FAMILY_LEVEL else "do not differ significantly"
     return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, {_p(ranking.friedman_p)})."
 
 

@@ -96,16 +96,16 @@ def test_the_headline_says_no_more_than_the_tests(errors, forecasts, says):
 
 def test_everybody_is_held_against_who_never_looks():
     with_prior = {**CLEAR, PRIOR: 2.0 + wobble(7), REFERENCE: 0.5 + wobble(8)}
-    (said,) = [p for p in answer(summarise(scores(with_prior), {})) if "looks at no measurement" in p]
-    assert "Better by the paired 95 % interval: Oracle (reference) and GRU + KF. Not told" in said
-    assert "Not told from it: DeepONet. Worse: LSTM + RLS." in said
+    (said,) = [p for p in answer(summarise(scores(with_prior), {})) if "uses no measurement" in p]
+    assert "Better by the paired 95 % interval: Oracle (reference) and GRU + KF. No significant" in said
+    assert "No significant difference: DeepONet. Worse: LSTM + RLS." in said
     nobody = {**CLEAR, PRIOR: 0.1 + wobble(7)}
-    assert any("interval: nobody. Worse: GRU + KF" in p for p in answer(summarise(scores(nobody), {})))
-    assert not [p for p in answer(summarise(scores(CLEAR), {})) if "looks at no measurement" in p]
+    assert any("interval: none. Worse: GRU + KF" in p for p in answer(summarise(scores(nobody), {})))
+    assert not [p for p in answer(summarise(scores(CLEAR), {})) if "uses no measurement" in p]
 
 
 def test_who_is_alike_is_named_with_its_p():
     first = answer(summarise(scores(TIED), {}))[0]
-    assert "It cannot be told apart from DeepONet (p = " in first
-    assert f"but is from {label('lstm_rls')} (Wilcoxon's test, Holm's correction for all pairs)" in first
+    assert "It does not differ significantly from DeepONet (p = " in first
+    assert f"but does from {label('lstm_rls')} (Wilcoxon's test, Holm's correction for all pairs)" in first
     assert FORECAST not in first
