@@ -101,6 +101,15 @@ def _check_records(simulator: Simulator, who: str) -> None:
                 raise ValueError(f"{who}: nominal of {v.name!r} is {v.nominal}; give a number")
 
 
+def last_line(error: BaseException, file: str) -> int | None:
+    """The line of ``file`` that an error came through last, if it did; of an endless recursion there are many."""
+    line = None
+    for frame, number in traceback.walk_tb(error.__traceback__):
+        if frame.f_code.co_filename == file:
+            line = number
+    return line
+
+
 def _points(*groups: Sequence[Variable]) -> list[Arguments]:
     """The groups' values at their nominal, at their low, at their high ends, and drawn in between."""
     rng = np.random.default_rng(0)
@@ -139,8 +148,8 @@ def _checked(function: Callable[..., Any], arguments: Arguments, like: Sequence[
             result = function(*given)
     except Exception as error:
         home = getattr(getattr(function, "__code__", None), "co_filename", "")
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == home]
-        place = f" in line {lines[-1]}" if lines else ""
+        line = last_line(error, home)
+        place = f" in line {line}" if line else ""
         said = (str(error).splitlines() or [""])[0]
         raise ValueError(f"{what} fails{place}: {type(error).__name__}: {said}; mend it there") from error
     if result is None:

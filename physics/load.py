@@ -9,7 +9,6 @@ import importlib.util
 import os
 import re
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -17,7 +16,7 @@ from typing import Any
 
 from twinbench.common.filespec import USER_FILE, split_spec
 from twinbench.common.trial import about_to, tried
-from twinbench.physics.check import check_mechanism, check_simulator
+from twinbench.physics.check import check_mechanism, check_simulator, last_line
 from twinbench.physics.simulator import Mechanism, Simulator
 
 BUILTIN = {"compressor": "twinbench.physics.compressor:PLANT", "nominal": "twinbench.physics.nominal:NOMINAL"}
@@ -180,10 +179,9 @@ def _guarded(load: Callable[[], Any], where: str, file: str) -> Any:
         with contextlib.redirect_stdout(sys.stderr):  # what a file prints must not get into our output
             return load()
     except (Exception, SystemExit) as error:
-        lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
-            lines, said = [error.lineno], error.msg
+            number, said = error.lineno, error.msg
         else:
-            said = (str(error).splitlines() or [""])[0]
-        line = f", line {lines[-1]}" if file and lines else ""
+            number, said = last_line(error, file), (str(error).splitlines() or [""])[0]
+        line = f", line {number}" if file and number else ""
         raise ValueError(f"{where}{line}: fails to import: {type(error).__name__}: {said}; mend it there") from error
