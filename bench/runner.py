@@ -23,6 +23,7 @@ from twinbench.bench.latency import estimators as latency
 from twinbench.bench.profile import Profile
 from twinbench.bench.registry import discover, find
 from twinbench.bench.report.table_formats import Table
+from twinbench.bench.report.words import names_of
 from twinbench.bench.report.write import write_report
 from twinbench.bench.roster import ABLATION, is_ablation, label, ordered
 from twinbench.bench.settings import check_settings
@@ -271,14 +272,14 @@ def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store
     others = before.others({c.estimator for c in todo})
     beside = ordered(name for name in others if not is_ablation(name))
     console.print(
-        f"profile {profile.name}: {', '.join(map(label, names))}"
-        + (f"; {parts} ablations" if parts else "")
-        + f"; seeds {', '.join(map(str, profile.seeds))}\n"
+        f"profile {profile.name}: {names_of(map(label, names))}"
+        + (f", and {parts} ablations" if parts else "")
+        + f"\nseeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
         f"tested on {data.n_test} others\n"
         f"results in {out}"
         + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else "")
-        + (f"; beside {', '.join(map(label, beside))}, whose rows stay" if beside else ""),
+        + (f"; beside {names_of(map(label, beside))}, whose rows stay" if beside else ""),
         highlight=False,
         markup=False,
         soft_wrap=True,

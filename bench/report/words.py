@@ -93,9 +93,9 @@ def _best_at(summary: Summary, question: str) -> str:
         says = f"{label(best)} {BEST[question]}: {ERROR[question]} {size}. "
         says += f"It differs significantly from every other ({tests})."
     else:
-        named = _names(f"{label(e)} ({_p(_pair(ranking, best, e)[0])})" for e in alike)
+        named = names_of(f"{label(e)} ({_p(_pair(ranking, best, e)[0])})" for e in alike)
         says = f"{label(best)} has the least {ERROR[question]}: {size}. It does not differ significantly from {named}"
-        says += f", but does from {_names(map(label, apart))} ({tests})." if apart else f" ({tests})."
+        says += f", but does from {names_of(map(label, apart))} ({tests})." if apart else f" ({tests})."
     gap, low, high = summary.difference(second, best, question)
     scores = summary.by_sequence[question]
     wins = int((scores.row(best) < scores.row(second)).sum())
@@ -118,9 +118,9 @@ def _against_prior(summary: Summary) -> list[str]:
     rows = rows[rows["low"].notna()]
     better, worse = list(rows.index[rows["high"] < 0]), list(rows.index[rows["low"] > 0])
     level = [e for e in rows.index if e not in (*better, *worse)]
-    said = [f"Better by the paired 95 % interval: {_names(map(label, better)) if better else 'none'}."]
-    said += [f"No significant difference: {_names(map(label, level))}."] if level else []
-    said += [f"Worse: {_names(map(label, worse))}."] if worse else []
+    said = [f"Better by the paired 95 % interval: {names_of(map(label, better)) if better else 'none'}."]
+    said += [f"No significant difference: {names_of(map(label, level))}."] if level else []
+    said += [f"Worse: {names_of(map(label, worse))}."] if worse else []
     prior = number(summary.value(PRIOR, PARAMETERS).mean)
     return [
         f"{label(PRIOR)} uses no measurement, calls every machine healthy, and errs by {prior} % in health. "
@@ -180,11 +180,11 @@ def _count(others: int) -> str:
     return f"{COUNT[others] if others < len(COUNT) else others} other{'' if others == 1 else 's'}"
 
 
-def _names(labels: object) -> str:
-    """``a, b and c``; names that hold a comma are set apart by semicolons."""
+def names_of(labels: object) -> str:
+    """``a, b and c``; where a name holds a comma ``a; b, c; and d``."""
     names = list(labels)  # type: ignore[call-overload]
-    comma = "; " if any(", " in name for name in names) else ", "
-    return " and ".join(filter(None, (comma.join(names[:-1]), names[-1])))
+    comma, last = ("; ", "; and ") if any(", " in name for name in names) else (", ", " and ")
+    return last.join(filter(None, (comma.join(names[:-1]), names[-1])))
 
 
 def _p(p: float) -> str:
