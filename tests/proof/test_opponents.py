@@ -77,7 +77,7 @@ SHORT = {
 }
 
 
-def given(folder: Path, cell: str, *effects: str, severity: float = 3.0) -> Given:
+def given(folder: Path, cell: str, *effects: str, severity: float = 1.5) -> Given:
     case = draw(Item("0007", cell, "two_tanks", effects, severity), 3, SHORT)
     write(case, folder)
     names = (*case.public["train"], *case.public["held_out"])
