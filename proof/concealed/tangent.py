@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -130,11 +130,16 @@ def _propagate(steps, reads, force, shift, start, which, weights, columns):  # t
         z, ahead = ahead, z
 
 
-class Forces:
-    """What some changes do in one sample: to the next state (N, nx, J), and to the reading (N, ny, J)."""
+class Forces(NamedTuple):
+    """What J changes do in one sample.
 
-    def __init__(self, steps: Array, reads: Array) -> None:
-        self.steps, self.reads = steps, reads
+    Attributes:
+        steps: (N, nx, J) to the next state, each in its unit.
+        reads: (N, ny, J) to the reading, in the channels' units.
+    """
+
+    steps: Array
+    reads: Array
 
 
 class Tangent:
