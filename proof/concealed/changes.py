@@ -38,7 +38,7 @@ def with_fault(
         series: (N, channels) of the port's side, in the channels' units.
         port: "input:..." or "output:...".
         fault: its kind and size.
-        span: lowest and highest value of the channel over all recordings.
+        span: lowest and highest value of the channel in training.
     """
     side, _, channel = port.partition(":")
     column = (machine.inputs if side == "input" else machine.outputs).index(channel)
@@ -60,7 +60,7 @@ def _by_parameter(yardstick: Yardstick, effect: Effect, onset_s: float) -> Chang
 
 def _by_fault(yardstick: Yardstick, effect: Effect) -> Change:
     kind, channel = parts(effect)
-    start, most = first_size(kind, yardstick.machine.noise[channel].sigma, _clean(yardstick, effect)[1])
+    start, most = first_size(kind, yardstick.machine.noise[channel].sigma, span_in_training(yardstick, effect))
 
     def of(size: float) -> Sequence[Array]:
         made = series_with_fault(yardstick, effect, size)
@@ -75,16 +75,21 @@ def series_with_fault(yardstick: Yardstick, effect: Effect, size: float) -> list
     Args:
         size: in the fault's unit.
     """
-    series, span = _clean(yardstick, effect)
-    fault = (parts(effect)[0], size)
-    pairs = zip(yardstick.takes, series, strict=True)
+    fault, span = (parts(effect)[0], size), span_in_training(yardstick, effect)
+    pairs = zip(yardstick.takes, _clean(yardstick, effect)[0], strict=True)
     return [with_fault(yardstick.machine, take, s, effect.ports[0], fault, span) for take, s in pairs]
 
 
-def _clean(yardstick: Yardstick, effect: Effect) -> tuple[Sequence[Array], tuple[float, float]]:
-    """The series (N, channels) that a fault is put into, and the span of its channel."""
+def span_in_training(yardstick: Yardstick, effect: Effect) -> tuple[float, float]:
+    """Lowest and highest value of a fault's channel where the engine learns: what saturates must do so there."""
+    series, column = _clean(yardstick, effect)
+    pairs = zip(yardstick.takes, series, strict=True)
+    return span_of([s[:, column] for take, s in pairs if not take.held_out])
+
+
+def _clean(yardstick: Yardstick, effect: Effect) -> tuple[Sequence[Array], int]:
+    """The series (N, channels) that a fault is put into, and in which of the channels."""
     machine, channel = yardstick.machine, parts(effect)[1]
-    at_input = channel in machine.inputs
-    column = (machine.inputs if at_input else machine.outputs).index(channel)
-    series = [t.u for t in yardstick.takes] if at_input else yardstick.base
-    return series, span_of([s[:, column] for s in series])
+    if channel in machine.inputs:
+        return [take.u for take in yardstick.takes], machine.inputs.index(channel)
+    return yardstick.base, machine.outputs.index(channel)

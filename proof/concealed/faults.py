@@ -57,7 +57,7 @@ def faulty(kind: str, size: float, time_s: Array, values: Array, span: tuple[flo
             off; stuck the share of a recording at its end.
         time_s: (N,) seconds.
         values: (N,) in the channel's unit.
-        span: lowest and highest value of the channel over all recordings.
+        span: lowest and highest value of the channel in training.
         last: is this the last training recording? A sensor sticks in that one only.
     """
     if size <= 0.0 or (kind == "stuck" and not last):

@@ -13,9 +13,9 @@ import pandas as pd
 
 from twinbench.data.scenario import stream
 from twinbench.physics.simulator import Array
-from twinbench.proof.concealed.changes import change_of, with_fault
+from twinbench.proof.concealed.changes import change_of, span_in_training, with_fault
 from twinbench.proof.concealed.columns import picture
-from twinbench.proof.concealed.faults import faults, parts, span_of
+from twinbench.proof.concealed.faults import faults, parts
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.machines import MACHINES
@@ -67,7 +67,7 @@ class _Plan:
 
     takes: tuple[Take, ...]
     parameters: Parameters
-    faults: tuple[tuple[str, str, float], ...]  # port, kind, size
+    faults: tuple[tuple[str, tuple[str, float], tuple[float, float]], ...]  # port, kind and size, span in training
 
 
 def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> Case:
@@ -186,7 +186,7 @@ def _scaled(
         if effect.slot:
             after[machine.at(effect.slot)] = amplitude
         else:
-            wrong.append((effect.ports[0], parts(effect)[0], amplitude))
+            wrong.append((effect.ports[0], (parts(effect)[0], amplitude), span_in_training(yardstick, effect)))
         sizes = {effect.size: [effect.absent + effect.scale * amplitude, effect.absent]} if effect.size else {}
         found.append(
             {
@@ -225,13 +225,10 @@ def _observe(
 def _with_faults(machine: Machine, plan: _Plan, side: str, series: Sequence[Array]) -> Sequence[Array]:
     """The takes' inputs or outputs, (N, channels) each, with all faults of that side."""
     made = series
-    for port, kind, size in plan.faults:
-        at, _, channel = port.partition(":")
-        if at == side:
-            column = (machine.inputs if side == "input" else machine.outputs).index(channel)
-            span = span_of([s[:, column] for s in series])
+    for port, fault, span in plan.faults:
+        if port.startswith(f"{side}:"):
             pairs = zip(plan.takes, made, strict=True)
-            made = [with_fault(machine, take, s, port, (kind, size), span) for take, s in pairs]
+            made = [with_fault(machine, take, s, port, fault, span) for take, s in pairs]
     return made
 
 

@@ -194,6 +194,14 @@ def test_a_machine_has_settled_under_the_fault_of_its_input() -> None:
     assert all((a == b).all() for a, b in zip(same, yardstick.base, strict=True))
 
 
+def test_what_saturates_does_so_where_the_engine_learns() -> None:
+    """The held-out recordings reach further: a limit that only they meet could not be named."""
+    truth = quick("sensor", "input_saturation@voltage_V", severity=0.5).truth
+    (effect,) = truth["effects"]
+    assert effect["in_training"] > 0.3
+    assert truth["severity"] == pytest.approx(0.5, rel=0.05)
+
+
 def test_background_severity_and_parameters_are_as_asked() -> None:
     clean = quick("clean").truth
     assert {k: clean["parameters"][k] for k in MACHINES["motor"].calibrate} == {
