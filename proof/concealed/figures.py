@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.figure import Figure
 
-from twinbench.common.style import BLUE, COLUMN_MM, INK, MUTED, PAGE_MM, VERMILION, canvas, styled
+from twinbench.common.style import BLUE, COLUMN_MM, INK, MUTED, PAGE_MM, VERMILION, canvas, log_axis, styled
 
 _KINDS = {"tuned": (BLUE, "o"), "untuned": (VERMILION, "s"), "random": ("#009E73", "^")}
 """Colour and marker of the kinds of machines."""
@@ -27,7 +27,7 @@ def power_figure(curves: pd.DataFrame) -> Figure:
             label = f"{kind} machines, {own['cases'].sum()} cases"
             axes.plot(own["distance"], own["right"], color=colour, marker=marker, markersize=3, label=label)
             axes.plot(own["distance"], own["ideal"], color=colour, linestyle="--", label="ideal observer")
-    axes.set_xscale("log")
+    log_axis(axes, pooled["distance"].to_numpy(dtype=float), axis="x")
     axes.set_ylim(-0.02, 1.02)
     axes.set_xlabel('distance from "no effect", noise sds')
     axes.set_ylabel("right name or class, rate")

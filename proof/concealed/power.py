@@ -10,7 +10,7 @@ import pandas as pd
 from twinbench.proof.concealed.findings import SINGLE
 from twinbench.proof.concealed.outcome import OUTCOMES
 
-DISTANCES = (0.0, 3.0, 5.5, 10.0, 17.0, 30.0, 55.0, 100.0, np.inf)
+DISTANCES = (0.0, 3.0, 5.5, 10.0, 17.0, 30.0, 55.0, 100.0, 200.0, np.inf)
 """Edges of bins of the distance from "no effect", in noise sds; 5.5 is where an effect counts as there."""
 STATED = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 """Edges of bins of stated probabilities."""
