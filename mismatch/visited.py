@@ -34,7 +34,7 @@ def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_
         z: (K,) where the problem's unknowns stand, each in its own unit.
         period_s: between samples.
     """
-    there = _moved(problem, z)
+    there = moved(problem, z)
     longest_s = max(float(t.time_s[-1] - t.time_s[0]) for t in problem.tracks) / PERIODS
     white = [problem.whitener(r) for r in problem.residuals(z)]
     listed = generic(there, loudest_periods_s(problem.tracks, white, longest_s))
@@ -63,7 +63,7 @@ def _resized(candidate: Candidate, seen: Mechanism) -> Candidate:
     )
 
 
-def _moved(problem: Problem, z: Array) -> Simulator:
+def moved(problem: Problem, z: Array) -> Simulator:
     """The simulator with its fitted parameters, and every variable's nominal value and scale where the machine was."""
     simulator, tracks = problem.machine.simulator, problem.tracks
     x = np.concatenate([problem.states(r, z)[:, : len(simulator.states)] for r in range(len(tracks))])
