@@ -1,4 +1,4 @@
-"""The concealed oil cooler: ``examples/heat_exchanger.py`` in degrees Celsius, with what that leaves out.
+"""The concealed oil cooler: ``examples/heat_exchanger.py`` with what that leaves out.
 
 Nobody tunes an engine on this machine.
 """
@@ -27,7 +27,6 @@ _INPUTS = ("oil_kg_s", "water_kg_s", "T_oil_in_K", "T_water_in_K")
 _OUTPUTS = ("T_oil_out_K", "T_water_out_K", "T_metal_K")
 _STATES = ("oil1", "oil2", "wall1", "wall2", "water1", "water2", "T_shell", "T_frame", "T_header", "dirt")
 P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
-_ZERO_C = 273.15
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -45,17 +44,17 @@ def _beyond(flow, gap):  # type: ignore[no-untyped-def]
 
 @njit(LAW, cache=True, error_model="numpy")
 def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
-    """Rates of change: temperatures in degrees Celsius per second."""
+    """Rates of change: temperatures in K/s."""
     oil1, oil2, wall1, wall2 = x[X.oil1], x[X.oil2], x[X.wall1], x[X.wall2]
     water1, water2, n = x[X.water1], x[X.water2], p[P.exponent]
-    room = 22.0 + p[P.ambient] * math.sin(2.0 * math.pi * t / 4000.0 + p[P.ambient_phase])
+    room = 295.0 + p[P.ambient] * math.sin(2.0 * math.pi * t / 4000.0 + p[P.ambient_phase])
     oil, water = _beyond(u[U.oil_kg_s], p[P.gap_oil]), _beyond(u[U.water_kg_s], p[P.gap_water])
 
     # Heat through the two films, kW; the oil's film thickens as it cools, and the water's fouls with use.
     film = 1e-3 * p[P.UA_oil_W_K] * (max(oil, 0.0) / 0.8) ** 0.6
     film *= 1.0 + p[P.ripple] * math.sin(5.5 * oil + p[P.ripple_phase]) * math.cos(0.17 * (oil1 - wall1))
-    film1 = film * (1.0 + p[P.thick_oil] * (0.5 * (oil1 + wall1) - 55.0) / 10.0)
-    film2 = film * (1.0 + p[P.thick_oil] * (0.5 * (oil2 + wall2) - 55.0) / 10.0)
+    film1 = film * (1.0 + p[P.thick_oil] * (0.5 * (oil1 + wall1) - 328.0) / 10.0)
+    film2 = film * (1.0 + p[P.thick_oil] * (0.5 * (oil2 + wall2) - 328.0) / 10.0)
     scaled = 1e-3 * p[P.UA_water_W_K] * (max(water, 0.0) / 0.4) ** 0.8 / (1.0 + p[P.fouling] * x[X.dirt])
     hot1, hot2, cold1, cold2 = (
         film1 * (oil1 - wall1), film2 * (oil2 - wall2), scaled * (wall2 - water1), scaled * (wall1 - water2),
@@ -66,15 +65,15 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
     C_oil, C_water, C_wall = 2.0 * p[P.M_oil_kg], 4.18 * p[P.M_water_kg], 1e-3 * p[P.C_wall_J_K]
     wave = math.sin(2.0 * math.pi * t / 61.0 + 0.4)
     beat = (wave + 0.15 * math.sin(6.0 * math.pi * t / 61.0 + 1.2)) / 1.01
-    dx[X.oil1] = new_oil * (u[U.T_oil_in_K] - _ZERO_C - oil1) - hot1 / C_oil
-    dx[X.oil1] += p[P.churning] * (1.0 + 0.04 * math.tanh((oil1 - 62.0) / 15.0)) + p[P.pulse_oil] * beat
+    dx[X.oil1] = new_oil * (u[U.T_oil_in_K] - oil1) - hot1 / C_oil
+    dx[X.oil1] += p[P.churning] * (1.0 + 0.04 * math.tanh((oil1 - 335.0) / 15.0)) + p[P.pulse_oil] * beat
     dx[X.oil1] -= p[P.bare_oil] * _lost(oil1, room, n)
     dx[X.oil2] = new_oil * (oil1 - oil2) - hot2 / C_oil - p[P.shell] * (oil2 - x[X.T_shell])
     dx[X.wall1] = (hot1 - cold2) / C_wall - p[P.bare_wall1] * _lost(wall1, room, n)
     dx[X.wall1] -= p[P.frame] * (wall1 - x[X.T_frame])
     dx[X.wall2] = (hot2 - cold1) / C_wall - p[P.bare_wall2] * _lost(wall2, room, n)
-    dx[X.water1] = new_water * (u[U.T_water_in_K] - _ZERO_C - water1) + cold1 / C_water
-    dx[X.water1] += p[P.sun] * (1.0 - 0.04 * math.tanh((water1 - 30.0) / 15.0))
+    dx[X.water1] = new_water * (u[U.T_water_in_K] - water1) + cold1 / C_water
+    dx[X.water1] += p[P.sun] * (1.0 - 0.04 * math.tanh((water1 - 303.0) / 15.0))
     dx[X.water1] -= p[P.header] * (water1 - x[X.T_header])
     dx[X.water2] = new_water * (water1 - water2) + cold2 / C_water + p[P.pulse_water] * beat
     dx[X.water2] -= p[P.bare_water] * _lost(water2, room, n)
@@ -89,8 +88,7 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     """T_oil_out_K, T_water_out_K, T_metal_K."""
-    y[Y.T_oil_out_K], y[Y.T_water_out_K] = x[X.oil2] + _ZERO_C, x[X.water2] + _ZERO_C
-    y[Y.T_metal_K] = x[X.wall1] + _ZERO_C
+    y[Y.T_oil_out_K], y[Y.T_water_out_K], y[Y.T_metal_K] = x[X.oil2], x[X.water2], x[X.wall1]
     return 0.0
 
 
@@ -113,7 +111,7 @@ def start(u: Array, p: Array) -> Array:
         u: (4,) inputs in their units.
         p: (n_parameters,) the law's own, each in its unit.
     """
-    hot, cold = u[U.T_oil_in_K] - _ZERO_C, u[U.T_water_in_K] - _ZERO_C
+    hot, cold = u[U.T_oil_in_K], u[U.T_water_in_K]
     shares = {"oil1": 0.75, "oil2": 0.6, "wall1": 0.5, "wall2": 0.4, "water1": 0.2, "water2": 0.35}
     x = np.zeros(len(X))
     for name, share in shares.items():
