@@ -16,13 +16,6 @@ from twinbench.proof.concealed.machine import Effect, Machine
 
 KINDS = ("bias", "gain", "lag", "delay", "drift", "saturation", "quantisation", "stuck")
 _COMPARABLE = {"bias": "bias", "gain": "gain", "lag": "lag_s", "delay": "delay_s", "quantisation": "quantisation"}
-_ALSO = {
-    "sensor_gain@m_flow_kg_s": ("flow_meter_gain",),
-    "sensor_lag@T_dis_K": ("probe_lag",),
-    "input_bias@load_Nm": ("offset@omega_rad_s",),
-    "input_bias@pump_V": ("offset@h1_cm",),
-    "input_bias@voltage_V": ("offset@current_A",),
-}
 _ABSORBED = {
     "sensor_bias@T_dis_K", "sensor_drift@T_dis_K", "sensor_gain@T_probe_K", "sensor_bias@T_probe_K",
     "input_gain@valve", "input_bias@valve", "input_gain@pump_V", "input_lag@T_suc_K", "input_delay@T_suc_K",
@@ -40,7 +33,7 @@ def faults(machine: Machine) -> tuple[Effect, ...]:
                 if name not in _ABSORBED and not (where == "input" and kind in ("quantisation", "stuck", "drift")):
                     port = f"{'output' if where == 'sensor' else 'input'}:{channel}"
                     size = f"{_COMPARABLE[kind]}_{channel}" if kind in _COMPARABLE else ""
-                    found.append(Effect(name, "", 0.0, 0.0, (name, *_ALSO.get(name, ())), (port,), size))
+                    found.append(Effect(name, "", 0.0, 0.0, (port,), size))
     return tuple(found)
 
 

@@ -54,7 +54,8 @@ def readings(machine: Machine, take: Take, u: Array, x0: Array, parameters: Para
         u: (N, nu) inputs in their units.
         x0: (nx,) each state in its unit, at the first sample.
     """
-    return run(machine.equations, Steps(take.start_s, machine.period_s, substeps), u, x0, parameters)[0]
+    through = machine.driven(u, parameters, take.start_s)
+    return run(machine.equations, Steps(take.start_s, machine.period_s, substeps), through, x0, parameters)[0]
 
 
 class Yardstick:
@@ -86,6 +87,10 @@ class Yardstick:
                 x[i] += change
                 columns.append(self._whole(self._run(take, take.u, x, p) - base))
             self._free.append(np.stack(columns, axis=-1) if columns else np.zeros((len(self._own[-1]), 0)))
+        self._train = [i for i, t in enumerate(self.takes) if not t.held_out]
+        self._columns = self._of_training()
+        self._solved = np.linalg.pinv(np.concatenate([self._columns, np.eye(self._n_own, self._columns.shape[1])]))
+        self._free_solved = [np.linalg.pinv(free) for free in self._free]
 
     def with_parameters(self, after: Array, onset_s: float = -np.inf) -> list[Array]:
         """Readings of every take with parameters ``after`` from ``onset_s`` on.
@@ -102,12 +107,13 @@ class Yardstick:
         return made
 
     def with_inputs(self, inputs: Sequence[Array]) -> list[Array]:
-        """Readings of every take had the inputs been others.
+        """Readings of every take had the inputs been others, and had it settled under them.
 
         Args:
             inputs: (N, nu) per take, in the inputs' units.
         """
-        return [self._run(t, u, x, self.p) for t, u, x in zip(self.takes, inputs, self.starts, strict=True)]
+        pairs = zip(self.takes, inputs, strict=True)
+        return [self._run(t, u, self.machine.settled(u, self.p, t.start_s), self.p) for t, u in pairs]
 
     def measure(self, changed: Sequence[Array]) -> tuple[float, float]:
         """The two rms values, held-out and training, of readings that became ``changed``.
@@ -116,29 +122,38 @@ class Yardstick:
             changed: (N, ny) per take, in the channels' units.
         """
         change = [self._whole(c - b) for c, b in zip(changed, self.base, strict=True)]
-        train = [i for i, t in enumerate(self.takes) if not t.held_out]
-        held = [i for i, t in enumerate(self.takes) if t.held_out]
-        n_own, n_free = self._own[0].shape[1], self._free[0].shape[1]
-        columns = np.zeros((sum(len(change[i]) for i in train), n_own + n_free * len(train)))
+        target = np.concatenate([*(change[i] for i in self._train), np.zeros(self._n_own)])
+        fit = self._solved @ target
+        left = target[: len(self._columns)] - self._columns @ fit
+        beyond = []
+        for i in (i for i, t in enumerate(self.takes) if t.held_out):
+            rest = change[i] - self._own[i] @ fit[: self._n_own]
+            beyond.append(rest - self._free[i] @ (self._free_solved[i] @ rest))
+        return _rms(np.concatenate(beyond)), _rms(left)
+
+    @property
+    def _n_own(self) -> int:
+        return int(self._own[0].shape[1])
+
+    def _of_training(self) -> Array:
+        """All training recordings one below the other: parameters, one spread a column, then starts."""
+        n_own, n_free = self._n_own, self._free[0].shape[1]
+        columns = np.zeros((sum(len(self._own[i]) for i in self._train), n_own + n_free * len(self._train)))
         row = 0
-        for j, i in enumerate(train):
-            rows = slice(row, row + len(change[i]))
+        for j, i in enumerate(self._train):
+            rows = slice(row, row + len(self._own[i]))
             columns[rows, :n_own] = self._own[i]
             columns[rows, n_own + j * n_free : n_own + (j + 1) * n_free] = self._free[i]
             row = rows.stop
-        prior = np.eye(n_own, columns.shape[1])  # a column is what one spread of a parameter does
-        target = np.concatenate([*(change[i] for i in train), np.zeros(n_own)])
-        fit = np.linalg.lstsq(np.concatenate([columns, prior]), target, rcond=None)[0]
-        left = target[: len(columns)] - columns @ fit
-        beyond = []
-        for i in held:
-            rest = change[i] - self._own[i] @ fit[:n_own]
-            free = self._free[i]
-            beyond.append(rest - free @ np.linalg.lstsq(free, rest, rcond=None)[0])
-        return _rms(np.concatenate(beyond)), _rms(left)
+        return columns
 
     def scale(
-        self, change: Callable[[float], Sequence[Array]], start: float, most: float, wanted: float
+        self,
+        change: Callable[[float], Sequence[Array]],
+        start: float,
+        most: float,
+        wanted: float,
+        tolerance: float = SEVERITY_TOLERANCE,
     ) -> tuple[float, float, float]:
         """Find the amplitude at which ``change(amplitude)`` has the wanted severity.
 
@@ -150,7 +165,7 @@ class Yardstick:
             beyond, in_training = self.measure(change(amplitude))
             reached = min(beyond, in_training)
             if (
-                abs(reached / wanted - 1.0) < SEVERITY_TOLERANCE
+                abs(reached / wanted - 1.0) < tolerance
                 or (amplitude == most and reached < wanted)
                 or step == SEVERITY_STEPS - 1
             ):
