@@ -20,7 +20,7 @@ _OWN = {"UA_oil_W_K": 1600.0, "UA_water_W_K": 2600.0, "M_oil_kg": 10.0, "M_water
 _PARAMETERS = _OWN | dict.fromkeys((
     "ripple", "ripple_phase", "ambient", "ambient_phase", "exponent",
     "bare_oil", "bare_wall1", "bare_wall2", "bare_water", "shell", "frame", "header", "churning", "sun", "pulse_oil",
-    "pulse_water", "gap_oil", "gap_water",
+    "pulse_water", "gap_oil", "gap_water", "play_oil", "play_water",
     "fouling", "thick_oil",
 ), 0.0)  # fmt: skip
 _INPUTS = ("oil_kg_s", "water_kg_s", "T_oil_in_K", "T_water_in_K")
@@ -92,6 +92,16 @@ def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     return 0.0
 
 
+def ripple_arguments(x: Array, u: Array) -> Array:
+    """Of the oil film's ripple, (N, 2): the oil's flow and its excess over the wall where it enters, scaled.
+
+    Args:
+        x: (N, nx) each state in its unit.
+        u: (N, nu) inputs in their units.
+    """
+    return np.stack([5.5 * u[:, U.oil_kg_s], 0.17 * (x[:, X.oil1] - x[:, X.wall1])], axis=-1)
+
+
 def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
     """Inputs (N, 4): both flows in held pieces, both inlet temperatures in slower ones."""
     oil, water, T_oil, T_water = {
@@ -122,13 +132,12 @@ def start(u: Array, p: Array) -> Array:
 
 
 def _on(state: str, effect: str, slot: str, typical: float, most: float, *ports: str) -> Effect:
-    name = f"{effect}@{state}"
-    return Effect(name, slot, typical, most, (name,), (f"balance:{state}", *ports), f"{effect}_{state}")
+    return Effect(f"{effect}@{state}", slot, typical, most, (f"balance:{state}", *ports), f"{effect}_{state}")
 
 
-def _gap(flow: str, slot: str, *states: str) -> Effect:
+def _valve(flow: str, effect: str, slot: str, *states: str) -> Effect:
     ports = (f"input:{flow}", *(f"balance:{s}" for s in states))
-    return Effect(f"dead_zone@{flow}", slot, 0.02, 0.4, (f"dead_zone@{flow}",), ports, f"dead_zone_{flow}")
+    return Effect(f"{effect}@{flow}", slot, 0.02, 0.4, ports, f"{effect}_{flow}")
 
 
 _OIL1, _OIL2, _WALL1, _WALL2, _WATER1, _WATER2 = "oil_1_K", "oil_2_K", "wall_1_K", "wall_2_K", "water_1_K", "water_2_K"
@@ -175,18 +184,17 @@ MACHINE = Machine(
         _on(_WATER1, "offset", "sun", 0.01, 1.0),
         _on(_OIL1, "periodic", "pulse_oil", 0.01, 1.0),
         _on(_WATER2, "periodic", "pulse_water", 0.01, 1.0),
-        _gap("oil_kg_s", "gap_oil", _OIL1, _OIL2),
-        _gap("water_kg_s", "gap_water", _WATER1, _WATER2),
+        _valve("oil_kg_s", "dead_zone", "gap_oil", _OIL1, _OIL2),
+        _valve("water_kg_s", "dead_zone", "gap_water", _WATER1, _WATER2),
+        _valve("oil_kg_s", "backlash", "play_oil", _OIL1, _OIL2),
+        _valve("water_kg_s", "backlash", "play_water", _WATER1, _WATER2),
     ),
     foreign=(
-        Effect("water_side_fouls_with_use", "fouling", 0.02, 1.0, (), (_COLD1, _COLD2)),
-        Effect("oil_film_thickens_when_cold", "thick_oil", 0.02, 0.3, (), (_HOT1, _HOT2)),
+        Effect("water_side_fouls_with_use", "fouling", 0.02, 1.0, (_COLD1, _COLD2)),
+        Effect("oil_film_thickens_when_cold", "thick_oil", 0.02, 0.3, (_HOT1, _HOT2)),
     ),
-    confusable=(
-        ("loss_to_ambient@oil_1_K", "loss_to_ambient@wall_1_K"),
-        ("loss_to_ambient@wall_1_K", "loss_to_ambient@wall_2_K"),
-        ("loss_to_ambient@oil_1_K", "offset@oil_1_K"),
-        ("loss_to_ambient@water_2_K", "second_thermal_mass@water_1_K"),
-        ("periodic@oil_1_K", "periodic@water_2_K"),
-    ),
+    rippled="UA_oil_W_K",
+    ripple_arguments=ripple_arguments,
+    kind="untuned",
+    played={"oil_kg_s": "play_oil", "water_kg_s": "play_water"},
 )  # fmt: skip
