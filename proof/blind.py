@@ -67,15 +67,16 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     import importlib
     from dataclasses import replace
 
-    from twinbench.mismatch.model import load_simulator, whole_catalogue
+    from twinbench.mismatch.model import whole_catalogue
     from twinbench.mismatch.recordings import read_recordings
+    from twinbench.proof.lumped.twin import LUMPED, twin_of
 
     case = json.loads((folder / "case.json").read_text())
-    where = case["simulator"]
-    path = _HERE.parent / where.partition(":")[0]
-    if where not in _LOADED:
-        _LOADED[where] = load_simulator(str(_HERE.parent / where) if path.suffix == ".py" else where)
-    simulator = replace(_LOADED[where].with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
+    if case["simulator"] == LUMPED:
+        simulator = twin_of(case["network"])
+    else:
+        simulator = _loaded(case["simulator"])
+    simulator = replace(simulator.with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
     names = [*case["train"], *case["held_out"]]
     recordings = read_recordings([folder / f"{name}.csv" for name in names], simulator)
     fitted, held_out = recordings[: len(case["train"])], recordings[len(case["train"]) :]
@@ -87,6 +88,16 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     run = getattr(importlib.import_module(module), function)
     verdict = run(simulator, fitted, hold_out=held_out, catalogue=tuple(catalogue))
     return dict(verdict if isinstance(verdict, dict) else verdict.to_dict())
+
+
+def _loaded(where: str) -> Any:
+    """The simulator of a package or of a file beside this one."""
+    from twinbench.mismatch.model import load_simulator
+
+    if where not in _LOADED:
+        path = _HERE.parent / where.partition(":")[0]
+        _LOADED[where] = load_simulator(str(_HERE.parent / where) if path.suffix == ".py" else where)
+    return _LOADED[where]
 
 
 def serve() -> None:

@@ -91,6 +91,8 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> C
         "train": [t.name for t in takes if not t.held_out],
         "held_out": [t.name for t in takes if t.held_out],
     }
+    if machine.network:
+        public["network"] = dict(machine.network)
     truth = {
         "case": item.case,
         "machine": machine.name,

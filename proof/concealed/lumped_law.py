@@ -6,12 +6,15 @@ No machine costs a compilation. Effects have forms that the catalogue approximat
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
 from numba import njit
 
+from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import LAW
+from twinbench.proof.lumped.network import Network, tables
 
 MOST_STATES, MOST_OWN, MOST_LINKS, MOST_EFFECTS, MOST_READ = 6, 20, 16, 20, 4
 """What a network may have at most: the places in the parameter vector are fixed."""
@@ -34,8 +37,9 @@ class Form(IntEnum):
     RIM = 8
     STOP = 9  # centre is half the free play
     GAP = 10  # at an input
-    BY_STATE = 11  # at a link, whose parameter depends on a state
-    BY_USE = 12  # at a link, whose parameter falls with use
+    PLAY = 11  # at an input, which the machine's driver takes care of
+    BY_STATE = 12  # at a link, whose parameter depends on a state
+    BY_USE = 13  # at a link, whose parameter falls with use
 
 
 _DRAWN = ("ripple", "ripple_phase", "ambient", "ambient_phase", "exponent")
@@ -51,15 +55,9 @@ _STORES = _R + len(_RIPPLED)
 _READS = _STORES + MOST_STATES
 _LINKS = _READS + MOST_READ
 _EFFECTS = _LINKS + _LINK * MOST_LINKS
+STILL = np.zeros(4)
+"""No ripple: it does not turn."""
 LENGTH = _EFFECTS + _EFFECT * MOST_EFFECTS
-
-
-def names(own: tuple[str, ...]) -> list[str]:
-    """Names of the law's parameters in order; ``own`` are the machine's."""
-    spare = [f"spare_{i}" for i in range(len(own), MOST_OWN)]
-    slots = [f"effect_{i}" for i in range(MOST_EFFECTS)]
-    structure = [f"structure_{i}" for i in range(LENGTH - _N)]
-    return [*_DRAWN, *own, *spare, *slots, *structure]
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -213,26 +211,41 @@ def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     return 0.0
 
 
-class Structure:
-    """What of a network stands in the law's parameters behind the drawn ones, its own and the amplitudes."""
+@njit(LAW, cache=True, error_model="numpy")
+def states(t, x, u, p, y):  # type: ignore[no-untyped-def]
+    """The states themselves, as if each had a sensor."""
+    for i in range(y.size):
+        y[i] = x[i]
+    return 0.0
 
-    def __init__(self, sizes: dict[str, float], stores: np.ndarray, reads: np.ndarray) -> None:
-        self.values = np.zeros(LENGTH - _N)
-        self.values[: len(_SIZES)] = [sizes[name] for name in _SIZES]
-        self._put(_STORES, stores)
-        self._put(_READS, reads)
 
-    def ripple(self, link: int, per_drive: float, of_state: int, per_state: float) -> None:
-        """The link whose parameter ripples, with its drive and with a state: radians per unit of either."""
-        self._put(_R, np.array([link, per_drive, of_state, per_state]))
+def packed(network: Network, effects: Sequence[Array], ripple: Array, ambient_period_s: float) -> dict[str, float]:
+    """The law's parameters by name: nominal values, no amplitudes, and the network's structure.
 
-    def link(self, i: int, numbers: np.ndarray) -> None:
-        """The i-th link: kind, a, b, parameter, own state, knee."""
-        self._put(_LINKS + _LINK * i, numbers)
+    Args:
+        effects: (8,) each, as ``Form`` describes them.
+        ripple: (4,) the link whose parameter ripples, how many radians it turns per unit of its drive, a state that
+            it depends on too, and radians per unit of that.
+    """
+    t, own = tables(network), tuple(v.name for v in network.parameters)
+    ambient = own.index("T_amb_K") if "T_amb_K" in own else -1
+    p = np.zeros(LENGTH)
+    p[_EXPONENT] = 2.0
+    p[OWN : OWN + len(own)] = [v.nominal for v in network.parameters]
+    p[_N:_R] = (len(network.states), len(network.inputs), len(network.links), len(effects), ambient, ambient_period_s)
+    p[_R:_STORES] = ripple
+    p[_STORES : _STORES + len(t.store)] = t.store
+    p[_READS : _READS + len(t.read)] = t.read
+    for i, link in enumerate(np.stack([t.kind, t.a, t.b, t.k, t.state, t.knee], axis=-1)):
+        p[_LINKS + _LINK * i : _LINKS + _LINK * (i + 1)] = link
+    for i, effect in enumerate(effects):
+        p[_EFFECTS + _EFFECT * i : _EFFECTS + _EFFECT * (i + 1)] = effect
+    return dict(zip(_names(own), p.tolist(), strict=True))
 
-    def effect(self, i: int, numbers: np.ndarray) -> None:
-        """The i-th effect's numbers, as ``Form`` describes them."""
-        self._put(_EFFECTS + _EFFECT * i, numbers)
 
-    def _put(self, at: int, numbers: np.ndarray) -> None:
-        self.values[at - _N : at - _N + len(numbers)] = numbers
+def _names(own: tuple[str, ...]) -> list[str]:
+    """Names of the law's parameters in order; ``own`` are the machine's."""
+    spare = [f"spare_{i}" for i in range(len(own), MOST_OWN)]
+    slots = [f"effect_{i}" for i in range(MOST_EFFECTS)]
+    structure = [f"structure_{i}" for i in range(LENGTH - _N)]
+    return [*_DRAWN, *own, *spare, *slots, *structure]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from twinbench.physics.simulator import Array, Variable
+from twinbench.physics.simulator import Variable
 from twinbench.proof.lumped.network import Link, Network
 
 HOT_K = 293.0
@@ -23,6 +23,8 @@ class Sketch:
         states: by name, the unit and what it is.
         inputs: by name, the unit, what it is, and lowest and highest value.
         values: by parameter, the unit, its value, and what it is.
+        positive: no state is ever negative.
+        guess: about where a state is, in its unit; 0 if left out.
         gauge: the state whose swing says how large the inputs must be, and that swing in its unit; no state where the
             inputs are as large as they must be.
     """
@@ -34,6 +36,7 @@ class Sketch:
     stores: dict[str, str] = field(default_factory=dict)
     links: list[Link] = field(default_factory=list)
     gauge: tuple[str, float] = ("", 0.0)
+    guess: dict[str, float] = field(default_factory=dict)
     positive: bool = False
 
     def value(self, name: str, unit: str, value: float, says: str) -> str:
@@ -45,6 +48,12 @@ class Sketch:
         """Add a store and its state; ``what`` says what it is."""
         self.states[state] = (unit, what)
         self.stores[state] = self.value(name, store_unit, value, f"size of the store of {state}")
+
+    def driven_by(self, times: float) -> None:
+        """Make all inputs so many times larger, but for temperatures."""
+        for name, (unit, says, low, high) in self.inputs.items():
+            if unit != "K":
+                self.inputs[name] = (unit, says, rounded(low * times), rounded(high * times))
 
     def network(self, name: str, spans: dict[str, tuple[float, float]], reads: tuple[str, ...]) -> Network:
         """The network, its states and inputs being where ``spans`` (lowest, highest) says."""
@@ -71,8 +80,8 @@ class Sketch:
         """Bounds are far beyond where it goes; what is a content or a command of one sign has 0 for the lowest."""
         width = high - low
         least = rounded(low - 3.0 * width)
-        if unit == "K":
-            least = max(least, 200.0)
+        if unit == "K" and low > 0.0:
+            least = max(least, 0.5 * low)
         elif low >= 0.0 and (name in self.inputs or self.positive):
             least = 0.0
         nominal, scale = rounded(0.5 * (low + high)), rounded(0.25 * width)
@@ -104,7 +113,7 @@ def mechanical(rng: np.random.Generator) -> Sketch:
     )  # fmt: skip
     word, unit = ("rotor", "rad_s") if turns else ("mass", "m_s")
     count = int(rng.integers(1, 4))
-    s = Sketch(f"{count} {word}{'s' if count > 1 else ''} with springs and dampers")
+    s = Sketch(f"{count} {f'{word}s' if turns else 'masses'} with springs and dampers")
     size, tau_s, masses = even(rng, 0.5, 30.0), even(rng, 0.6, 5.0), []
     speeds = [f"v{i + 1}_{unit}" for i in range(count)]
     for i, speed in enumerate(speeds):
@@ -193,7 +202,7 @@ def thermal(rng: np.random.Generator) -> Sketch:
         s.inputs["cold_side_K"] = ("K", f"what body {j + 1} exchanges heat with", HOT_K - 10.0, HOT_K + 15.0)
         side = s.value(f"G{j + 1}s_W_K", "W/K", G * even(rng, 0.3, 1.5), f"from the cold side to body {j + 1}")
         s.links.append(Link("conductance", "cold_side_K", bodies[j], side))
-    s.gauge = (bodies[0], rng.uniform(30.0, 70.0))
+    s.gauge, s.guess = (bodies[0], rng.uniform(30.0, 70.0)), dict.fromkeys(bodies, HOT_K + 20.0)
     return s
 
 
@@ -209,6 +218,7 @@ def hydraulic(rng: np.random.Generator) -> Sketch:
     s = Sketch(f"{count} {'tanks' if open_tanks else 'accumulators'} in a row, filled by pumps", positive=True)
     names = [f"h{i + 1}_cm" if open_tanks else f"p{i + 1}_bar" for i in range(count)]
     drops = [head * even(rng, 0.6, 1.6) for _ in names]  # across each orifice, the last one to the outside
+    s.guess = {name: sum(drops[i:]) for i, name in enumerate(names)}
     for i, name in enumerate(names):
         ways = sum(q / (2.0 * drops[j]) for j in (i - 1, i) if j >= 0)
         size = tau_s * even(rng, 0.6, 2.0) * ways
@@ -235,8 +245,3 @@ def hydraulic(rng: np.random.Generator) -> Sketch:
 
 
 DOMAINS: tuple[Callable[[np.random.Generator], Sketch], ...] = (mechanical, thermal, hydraulic, electrical)
-
-
-def parameter_values(sketch: Sketch) -> Array:
-    """The parameters' values (np,), each in its unit, in the order of the network's."""
-    return np.array([value for _, value, _ in sketch.values.values()])

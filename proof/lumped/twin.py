@@ -12,8 +12,10 @@ import numpy as np
 from twinbench.physics.simulator import Array, Equation, Simulator
 from twinbench.proof.lumped.network import Network, tables
 
+LUMPED = "lumped"
+"""What a case calls the simulator that its network describes."""
 NEWTON_STEPS = 30
-_STRAY_SCALES = 5.0  # farther than so many scales in one step, Newton's method has lost its way
+_SHORTEST = 1.0 / 64.0  # of a Newton step: one that helps only if it is shorter still is taken anyway
 
 
 def twin(network: Network) -> Simulator:
@@ -122,12 +124,18 @@ def steady(rhs: Equation, u: Array, theta: Array, x0: Array, scale: Array) -> Ar
         scale: (nx,) a typical change of each, likewise.
     """
     x = x0.copy()
+    rate = rhs(x, u, theta)
     for _ in range(NEWTON_STEPS):
+        slope = np.stack([(rhs(x + s, u, theta) - rate) / s.sum() for s in np.diag(1e-6 * scale)], axis=-1)
+        move, share = -np.linalg.lstsq(slope, rate, rcond=None)[0], 1.0
+        while share > _SHORTEST and _size(rhs(x + share * move, u, theta), scale) >= _size(rate, scale):
+            share /= 2.0
+        x = x + share * move
         rate = rhs(x, u, theta)
-        steps = np.diag(1e-6 * scale)
-        slope = np.stack([(rhs(x + s, u, theta) - rate) / s.sum() for s in steps], axis=-1)
-        move = -np.linalg.lstsq(slope, rate, rcond=None)[0]
-        x = x + np.clip(move, -_STRAY_SCALES * scale, _STRAY_SCALES * scale)
         if (np.abs(move) < 1e-9 * scale).all():
             break
     return x
+
+
+def _size(rate: Array, scale: Array) -> float:
+    return float(np.linalg.norm(rate / scale))
