@@ -112,8 +112,8 @@ def mechanical(rng: np.random.Generator) -> Sketch:
         else ("m/s", "m", "kg", "N s/m", "N/m", "N")
     )  # fmt: skip
     word, unit = ("rotor", "rad_s") if turns else ("mass", "m_s")
-    count = int(rng.integers(1, 4))
-    s = Sketch(f"{count} {f'{word}s' if turns else 'masses'} with springs and dampers")
+    count = int(rng.choice((1, 2, 2, 3)))
+    s = Sketch(f"{count} {word if count == 1 else 'rotors' if turns else 'masses'} with springs and dampers")
     size, tau_s, masses = even(rng, 0.5, 30.0), even(rng, 0.6, 5.0), []
     speeds = [f"v{i + 1}_{unit}" for i in range(count)]
     for i, speed in enumerate(speeds):
