@@ -20,21 +20,26 @@ _ABSORBED = {
     "sensor_bias@T_dis_K", "sensor_drift@T_dis_K", "sensor_gain@T_probe_K", "sensor_bias@T_probe_K",
     "input_gain@valve", "input_bias@valve", "input_gain@pump_V", "input_lag@T_suc_K", "input_delay@T_suc_K",
 }  # fmt: skip
-"""What a parameter or the machine's slowness hides, so that it is no sensor fault to anybody."""
+"""What a parameter or the machine's slowness hides, so that no size of it that makes sense would be a case."""
+_AT_INPUTS = ("bias", "gain", "lag", "delay", "drift", "saturation")
+
+
+def all_faults(machine: Machine) -> tuple[Effect, ...]:
+    """Every fault that somebody may blame."""
+    found = []
+    for where, group, kinds in (("sensor", machine.outputs, KINDS), ("input", machine.inputs, _AT_INPUTS)):
+        for channel in group:
+            port = f"{'output' if where == 'sensor' else 'input'}:{channel}"
+            for kind in kinds:
+                size = f"{_COMPARABLE[kind]}_{channel}" if kind in _COMPARABLE else ""
+                found.append(Effect(f"{where}_{kind}@{channel}", "", 0.0, 0.0, (port,), size))
+    return tuple(found)
 
 
 def faults(machine: Machine) -> tuple[Effect, ...]:
-    """Every fault of a machine that is not the same as another parameter value."""
-    found = []
-    for where, group in (("sensor", machine.outputs), ("input", machine.inputs)):
-        for channel in group:
-            for kind in KINDS:
-                name = f"{where}_{kind}@{channel}"
-                if name not in _ABSORBED and not (where == "input" and kind in ("quantisation", "stuck", "drift")):
-                    port = f"{'output' if where == 'sensor' else 'input'}:{channel}"
-                    size = f"{_COMPARABLE[kind]}_{channel}" if kind in _COMPARABLE else ""
-                    found.append(Effect(name, "", 0.0, 0.0, (port,), size))
-    return tuple(found)
+    """Every fault of a machine that is drawn: none that is the same as another parameter value."""
+    listed = [e for e in all_faults(machine) if e.name not in _ABSORBED]
+    return tuple(e for e in listed if not e.name.startswith("input_drift"))
 
 
 def parts(effect: Effect) -> tuple[str, str]:

@@ -49,6 +49,11 @@ class Effect:
     absent: float = 0.0
     scale: float = 1.0
 
+    @property
+    def is_stuck(self) -> bool:
+        """Is it a channel that sticks? It does in one training recording alone."""
+        return "_stuck@" in self.name
+
 
 @dataclass(frozen=True)
 class Machine:

@@ -77,7 +77,7 @@ class Yardstick:
             columns = []
             for name in machine.calibrate:
                 moved = p.copy()
-                step = self._step(name)
+                step = self.step(name)
                 moved[machine.at(name)] += 0.05 * step
                 columns.append(self._whole(self._run(take, take.u, x0, moved) - base) / 0.05)
             self._own.append(np.stack(columns, axis=-1))
@@ -180,7 +180,8 @@ class Yardstick:
         """(N, ny) to one whole vector in noise sigmas, thinned."""
         return (change[::THIN] / self.sigma).ravel()
 
-    def _step(self, name: str) -> float:
+    def step(self, name: str) -> float:
+        """By how much a parameter is off at most, in its unit."""
         machine = self.machine
         if name in machine.offsets:
             return machine.offsets[name]
