@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.model import load_simulator, whole_catalogue
@@ -25,8 +26,8 @@ _UNIFORM_SD = 1.0 / np.sqrt(3.0)
 """sd of what is drawn evenly from -1 to 1: a parameter, in units of its spread."""
 _PHASE_SD = np.sqrt(0.5)
 """sd of the sine and of the cosine of a phase that is drawn evenly."""
-_START_SD = 5.0
-"""A start state is known to so many of its steps."""
+_START_SD = 50.0
+"""sd of a start state, in steps: as good as unknown, so that it does not matter what it settles with."""
 _PROBES, _PROBE_FACTOR = 3, 30.0
 """A candidate's size is changed so often at most, each time by this factor at most."""
 _RIDGE = 1e-12
@@ -50,8 +51,8 @@ class Picture:
     gram: Array
     raw: Array
     severities: Array
-    two_sided: Array
-    foreign: Array
+    two_sided: NDArray[np.bool_]
+    foreign: NDArray[np.bool_]
 
 
 def picture(yardstick: Yardstick, there: Mapping[str, float], background_pct: float, onset_s: float) -> Picture:

@@ -19,7 +19,7 @@ from twinbench.proof.concealed.severity import Yardstick
 from twinbench.proof.concealed.tangent import NUDGE, Tangent
 
 FEATURES = 24
-"""Random frequencies of the ripple, each with sine and cosine: enough for a function of two arguments as smooth as it."""
+"""Random frequencies of the ripple, each with sine and cosine: enough for a function of two arguments."""
 START_STEP = 0.01
 """Step of a start that the twin need not find, as a share of the state and its unit."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import log_ndtr, logsumexp
 
 from twinbench.physics.simulator import Array
@@ -17,7 +18,7 @@ from twinbench.proof.concealed.columns import Picture
 SEEN_SQ = 30.0
 """Squared distance from "no effect" at which an effect counts as there to be seen."""
 TOLD_SQ = 16.4
-"""Squared distance from the nearest rival at which it counts as told from it: a wrong choice in 1 of 50 at even odds."""
+"""Squared distance from the nearest rival at which it counts as told from it: 1 of 50 choices is then wrong."""
 SAME_COS_SQ = 0.998
 """Columns at a smaller angle than this one's are one thing."""
 PARAMETER_SQ = 9e-8
@@ -35,8 +36,8 @@ class Seen(NamedTuple):
 
     Attributes:
         same: catalogue names that nobody can tell from it, its own among them.
-        from_none, from_rival: squared distances from "no effect" and from the nearest single rival that is not the same.
-        rival: that rival's name.
+        from_none, from_rival: squared distances from "no effect" and from the nearest rival.
+        rival: the name of that: the nearest single effect or fault that is not the same.
         named, classed: with which probability it is named alone, or its class is.
     """
 
@@ -94,14 +95,19 @@ def observe(picture: Picture, truth: str, beside: tuple[str, ...], rng: np.rando
 
 
 def ideal_posterior(
-    picture: Picture, gram: Array, own: int, candidates: Array, same: Array, rng: np.random.Generator
+    picture: Picture,
+    gram: Array,
+    own: int,
+    candidates: NDArray[np.bool_],
+    same: NDArray[np.bool_],
+    rng: np.random.Generator,
 ) -> tuple[float, float]:
     """Probabilities that the ideal observer is sure of the effect's name, and of its class.
 
     Recordings are drawn, each at once as the inner products b of its noise and effect with the columns. A column of
-    squared norm g against none has the Bayes factor sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2), and where its
-    size cannot be negative 2 Phi(b sqrt(v)) times that; its prior is 1 / m of m candidates, its size (half-)normal with
-    s that of severity 1.
+    squared norm g against none has the Bayes factor sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2). Where its
+    size cannot be negative it is 2 Phi(b sqrt(v)) times that. The prior is 1 / m of m candidates, the size
+    (half-)normal with the s of severity 1.
 
     Args:
         gram: (K, K) inner products, all else projected out.

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit, types
+from numpy.typing import NDArray
 
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import LAW, Equations, Steps
@@ -84,7 +87,7 @@ def _linearise(law, reading, start_s, period_s, substeps, u, x0, by_x, by_u, p, 
     error_model="numpy",
 )  # fmt: skip
 def _force(law, reading, start_s, period_s, substeps, u, xs, ys, moved, share, steps, reads):  # type: ignore[no-untyped-def]
-    """Fill steps (N, nx, J), reads (N, ny, J): what each of J parameter vectors changes in one sample, over its share."""
+    """Fill steps (N, nx, J), reads (N, ny, J): what J parameter vectors change in one sample, over their share."""
     h = period_s / substeps
     n, ny = xs.shape[1], ys.shape[1]
     work, ahead, y = np.empty((3, n)), np.empty(n), np.empty(ny)
@@ -178,7 +181,7 @@ class Tangent:
         count = changes.shape[1]
         return self._run(nothing, changes, np.zeros(count, dtype=np.int64), np.zeros((len(self.states), count)))
 
-    def driven(self, forces: Forces, which: Array, weights: Array, settled: int) -> Array:
+    def driven(self, forces: Forces, which: NDArray[Any], weights: Array, settled: int) -> Array:
         """Changes of the readings (K, ny, N), weights (N, K) times the forces ``which`` (K,).
 
         Args:
@@ -188,7 +191,7 @@ class Tangent:
         at_first = forces.steps[0][:, which] * weights[0]
         return self._run(forces, _series_sum(self._ahead[0], settled) @ at_first, which, weights)
 
-    def _run(self, forces: Forces, start: Array, which: Array, weights: Array) -> Array:
+    def _run(self, forces: Forces, start: Array, which: NDArray[Any], weights: Array) -> Array:
         found = np.empty((len(which), self._ys.shape[1], len(self.states)))
         start, weights = np.ascontiguousarray(start), np.ascontiguousarray(weights)
         _propagate(self._ahead, self._reads, forces.steps, forces.reads, start, which, weights, found)
