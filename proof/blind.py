@@ -28,8 +28,6 @@ _PROCESSES = {
     "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty",
     "pty.spawn", "os.startfile",
 }  # fmt: skip
-_LOADED: dict[str, Any] = {}
-"""Simulators by where they are: loaded once, so that they are compiled once."""
 _FILES = {"open", "os.listdir", "os.scandir", "os.link", "os.symlink", "os.rename"}
 
 
@@ -69,13 +67,10 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
 
     from twinbench.mismatch.model import whole_catalogue
     from twinbench.mismatch.recordings import read_recordings
-    from twinbench.proof.lumped.twin import LUMPED, twin_of
+    from twinbench.proof.twins import simulator_of
 
     case = json.loads((folder / "case.json").read_text())
-    if case["simulator"] == LUMPED:
-        simulator = twin_of(case["network"])
-    else:
-        simulator = _loaded(case["simulator"])
+    simulator = simulator_of(case["simulator"], case.get("network", {}))
     simulator = replace(simulator.with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
     names = [*case["train"], *case["held_out"]]
     recordings = read_recordings([folder / f"{name}.csv" for name in names], simulator)
@@ -88,16 +83,6 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     run = getattr(importlib.import_module(module), function)
     verdict = run(simulator, fitted, hold_out=held_out, catalogue=tuple(catalogue))
     return dict(verdict if isinstance(verdict, dict) else verdict.to_dict())
-
-
-def _loaded(where: str) -> Any:
-    """The simulator of a package or of a file beside this one."""
-    from twinbench.mismatch.model import load_simulator
-
-    if where not in _LOADED:
-        path = _HERE.parent / where.partition(":")[0]
-        _LOADED[where] = load_simulator(str(_HERE.parent / where) if path.suffix == ".py" else where)
-    return _LOADED[where]
 
 
 def serve() -> None:

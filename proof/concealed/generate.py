@@ -18,7 +18,7 @@ from twinbench.proof.concealed.columns import picture
 from twinbench.proof.concealed.faults import faults, parts, span_of
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, Machine
-from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.observer import observe
 from twinbench.proof.concealed.record import recorded
 from twinbench.proof.concealed.severity import Take, Yardstick, readings
@@ -69,9 +69,13 @@ class _Plan:
     faults: tuple[tuple[str, str, float], ...]  # port, kind, size
 
 
-def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> Case:
-    """Draw a case; the same item and seed give the same case."""
-    machine = machines[item.machine]
+def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -> Case:
+    """Draw a case; the same item and seed give the same case.
+
+    Args:
+        machines: in place of the seed's own.
+    """
+    machine = machine_of(item.machine, seed) if machines is None else machines[item.machine]
     rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
     background = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
     p = _parameters(machine, item.cell, background, rng)

@@ -28,6 +28,7 @@ LEAST_EFFECTS = 5
 PLAIN, LEAST_SEVERITY = 10.0, 0.1
 """At so many typical sizes an effect must have more than this severity: else a parameter of the twin absorbs it."""
 MOST_TRIES = 200
+_NAME = "random_"
 _DRY_SHARE = 0.02  # of its greatest value is the least that a tank may hold
 _ROOM_DRIFT_K, _DRIFT = 0.05, 2e-4  # of the ambient's temperature; elsewhere of the parameter that ripples, a share
 
@@ -36,6 +37,11 @@ def random_machines(seed: int, count: int) -> dict[str, Machine]:
     """The first machines of a seed by name; the domains take turns."""
     machines = (random_machine(seed, number) for number in range(count))
     return {machine.name: machine for machine in machines}
+
+
+def named(name: str, seed: int) -> Machine:
+    """The machine of a seed that has a name like random_007."""
+    return random_machine(seed, int(name.removeprefix(_NAME)))
 
 
 @functools.cache
@@ -49,7 +55,7 @@ def random_machine(seed: int, number: int) -> Machine:
     """
     rng = stream(seed, "lumped", number)
     for _ in range(MOST_TRIES):
-        machine = _machine(f"random_{number:03d}", DOMAINS[number % len(DOMAINS)](rng), rng)
+        machine = _machine(f"{_NAME}{number:03d}", DOMAINS[number % len(DOMAINS)](rng), rng)
         if machine is not None:
             return machine
     raise RuntimeError(f"no random machine {number} of seed {seed} in {MOST_TRIES} tries")

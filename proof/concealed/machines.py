@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from twinbench.proof.concealed.compressor import MACHINE as COMPRESSOR
 from twinbench.proof.concealed.heat_exchanger import MACHINE as HEAT_EXCHANGER
-from twinbench.proof.concealed.lumped import random_machines
+from twinbench.proof.concealed.lumped import named, random_machines
 from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.motor import MACHINE as MOTOR
 from twinbench.proof.concealed.tanks import MACHINE as TANKS
@@ -22,3 +22,8 @@ def machines(seed: int, random: int = AT_RANDOM) -> dict[str, Machine]:
         random: how many are drawn.
     """
     return MACHINES | random_machines(seed, random)
+
+
+def machine_of(name: str, seed: int) -> Machine:
+    """One of them; no other is drawn for it."""
+    return MACHINES[name] if name in MACHINES else named(name, seed)
