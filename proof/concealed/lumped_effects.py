@@ -32,7 +32,7 @@ class Ground:
     """What the effects of a machine are made from.
 
     Attributes:
-        x, u: (N, nx) and (N, nu), where its states and inputs go, each in its unit.
+        x, u: (N, nx) and (N, nu), where its states and inputs go, in training and then held out, each in its unit.
     """
 
     network: Network
@@ -138,10 +138,17 @@ def _numbers(term: Mechanism, ground: Ground, rng: np.random.Generator) -> Array
     if effect == "leak":
         return _packed(Form.ROOT, i, i, centre=max(0.0, mean - 2.5 * sd) * rng.uniform(0.0, 0.8))
     if effect == "overflow":
-        return _packed(Form.RIM, i, i, centre=mean + rng.uniform(0.0, 0.6) * sd, width=0.06 * sd)
+        return _rim(i, ground, rng)
     if effect in ("hardening_spring", "backlash"):
         return _of_position(effect, i, ground, rng)
     return None
+
+
+def _rim(i: int, ground: Ground, rng: np.random.Generator) -> Array:
+    """At a level that training recordings exceed too, within the catalogue's range."""
+    v, trained = ground.network.states[i], ground.x[: len(ground.x) // 2, i]
+    centre = np.mean(trained) + rng.uniform(-0.2, 0.5) * np.std(trained)
+    return _packed(Form.RIM, i, i, centre=max(centre, v.nominal - 0.9 * v.scale), width=0.06 * np.std(trained))
 
 
 def _of_position(effect: str, i: int, ground: Ground, rng: np.random.Generator) -> Array | None:
