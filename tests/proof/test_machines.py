@@ -45,10 +45,8 @@ def simulator(machine: Machine) -> Simulator:
 @functools.cache
 def yardstick(number: int) -> Yardstick:
     m = random_machine(SEED, number)
-    seconds = SAMPLES * m.period_s
-    takes = [
-        Take(n, i * seconds, m.operate(stream(6, n), seconds, n[:-2])) for i, n in enumerate(("train_1", "held_1"))
-    ]
+    seconds = m.seconds["train"][0]
+    takes = [Take(f"{part}_1", 0.0, m.operate(stream(6, part), seconds, part)) for part in ("train", "held")]
     return Yardstick(m, takes, m.p())
 
 
