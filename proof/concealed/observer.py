@@ -104,10 +104,8 @@ def ideal_posterior(
 ) -> tuple[float, float]:
     """Probabilities that the ideal observer is sure of the effect's name, and of its class.
 
-    Recordings are drawn, each at once as the inner products b of its noise and effect with the columns. A column of
-    squared norm g against none has the Bayes factor sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2). Where its
-    size cannot be negative it is 2 Phi(b sqrt(v)) times that. The prior is 1 / m of m candidates, the size
-    (half-)normal with the s of severity 1.
+    Recordings are drawn, each at once as the inner products b of its noise and effect with the columns. The prior of
+    each of m candidates is 1 / m of that of "no effect"; its size has the s of severity 1.
 
     Args:
         gram: (K, K) inner products, all else projected out.
@@ -124,14 +122,27 @@ def ideal_posterior(
     mine = int(np.flatnonzero(at == own)[0])
     b = among[:, [mine]] + root @ rng.standard_normal((len(at), _DRAWS))
     s = 1.0 / np.maximum(picture.severities[at], _LEAST_SEVERITY)[:, None]
-    v = 1.0 / (np.diag(among)[:, None] + s**-2.0)
-    evidence = 0.5 * np.log(v / s**2) + 0.5 * v * b**2 - np.log(len(at))
-    one_sided = ~picture.two_sided[at][:, None]
-    evidence += np.where(one_sided, np.log(2.0) + log_ndtr(b * np.sqrt(v)), 0.0)
+    evidence = log_bayes(b, np.diag(among)[:, None], s, ~picture.two_sided[at][:, None]) - np.log(len(at))
     total = logsumexp(np.concatenate([np.zeros((1, _DRAWS)), evidence]), axis=0)
     posterior = np.exp(evidence - total)
     named, classed = posterior[mine], posterior[same[at]].sum(axis=0)
     return float(np.mean(named >= SURE_POSTERIOR)), float(np.mean(classed >= SURE_POSTERIOR))
+
+
+def log_bayes(b: Array, g: Array, s: Array, one_sided: NDArray[np.bool_]) -> Array:
+    """Logarithm of the Bayes factor of a column against its absence.
+
+    sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2); where the size cannot be negative 2 Phi(b sqrt(v)) times that.
+
+    Args:
+        b: inner products of the recording with the columns, in noise sds as all here.
+        g: squared norms of the columns.
+        s: sds of the sizes, normal or half-normal, in columns.
+        one_sided: can the size not be negative?
+    """
+    v = 1.0 / (g + s**-2.0)
+    half = np.log(2.0) + log_ndtr(b * np.sqrt(v))
+    return np.asarray(0.5 * np.log(v / s**2) + 0.5 * v * b**2 + np.where(one_sided, half, 0.0))
 
 
 def _without(gram: Array, at: list[int]) -> Array:
