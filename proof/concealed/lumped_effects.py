@@ -147,8 +147,9 @@ def _numbers(term: Mechanism, ground: Ground, rng: np.random.Generator) -> Array
 def _rim(i: int, ground: Ground, rng: np.random.Generator) -> Array:
     """At a level that training recordings exceed too, within the catalogue's range."""
     v, trained = ground.network.states[i], ground.x[: len(ground.x) // 2, i]
-    centre = np.mean(trained) + rng.uniform(-0.2, 0.5) * np.std(trained)
-    return _packed(Form.RIM, i, i, centre=max(centre, v.nominal - 0.9 * v.scale), width=0.06 * np.std(trained))
+    sd = float(np.std(trained))
+    centre = max(float(np.mean(trained)) + rng.uniform(-0.2, 0.5) * sd, v.nominal - 0.9 * v.scale)
+    return _packed(Form.RIM, i, i, centre=centre, width=0.06 * sd)
 
 
 def _of_position(effect: str, i: int, ground: Ground, rng: np.random.Generator) -> Array | None:

@@ -295,3 +295,19 @@ def tell(simulator, recordings, hold_out=(), catalogue=None):
     x, u = ([v.nominal for v in group] for group in (s.states, s.inputs))
     assert verdict.get("rate") == pytest.approx(plain_rhs(s)(x, u, s.theta()).tolist()), verdict
     assert {e.name for e in m.effects} <= set(verdict["names"])
+
+
+@pytest.mark.parametrize("number", [*EACH_DOMAIN, -1])
+def test_the_ripple_multiplies_its_parameter_by_a_wave_of_its_arguments(number: int) -> None:
+    m = MACHINES["heat_exchanger"] if number < 0 else random_machine(SEED, number)
+    u = m.operate(stream(9, number), SAMPLES * m.period_s, "train")[::10]
+    x = np.stack([m.start(row, m.p()) for row in u])
+    x *= 1.0 + 0.01 * stream(10, number).standard_normal(x.shape)
+    first, second = m.ripple_arguments(x, u).T
+    wave = np.sin(first + 0.7) * np.cos(second)
+    rippled, meant = np.empty(x.shape[1]), np.empty(x.shape[1])
+    for k in range(len(x)):
+        m.law(0.0, x[k], u[k], m.p(ripple=0.01, ripple_phase=0.7), rippled)
+        m.law(0.0, x[k], u[k], m.p(**{m.rippled: m.parameters[m.rippled] * (1.0 + 0.01 * wave[k])}), meant)
+        assert rippled == pytest.approx(meant, rel=1e-9, abs=1e-12)
+    assert 0.1 < np.std(wave) < 0.9
