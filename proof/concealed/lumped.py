@@ -25,7 +25,7 @@ INPUT_NOISE = 2e-4
 """sd of an input's noise as a share of its span."""
 LEAST_EFFECTS = 5
 """Effects of a machine that the catalogue approximates."""
-PLAIN, LEAST_SEVERITY = 10.0, 0.1
+PLAIN, TOO_SMALL = 10.0, 0.1
 """At so many typical sizes an effect must have more than this severity: else a parameter of the twin absorbs it."""
 MOST_TRIES = 200
 _NAME = "random_"
@@ -96,7 +96,7 @@ def _seen(machine: Machine, rng: np.random.Generator) -> Machine | None:
 
     def shows(effect: Effect) -> bool:
         there = machine.p(**{effect.slot: min(PLAIN * effect.typical, effect.most)})
-        return min(yardstick.measure(yardstick.with_parameters(there))) > LEAST_SEVERITY
+        return min(yardstick.measure(yardstick.with_parameters(there))) > TOO_SMALL
 
     effects, foreign = (tuple(e for e in group if shows(e)) for group in (machine.effects, machine.foreign))
     enough = len(effects) >= LEAST_EFFECTS and foreign

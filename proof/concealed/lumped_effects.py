@@ -9,7 +9,7 @@ import numpy as np
 
 from twinbench.mismatch.catalogue import generic
 from twinbench.physics.simulator import Array, Mechanism, Simulator
-from twinbench.proof.concealed.lumped_law import MOST_EFFECTS, SLOTS, Form
+from twinbench.proof.concealed.lumped_law import SLOT_COUNT, SLOTS, Form
 from twinbench.proof.concealed.lumped_parts import Rhythm
 from twinbench.proof.concealed.machine import Effect
 from twinbench.proof.concealed.networks import even
@@ -68,7 +68,7 @@ class Made:
 def effects(ground: Ground, rng: np.random.Generator) -> tuple[tuple[Made, ...], tuple[Made, ...], dict[str, str]]:
     """The effects of a machine, those foreign to every catalogue, and the slot of every input's free play."""
     offered = list(generic(ground.twin))
-    n, slots, memory = len(ground.network.states), iter(range(SLOTS, SLOTS + MOST_EFFECTS)), 0
+    n, slots, memory = len(ground.network.states), iter(range(SLOTS, SLOTS + SLOT_COUNT)), 0
     made: list[Made] = []
     played: dict[str, str] = {}
     for i in rng.permutation(len(offered)):

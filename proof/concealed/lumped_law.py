@@ -16,7 +16,7 @@ from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import LAW
 from twinbench.proof.lumped.network import Network, tables
 
-MOST_STATES, MOST_OWN, MOST_LINKS, MOST_EFFECTS, MOST_READ = 6, 20, 16, 20, 4
+MOST_STATES, MOST_OWN, MOST_LINKS, SLOT_COUNT, MOST_READ = 6, 20, 16, 20, 4
 """What a network may have at most: the places in the parameter vector are fixed."""
 
 
@@ -49,7 +49,7 @@ _LINK, _EFFECT = 6, 8
 _RIPPLE, _PHASE, _DRIFT, _DRIFT_PHASE, _EXPONENT = range(5)
 OWN = len(_DRAWN)
 SLOTS = OWN + MOST_OWN
-_N = SLOTS + MOST_EFFECTS
+_N = SLOTS + SLOT_COUNT
 _R = _N + len(_SIZES)
 _STORES = _R + len(_RIPPLED)
 _READS = _STORES + MOST_STATES
@@ -57,7 +57,7 @@ _LINKS = _READS + MOST_READ
 _EFFECTS = _LINKS + _LINK * MOST_LINKS
 STILL = np.zeros(4)
 """No ripple: it does not turn."""
-LENGTH = _EFFECTS + _EFFECT * MOST_EFFECTS
+LENGTH = _EFFECTS + _EFFECT * SLOT_COUNT
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -246,6 +246,6 @@ def packed(network: Network, effects: Sequence[Array], ripple: Array, ambient_pe
 def _names(own: tuple[str, ...]) -> list[str]:
     """Names of the law's parameters in order; ``own`` are the machine's."""
     spare = [f"spare_{i}" for i in range(len(own), MOST_OWN)]
-    slots = [f"effect_{i}" for i in range(MOST_EFFECTS)]
+    slots = [f"effect_{i}" for i in range(SLOT_COUNT)]
     structure = [f"structure_{i}" for i in range(LENGTH - _N)]
     return [*_DRAWN, *own, *spare, *slots, *structure]

@@ -15,7 +15,7 @@ from twinbench.proof.lumped.twin import steady
 MOST_SPREAD = 30.0
 """Slowest time constant over the fastest: a decade and a half."""
 _SAMPLES = (1000, 2000)
-_TRIAL, _SUBSTEPS = 1500, 6  # samples of the run that finds out where a network goes, and integration steps of each
+_TRIAL, _STEPS_EACH = 1500, 6  # samples of the run that finds out where a network goes, and integration steps of each
 
 
 def rhythm_of(network: Network, sketch: Sketch, rng: np.random.Generator) -> Rhythm | None:
@@ -42,7 +42,7 @@ def trial(network: Network, sketch: Sketch, rhythm: Rhythm, rng: np.random.Gener
     xs, us = [], []
     for regime in ("train", "held"):
         u = drive(rng, _TRIAL * rhythm.period_s, regime)
-        x0, steps = _middle(network, sketch, u[0]), Steps(0.0, rhythm.period_s, _SUBSTEPS)
+        x0, steps = _middle(network, sketch, u[0]), Steps(0.0, rhythm.period_s, _STEPS_EACH)
         xs.append(run(Equations(law, states, len(x0)), steps, u, x0, Parameters.steady(p))[0])
         us.append(u)
     return np.concatenate(xs), np.concatenate(us)
