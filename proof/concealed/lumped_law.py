@@ -14,7 +14,7 @@ from numba import njit
 
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import LAW
-from twinbench.proof.lumped.network import Network, tables
+from twinbench.proof.lumped.network import INDUCTOR, ORIFICE, RESISTANCE, SOURCE, SPRING, Network, tables
 
 MOST_STATES, MOST_OWN, MOST_LINKS, SLOT_COUNT, MOST_READ = 6, 20, 16, 20, 4
 """What a network may have at most: the places in the parameter vector are fixed."""
@@ -43,15 +43,14 @@ class Form(IntEnum):
 
 
 _DRAWN = ("ripple", "ripple_phase", "ambient", "ambient_phase", "exponent")
-_SIZES = ("states", "inputs", "links", "effects", "ambient_at", "ambient_period_s")
-_RIPPLED = ("link", "per_drive", "of_state", "per_state")
-_LINK, _EFFECT = 6, 8
-_RIPPLE, _PHASE, _DRIFT, _DRIFT_PHASE, _EXPONENT = range(5)
+_LINK, _EFFECT = 6, 8  # numbers of each
+_RIPPLE, _PHASE, _DRIFT, _DRIFT_PHASE, _EXPONENT = range(len(_DRAWN))
 OWN = len(_DRAWN)
 SLOTS = OWN + MOST_OWN
-_N = SLOTS + SLOT_COUNT
-_R = _N + len(_SIZES)
-_STORES = _R + len(_RIPPLED)
+_SIZES = SLOTS + SLOT_COUNT
+_N_STATES, _N_INPUTS, _N_LINKS, _N_EFFECTS, _AMBIENT, _AMBIENT_S = range(_SIZES, _SIZES + 6)
+_RIPPLED, _PER_DRIVE, _OF_STATE, _PER_STATE = range(_SIZES + 6, _SIZES + 10)
+_STORES = _SIZES + 10
 _READS = _STORES + MOST_STATES
 _LINKS = _READS + MOST_READ
 _EFFECTS = _LINKS + _LINK * MOST_LINKS
@@ -63,7 +62,7 @@ LENGTH = _EFFECTS + _EFFECT * SLOT_COUNT
 @njit(cache=True, error_model="numpy", inline="always")
 def _node(i, x, v, p, room):  # type: ignore[no-untyped-def]
     """What is at a node: a state, an input, the ambient or another parameter, nothing."""
-    n, nu = int(p[_N]), int(p[_N + 1])
+    n, nu = int(p[_N_STATES]), int(p[_N_INPUTS])
     if i < 0:
         return 0.0
     if i < n:
@@ -71,7 +70,7 @@ def _node(i, x, v, p, room):  # type: ignore[no-untyped-def]
     if i < n + nu:
         return v[i - n]
     own = i - n - nu
-    return p[OWN + own] + (room if own == int(p[_N + 4]) else 0.0)
+    return p[OWN + own] + (room if own == int(p[_AMBIENT]) else 0.0)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -112,7 +111,7 @@ def _rate(e, a, t, x, p, room):  # type: ignore[no-untyped-def]
         behind = q - x[int(p[at + 7])]
         return -a * behind * (1.0 + 0.05 * abs(behind) / s)
     if form == Form.CONVECTION:
-        return -a * _signed(q - p[OWN + int(p[_N + 4])] - room, n - 0.8, s, 1.0)
+        return -a * _signed(q - p[OWN + int(p[_AMBIENT])] - room, n - 0.8, s, 1.0)
     if form == Form.RIM:
         return -a * _soft(q - centre, w)
     if form == Form.STOP:
@@ -138,12 +137,12 @@ def _remember(e, x, p, dx):  # type: ignore[no-untyped-def]
 def _times(link, d, t, x, p):  # type: ignore[no-untyped-def]
     """What ripple, drift and effects multiply the parameter of a link by, driven by d."""
     made = 1.0
-    if link == int(p[_R]):
-        wave = math.sin(p[_R + 1] * d + p[_PHASE]) * math.cos(p[_R + 3] * x[int(p[_R + 2])])
+    if link == int(p[_RIPPLED]):
+        wave = math.sin(p[_PER_DRIVE] * d + p[_PHASE]) * math.cos(p[_PER_STATE] * x[int(p[_OF_STATE])])
         made += p[_RIPPLE] * wave
-        if p[_N + 4] < 0.0:
-            made *= 1.0 + p[_DRIFT] * math.sin(2.0 * math.pi * t / p[_N + 5] + p[_DRIFT_PHASE])
-    for e in range(int(p[_N + 3])):
+        if p[_AMBIENT] < 0.0:
+            made *= 1.0 + p[_DRIFT] * math.sin(2.0 * math.pi * t / p[_AMBIENT_S] + p[_DRIFT_PHASE])
+    for e in range(int(p[_N_EFFECTS])):
         a, at = p[SLOTS + e], _EFFECTS + _EFFECT * e
         form = int(p[at])
         if a != 0.0 and form >= Form.BY_STATE and int(p[at + 1]) == link:
@@ -157,10 +156,10 @@ def _times(link, d, t, x, p):  # type: ignore[no-untyped-def]
 @njit(LAW, cache=True, error_model="numpy")
 def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
     """Rates of change of the network's states and of what effects remember, each in its unit per second."""
-    n, effects = int(p[_N]), int(p[_N + 3])
+    n, effects = int(p[_N_STATES]), int(p[_N_EFFECTS])
     room = 0.0
-    if p[_N + 4] >= 0.0:
-        room = p[_DRIFT] * math.sin(2.0 * math.pi * t / p[_N + 5] + p[_DRIFT_PHASE])
+    if p[_AMBIENT] >= 0.0:
+        room = p[_DRIFT] * math.sin(2.0 * math.pi * t / p[_AMBIENT_S] + p[_DRIFT_PHASE])
     v = u.copy()
     for e in range(effects):
         gap, at = p[SLOTS + e], _EFFECTS + _EFFECT * e
@@ -169,20 +168,20 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
             v[i] -= gap * math.tanh(v[i] / gap)  # a dead zone with a soft knee
     for i in range(x.size):
         dx[i] = 0.0
-    for link in range(int(p[_N + 2])):
+    for link in range(int(p[_N_LINKS])):
         at = _LINKS + _LINK * link
         kind, a, b, k, own = int(p[at]), int(p[at + 1]), int(p[at + 2]), int(p[at + 3]), int(p[at + 4])
-        d = _node(a, x, v, p, room) - (0.0 if kind == 3 else _node(b, x, v, p, room))
-        size = 1.0 if k < 0 else p[OWN + k] * _times(link, x[own] if kind == 4 else d, t, x, p)
+        d = _node(a, x, v, p, room) - (0.0 if kind == SOURCE else _node(b, x, v, p, room))
+        size = 1.0 if k < 0 else p[OWN + k] * _times(link, x[own] if kind == SPRING else d, t, x, p)
         flow = size * d
-        if kind == 1:
+        if kind == RESISTANCE:
             flow = d / size
-        elif kind == 2:
+        elif kind == ORIFICE:
             flow = flow / math.sqrt(math.sqrt(d * d + p[at + 5] ** 2))
-        elif kind == 4:
+        elif kind == SPRING:
             flow = size * x[own]
             dx[own] += d
-        elif kind == 5:
+        elif kind == INDUCTOR:
             flow = x[own]
             dx[own] += d - size * flow
         if 0 <= a < n:
@@ -194,12 +193,11 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
         if store >= 0:
             dx[i] /= p[OWN + store]
     for e in range(effects):
-        if p[SLOTS + e] != 0.0:
-            at = _EFFECTS + _EFFECT * e
-            if int(p[at]) < Form.GAP:
-                dx[int(p[at + 1])] += _rate(e, p[SLOTS + e], t, x, p, room)
-            if p[at + 7] >= 0.0:
-                _remember(e, x, p, dx)
+        at = _EFFECTS + _EFFECT * e
+        if p[SLOTS + e] != 0.0 and int(p[at]) < Form.GAP:
+            dx[int(p[at + 1])] += _rate(e, p[SLOTS + e], t, x, p, room)
+        if p[at + 7] >= 0.0:  # there or not: an effect that sets in finds what it remembers up to date
+            _remember(e, x, p, dx)
     return 0.0
 
 
@@ -232,8 +230,15 @@ def packed(network: Network, effects: Sequence[Array], ripple: Array, ambient_pe
     p = np.zeros(LENGTH)
     p[_EXPONENT] = 2.0
     p[OWN : OWN + len(own)] = [v.nominal for v in network.parameters]
-    p[_N:_R] = (len(network.states), len(network.inputs), len(network.links), len(effects), ambient, ambient_period_s)
-    p[_R:_STORES] = ripple
+    p[_SIZES:_RIPPLED] = (
+        len(network.states),
+        len(network.inputs),
+        len(network.links),
+        len(effects),
+        ambient,
+        ambient_period_s,
+    )
+    p[_RIPPLED:_STORES] = ripple
     p[_STORES : _STORES + len(t.store)] = t.store
     p[_READS : _READS + len(t.read)] = t.read
     for i, link in enumerate(np.stack([t.kind, t.a, t.b, t.k, t.state, t.knee], axis=-1)):
@@ -247,5 +252,5 @@ def _names(own: tuple[str, ...]) -> list[str]:
     """Names of the law's parameters in order; ``own`` are the machine's."""
     spare = [f"spare_{i}" for i in range(len(own), MOST_OWN)]
     slots = [f"effect_{i}" for i in range(SLOT_COUNT)]
-    structure = [f"structure_{i}" for i in range(LENGTH - _N)]
+    structure = [f"structure_{i}" for i in range(LENGTH - _SIZES)]
     return [*_DRAWN, *own, *spare, *slots, *structure]

@@ -27,6 +27,7 @@ import numpy as np
 from twinbench.physics.simulator import Array, Variable
 
 KINDS = ("conductance", "resistance", "orifice", "source", "spring", "inductor")
+CONDUCTANCE, RESISTANCE, ORIFICE, SOURCE, SPRING, INDUCTOR = range(len(KINDS))
 
 
 @dataclass(frozen=True)

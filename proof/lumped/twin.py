@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from twinbench.physics.simulator import Array, Equation, Simulator
-from twinbench.proof.lumped.network import Network, tables
+from twinbench.proof.lumped.network import CONDUCTANCE, ORIFICE, RESISTANCE, SOURCE, SPRING, Network, tables
 
 LUMPED = "lumped"
 """What a case calls the simulator that its network describes."""
@@ -72,15 +72,15 @@ def _rhs(network: Network) -> Equation:
                     ends[e] = x[i]
             d = ends[0] - ends[1]
             size = theta[k[j]] if k[j] >= 0 else 1.0
-            if kind[j] == 0:
+            if kind[j] == CONDUCTANCE:
                 flow = size * d
-            elif kind[j] == 1:
+            elif kind[j] == RESISTANCE:
                 flow = d / size
-            elif kind[j] == 2:
+            elif kind[j] == ORIFICE:
                 flow = size * d / (d * d + knee[j] * knee[j]) ** 0.25
-            elif kind[j] == 3:
+            elif kind[j] == SOURCE:
                 flow = size * ends[0]
-            elif kind[j] == 4:
+            elif kind[j] == SPRING:
                 flow = size * x[own[j]]
                 dx[own[j]] += d
             else:
