@@ -29,7 +29,7 @@ _START_SD = 50.0
 """sd of a start state, in steps: as good as unknown, so that it does not matter what it settles with."""
 _PROBES, _PROBE_FACTOR = 3, 30.0
 """A candidate's size is changed so often at most, each time by this factor at most."""
-_RIDGE = 1e-12
+_TINY = 1e-12
 """Of a diagonal of 1, so that columns which are nearly the same can be solved for."""
 
 
@@ -109,7 +109,7 @@ def _candidates(
     for _ in range(_PROBES):
         for i, column in zip(open_ones, linear.changes([(listed[i], sizes[i]) for i in open_ones]), strict=True):
             found[i], severities[i] = column, _severity(yardstick, listed[i], column)
-        wanted = sizes * np.clip(_PROBED / np.maximum(severities, _RIDGE), 1.0 / _PROBE_FACTOR, _PROBE_FACTOR)
+        wanted = sizes * np.clip(_PROBED / np.maximum(severities, _TINY), 1.0 / _PROBE_FACTOR, _PROBE_FACTOR)
         wanted = np.minimum(wanted, [change.most for change in changes])
         off = (np.abs(severities / _PROBED - 1.0) > _PROBED_WITHIN) & (wanted != sizes)
         open_ones = [i for i in open_ones if off[i] and not listed[i].is_stuck]
@@ -143,7 +143,7 @@ def _projected(gram: Array, precision: Array) -> Array:
     kept = len(gram) - len(precision)
     inner = gram[kept:, kept:] + np.diag(precision)
     scale = 1.0 / np.sqrt(np.diag(inner))
-    inner = inner * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    inner = inner * np.outer(scale, scale) + _TINY * np.eye(len(scale))
     across = scale[:, None] * gram[kept:, :kept]
     left = gram[:kept, :kept] - across.T @ cho_solve(cho_factor(inner), across)
     return np.asarray(0.5 * (left + left.T))

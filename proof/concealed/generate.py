@@ -20,6 +20,7 @@ from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.observer import observe
+from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.concealed.record import recorded
 from twinbench.proof.concealed.severity import Take, Yardstick, readings
 
@@ -87,7 +88,9 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
     tables, floor = _recorded(machine, plan, rng)
     reached = [f["severity"] for f in found]
     severity = item.severity if min(reached, default=1.0) >= MEANS_IT * item.severity else min(reached)
-    without = sorted({n for f in found for n in f["class"]}) if item.cell in ("left_out", "foreign") else []
+    # Not only its name is left out, but all that nobody could tell from it: what is then named is wrong indeed.
+    alike = {n for f in found for n in (*f["class"], *f["close"])}
+    without = sorted(alike) if item.cell in UNKNOWN else []
     public = {
         "machine": machine.name,
         "simulator": machine.simulator,

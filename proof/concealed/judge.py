@@ -55,7 +55,7 @@ def score(
     effects, found = truth["effects"], claims(verdict)
     single, several = [c for c in found if c.single], [c for c in found if len(c.names) > 1]
     error, covered = _size(effects, single)
-    return {
+    row = {
         "case": truth["case"],
         "seed": seed,
         **{key: truth[key] for key in ("machine", "kind", "cell", "severity", "background_pct")},
@@ -77,6 +77,7 @@ def score(
         "engine": engine,
         "seconds": float(verdict.get("seconds", np.nan)),
     }
+    return {column: row[column] for column in COLUMNS}
 
 
 def claims(verdict: Mapping[str, Any]) -> list[Claim]:

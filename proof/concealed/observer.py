@@ -36,12 +36,14 @@ class Seen(NamedTuple):
 
     Attributes:
         same: catalogue names that nobody can tell from it, its own among them.
+        close: other names that nobody can tell from it at this size, and that explain more than half of it.
         from_none, from_rival: squared distances from "no effect" and from the nearest rival.
         rival: the name of that: the nearest single effect or fault that is not the same.
         named, classed: with which probability it is named alone, or its class is.
     """
 
     same: tuple[str, ...]
+    close: tuple[str, ...]
     from_none: float
     from_rival: float
     rival: str
@@ -56,6 +58,7 @@ class Seen(NamedTuple):
         """As the truth holds it."""
         return {
             "class": list(self.same),
+            "close": list(self.close),
             "D0_sq": self.from_none,
             "Dk_sq": self.from_rival,
             "rival": self.rival,
@@ -82,10 +85,12 @@ def observe(picture: Picture, truth: str, beside: tuple[str, ...], rng: np.rando
     same = (cos_sq > SAME_COS_SQ) & ~picture.foreign
     rivals = there & ~same & ~picture.foreign
     apart = np.where(rivals, norms[own] * (1.0 - cos_sq), np.inf)
+    close = apart < min(TOLD_SQ, 0.5 * norms[own])
     nearest = int(np.argmin(apart))
     named, classed = ideal_posterior(picture, gram, own, there & (same | rivals), same, rng)
     return Seen(
-        tuple(sorted(name for name, is_same in zip(picture.names, same, strict=True) if is_same)),
+        _those(picture.names, same),
+        _those(picture.names, close),
         float(norms[own]),
         float(min(apart[nearest], norms[own])),
         picture.names[nearest] if np.isfinite(apart[nearest]) else "",
@@ -129,10 +134,15 @@ def ideal_posterior(
     return float(np.mean(named >= SURE_POSTERIOR)), float(np.mean(classed >= SURE_POSTERIOR))
 
 
+def _those(names: tuple[str, ...], chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+    return tuple(sorted(name for name, is_one in zip(names, chosen, strict=True) if is_one))
+
+
 def log_bayes(b: Array, g: Array, s: Array, one_sided: NDArray[np.bool_]) -> Array:
     """Logarithm of the Bayes factor of a column against its absence.
 
-    sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2); where the size cannot be negative 2 Phi(b sqrt(v)) times that.
+    It is sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2). Where the size cannot be negative it is
+    2 Phi(b sqrt(v)) times that.
 
     Args:
         b: inner products of the recording with the columns, in noise sds as all here.

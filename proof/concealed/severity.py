@@ -148,29 +148,24 @@ class Yardstick:
         return columns
 
     def scale(
-        self,
-        change: Callable[[float], Sequence[Array]],
-        start: float,
-        most: float,
-        wanted: float,
-        tolerance: float = SEVERITY_TOLERANCE,
+        self, change: Callable[[float], Sequence[Array]], start: float, most: float, wanted: float
     ) -> tuple[float, float, float]:
         """Find the amplitude at which ``change(amplitude)`` has the wanted severity.
 
         Returns:
-            The amplitude (at most ``most``), and its rms held out and in training.
+            The amplitude (at most ``most``), and its rms held out and in training: those that came closest.
         """
-        amplitude = start
-        for step in range(SEVERITY_STEPS):
+        amplitude, tried = start, []
+        for _ in range(SEVERITY_STEPS):
             beyond, in_training = self.measure(change(amplitude))
-            reached = min(beyond, in_training)
-            if (
-                abs(reached / wanted - 1.0) < tolerance
-                or (amplitude == most and reached < wanted)
-                or step == SEVERITY_STEPS - 1
-            ):
+            # A machine that runs away has far too much of it.
+            reached = max(min(beyond, in_training), 1e-3 * wanted) if np.isfinite(beyond + in_training) else np.inf
+            tried.append((abs(np.log(reached / wanted)), amplitude, beyond, in_training))
+            if abs(reached / wanted - 1.0) < SEVERITY_TOLERANCE or (amplitude == most and reached < wanted):
                 break
-            amplitude = float(np.clip(amplitude * wanted / max(reached, 1e-3 * wanted), amplitude / 30.0, most))
+            amplitude = float(np.clip(amplitude * wanted / reached, amplitude / 30.0, most))
+        # More of an effect may show less: an empty tank cannot leak.
+        _, amplitude, beyond, in_training = min(tried)
         return amplitude, beyond, in_training
 
     def _run(self, take: Take, u: Array, x0: Array, p: Array) -> Array:

@@ -151,6 +151,9 @@ def test_distances_are_those_between_points_and_lines() -> None:
     assert found.detectable
     assert not seen(drawn(np.stack([0.5 * a, b, far]))).detectable  # 25 from none
     assert not seen(drawn(np.stack([0.6 * a, b, far]))).detectable  # 36 from none, 13 from b
+    assert found.close == ()
+    assert seen(drawn(np.stack([0.6 * a, b, far]))).close == ("b",)
+    assert seen(drawn(np.stack([0.6 * a, b, a + b[::-1]]))).close == ("b", "c")
 
 
 def test_a_class_is_what_points_the_same_way() -> None:
