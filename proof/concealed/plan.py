@@ -52,7 +52,7 @@ def _endless(cell: str, seed: int, machines: Mapping[str, Machine]) -> Iterator[
     lists = {name: _own(cell, seed, machine) for name, machine in machines.items()}
     at_random = [name for name, machine in machines.items() if machine.kind == "random"]
     by_hand = [name for name in machines if name not in at_random]
-    endless = itertools.cycle(at_random)
+    endless = itertools.cycle(at_random[i] for i in stream(seed, "plan", cell, "random").permutation(len(at_random)))
     share = min(len(at_random), max(1, len(by_hand) // 2))
     for turn in itertools.count():
         rng = stream(seed, "plan", cell, turn)
