@@ -60,7 +60,9 @@ def _by_parameter(yardstick: Yardstick, effect: Effect, onset_s: float) -> Chang
 
 def _by_fault(yardstick: Yardstick, effect: Effect) -> Change:
     kind, channel = parts(effect)
-    start, most = first_size(kind, yardstick.machine.noise[channel].sigma, _clean(yardstick, effect)[1])
+    start, most = first_size(
+        kind, yardstick.machine.noise[channel].sigma, _clean(yardstick, effect)[1], yardstick.machine.period_s
+    )
 
     def of(size: float) -> Sequence[Array]:
         made = series_with_fault(yardstick, effect, size)
