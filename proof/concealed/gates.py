@@ -195,7 +195,8 @@ def as_markdown(gates: pd.DataFrame) -> str:
         met = "" if g["met"] is None else "yes" if g["met"] else "**no**"
         measured, interval, ideal = "-", "-", []
         if g["cases"]:
-            measured, interval = f"{g['measured']:.3g}", f"{g['low']:.3g} to {g['high']:.3g}"
+            measured = f"{g['measured']:.3g}"
+            interval = f"{g['low']:.3g} to {g['high']:.3g}" if np.isfinite(g["low"]) else ""
         if has_ideal:
             ideal = [f"{g['ideal']:.3g}" if np.isfinite(g["ideal"]) else ""]
         lines.append(f"| {' | '.join([g['gate'], g['required'], measured, interval, *ideal, str(g['cases']), met])} |")

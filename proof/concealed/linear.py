@@ -13,10 +13,10 @@ import numpy as np
 from twinbench.data.scenario import stream
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.changes import series_with_fault
-from twinbench.proof.concealed.integrate import Parameters, Steps
+from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, clock
 from twinbench.proof.concealed.severity import Yardstick
-from twinbench.proof.concealed.tangent import NUDGE, Tangent
+from twinbench.proof.concealed.tangent import NUDGE
 
 FEATURES = 24
 """Random frequencies of the ripple, each with sine and cosine: enough for a function of two arguments."""
@@ -34,12 +34,7 @@ class Linear:
 
     def __init__(self, yardstick: Yardstick, onset_s: float) -> None:
         self.yardstick, self.machine, self._onset_s = yardstick, yardstick.machine, onset_s
-        machine, pairs = self.machine, zip(yardstick.takes, yardstick.starts, strict=True)
-        self._tangents = [
-            Tangent(machine.equations, Steps(t.start_s, machine.period_s, machine.coarse), t.u, x0, yardstick.p)
-            for t, x0 in pairs
-        ]
-        self._settled = round(machine.settle_s / machine.period_s)
+        self._settled = round(self.machine.settle_s / self.machine.period_s)
 
     def changes(self, wanted: Sequence[tuple[Effect, float]]) -> list[list[Array]]:
         """Of each effect or fault of a size: changes of all takes' readings, (ny, N) each."""
@@ -48,7 +43,7 @@ class Linear:
         by_side = {s: [i for i, side in enumerate(sides) if side == s] for s in ("law", "input", "output")}
         for i in by_side["output"]:
             found[i] = self._at_output(*wanted[i])
-        for take in range(len(self._tangents)):
+        for take in range(len(self.yardstick.tangents)):
             for side, made in (("law", self._by_law), ("input", self._by_input)):
                 if by_side[side]:
                     columns = made(take, [wanted[i] for i in by_side[side]])
@@ -60,7 +55,7 @@ class Linear:
         """One take's columns of its start states, a step each; (nx, ny, N)."""
         x0 = self.yardstick.starts[take]
         steps = [self.machine.slow.get(i, START_STEP * (abs(x) + 1.0)) for i, x in enumerate(x0)]
-        return self._tangents[take].starts(np.diag(steps))
+        return self.yardstick.tangents[take].starts(np.diag(steps))
 
     def nuisances(self, take: int, rippled: bool) -> Array:
         """One take's columns of the parameters, a spread each, the ambient's two phases, the ripple's features.
@@ -68,24 +63,26 @@ class Linear:
         Returns:
             (K, ny, N).
         """
-        machine, p = self.machine, self.yardstick.p
-        moved = [self._moved(**{n: p[machine.at(n)] + NUDGE * self.yardstick.step(n)}) for n in machine.calibrate]
-        share = [NUDGE] * len(moved)
+        machine, moved, share = self.machine, [], []
         if machine.ambient:
             moved += [self._moved(ambient=machine.ambient, ambient_phase=phase) for phase in (0.0, 0.5 * np.pi)]
             share += [1.0, 1.0]
         weights, which = np.ones((len(self._u(take)), len(moved))), np.arange(len(moved))
         if rippled:
-            moved.append(self._moved(**{machine.rippled: p[machine.at(machine.rippled)] * (1.0 + NUDGE)}))
+            usual = self.yardstick.p[machine.at(machine.rippled)]
+            moved.append(self._moved(**{machine.rippled: usual * (1.0 + NUDGE)}))
             share.append(NUDGE)
             weights = np.concatenate([weights, self._features(take)], axis=1)
             which = np.concatenate([which, np.full(2 * FEATURES, len(which))])
-        tangent = self._tangents[take]
-        return tangent.driven(tangent.forces(np.array(moved), np.array(share)), which, weights, self._settled)
+        if not moved:
+            return self.yardstick.parameters[take]
+        tangent = self.yardstick.tangents[take]
+        forces = tangent.forces(np.array(moved), np.array(share))
+        return np.concatenate([self.yardstick.parameters[take], tangent.driven(forces, which, weights, self._settled)])
 
     def _features(self, take: int) -> Array:
         """Random waves over the ripple's arguments, (N, 2 FEATURES)."""
-        arguments = self.machine.ripple_arguments(self._tangents[take].states, self._u(take))
+        arguments = self.machine.ripple_arguments(self.yardstick.tangents[take].states, self._u(take))
         wave = arguments @ stream("ripple features").standard_normal((arguments.shape[1], FEATURES))
         return np.concatenate([np.sin(wave), np.cos(wave)], axis=1)
 
@@ -106,14 +103,14 @@ class Linear:
 
     def _by_law(self, take: int, wanted: Sequence[tuple[Effect, float]]) -> Array:
         moved = np.array([self._moved(**{effect.slot: size}) for effect, size in wanted])
-        tangent, start_s = self._tangents[take], self.yardstick.takes[take].start_s
+        tangent, start_s = self.yardstick.tangents[take], self.yardstick.takes[take].start_s
         there = start_s + clock(len(self._u(take)) * self.machine.period_s, self.machine.period_s) >= self._onset_s
         weights = np.repeat(there[:, None].astype(float), len(wanted), axis=1)
         forces = tangent.forces(moved, np.ones(len(wanted)))
         return tangent.driven(forces, np.arange(len(wanted)), weights, self._settled)
 
     def _by_input(self, take: int, wanted: Sequence[tuple[Effect, float]]) -> Array:
-        u, tangent, takes = self._u(take), self._tangents[take], self.yardstick.takes
+        u, tangent, takes = self._u(take), self.yardstick.tangents[take], self.yardstick.takes
         which, weights = [], []
         for effect, size in wanted:
             if effect.slot:

@@ -24,6 +24,7 @@ import numpy as np
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import Parameters, Steps, run
 from twinbench.proof.concealed.machine import Machine
+from twinbench.proof.concealed.tangent import NUDGE, Tangent
 
 THIN = 4
 SEVERITY_STEPS, SEVERITY_TOLERANCE = 8, 0.03
@@ -65,6 +66,11 @@ class Yardstick:
         machine: that is measured.
         takes: its recordings.
         p: (n_parameters,) the truth's own, each in its unit.
+
+    Attributes:
+        base: (N, ny) readings of each take, in the channels' units.
+        tangents: the linearisation of each take.
+        parameters: (K, ny, N) for each take, what one spread of each of the twin's parameters does.
     """
 
     def __init__(self, machine: Machine, takes: Sequence[Take], p: Array) -> None:
@@ -72,21 +78,11 @@ class Yardstick:
         self.sigma = machine.sigma()
         self.starts = [machine.settled(t.u, p, t.start_s) for t in takes]
         self.base = [self._run(t, t.u, x, p) for t, x in zip(takes, self.starts, strict=True)]
-        self._own, self._free = [], []
-        for take, x0, base in zip(self.takes, self.starts, self.base, strict=True):
-            columns = []
-            for name in machine.calibrate:
-                moved = p.copy()
-                step = self.step(name)
-                moved[machine.at(name)] += 0.05 * step
-                columns.append(self._whole(self._run(take, take.u, x0, moved) - base) / 0.05)
-            self._own.append(np.stack(columns, axis=-1))
-            columns = []
-            for i, change in machine.slow.items():
-                x = x0.copy()
-                x[i] += change
-                columns.append(self._whole(self._run(take, take.u, x, p) - base))
-            self._free.append(np.stack(columns, axis=-1) if columns else np.zeros((len(self._own[-1]), 0)))
+        pairs = list(zip(takes, self.starts, strict=True))
+        self.tangents = [Tangent(machine.equations, self._steps(t), t.u, x, p) for t, x in pairs]
+        self.parameters = [self._by_parameters(tangent) for tangent in self.tangents]
+        self._own = [self._thinned(columns) for columns in self.parameters]
+        self._free = [self._thinned(self._by_starts(tangent)) for tangent in self.tangents]
         self._train = [i for i, t in enumerate(self.takes) if not t.held_out]
         self._columns = self._of_training()
         self._solved = np.linalg.pinv(np.concatenate([self._columns, np.eye(self._n_own, self._columns.shape[1])]))
@@ -167,6 +163,30 @@ class Yardstick:
         # More of an effect may show less: an empty tank cannot leak.
         _, amplitude, beyond, in_training = min(tried)
         return amplitude, beyond, in_training
+
+    def _steps(self, take: Take) -> Steps:
+        return Steps(take.start_s, self.machine.period_s, self.machine.coarse)
+
+    def _by_parameters(self, tangent: Tangent) -> Array:
+        """What one spread of each parameter does, (K, ny, N)."""
+        machine, moved = self.machine, []
+        for name in machine.calibrate:
+            moved.append(self.p.copy())
+            moved[-1][machine.at(name)] += NUDGE * self.step(name)
+        count = len(moved)
+        forces = tangent.forces(np.array(moved), np.full(count, NUDGE))
+        return tangent.driven(forces, np.arange(count), np.ones((len(tangent.states), count)), settled=0)
+
+    def _by_starts(self, tangent: Tangent) -> Array:
+        """What the start of each slow state does, (K, ny, N)."""
+        changes = np.zeros((tangent.states.shape[1], len(self.machine.slow)))
+        changes[list(self.machine.slow), np.arange(len(self.machine.slow))] = list(self.machine.slow.values())
+        return tangent.starts(changes)
+
+    def _thinned(self, columns: Array) -> Array:
+        """Columns (K, ny, N) as ``_whole`` has them, (n, K)."""
+        thinned = (columns[:, :, ::THIN] / self.sigma[:, None]).transpose(2, 1, 0)
+        return np.ascontiguousarray(thinned.reshape(thinned.shape[0] * thinned.shape[1], len(columns)))
 
     def _run(self, take: Take, u: Array, x0: Array, p: Array) -> Array:
         return readings(self.machine, take, u, x0, Parameters.steady(p), self.machine.coarse)

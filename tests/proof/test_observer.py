@@ -69,8 +69,7 @@ def test_columns_of_starts_and_parameters_are_finite_differences(name: str) -> N
     first = machine.calibrate[0]
     changed = p.copy()
     changed[machine.at(first)] += 1e-3 * yardstick.step(first)
-    settled = machine.settled(take.u, changed, take.start_s)
-    run = readings(machine, take, take.u, settled, Parameters.steady(changed), machine.coarse)
+    run = readings(machine, take, take.u, x0, Parameters.steady(changed), machine.coarse)
     column = linear.nuisances(0, rippled=False)[0]
     wanted = 1e3 * (run - yardstick.base[0]).T
     assert np.abs(wanted - column).max() < 0.02 * np.abs(column).max()
@@ -206,7 +205,7 @@ def test_the_ideal_observer_is_sure_of_what_is_far_from_all_else_alone() -> None
     assert (twins.named, twins.classed) == (0.0, 1.0)
 
 
-def test_a_machine_without_ambient_needs_none() -> None:
-    machine = replace(SHORT["two_tanks"], ambient=0.0)
+def test_a_machine_needs_neither_ambient_nor_slow_states() -> None:
+    machine = replace(SHORT["two_tanks"], ambient=0.0, slow={})
     view = picture(measured(machine), {"leak@h1_cm": 0.01}, 0.2, -np.inf)
     assert np.isfinite(view.gram).all()
