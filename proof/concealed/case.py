@@ -42,16 +42,13 @@ def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked
         with tempfile.TemporaryDirectory(prefix="case-") as given:
             write(case, Path(given))
             if name == ORACLE:
-                told = case.public | {"only": [n for e in case.truth["effects"] for n in e["right"]]}
+                told = case.public | {"only": [e["name"] for e in case.truth["effects"]]}
                 (Path(given) / "case.json").write_text(json.dumps(told))
             answer = _process(out).ask(Path(given), engines[name], CASE_TIMEOUT_S)
         write_text(folder / f"verdict-{name}.json", json.dumps(answer, indent=1))
     write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
-    published, oracle_gain = digest(out, item), 1.0
-    for name in sorted(engines, key=lambda name: name != ORACLE):
-        row = score(sealed, published, _read(folder / f"verdict-{name}.json"), name, oracle_gain)
-        if name == ORACLE:
-            oracle_gain = row["gain"]
+    for name in engines:
+        row = score(sealed, digest(out, item), _read(folder / f"verdict-{name}.json"), name, seed)
         write_text(folder / f"row-{name}.json", json.dumps({"key": _key(item, seed, engines[name]), "row": row}))
     return len(asked)
 

@@ -36,10 +36,7 @@ _PARAMETERS = _OWN | dict.fromkeys((
 ), 0.0)  # fmt: skip
 _INPUTS = ("p_suc_bar", "T_suc_K", "N_rpm", "valve")
 _OUTPUTS = ("p_dis_bar", "T_dis_K", "m_flow_kg_s")
-_STATES = (
-    "p_int_Pa", "p_exh_Pa", "T_gas", "T_wall", "mu", "T_probe", "valve", "T_head", "soak", "pressure_line_Pa",
-    "flow_cell",
-)  # fmt: skip
+_STATES = ("p_int_Pa", "p_exh_Pa", "T_gas", "T_wall", "mu", "T_probe", "valve", "T_head", "soak")
 P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
 
 
@@ -142,19 +139,27 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
     dx[X.valve] = (u[U.valve] - x[X.valve]) / p[P.tau_v_s]
     dx[X.T_head] = (Q_h - 6.0 * (T_h - 298.0 - ambient)) / 5000.0
     dx[X.soak] = (ratio / 3.3 - 1.0 - x[X.soak]) / 40.0
-    dx[X.pressure_line_Pa] = (p_e - x[X.pressure_line_Pa]) / 0.02
-    dx[X.flow_cell] = (mu - x[X.flow_cell]) / 0.02
     return 0.0
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     """What the sensors read, before noise."""
-    cell = x[X.flow_cell]
-    y[Y.p_dis_bar] = x[X.pressure_line_Pa] * 1e-5
+    cell = x[X.mu]
+    y[Y.p_dis_bar] = x[X.p_exh_Pa] * 1e-5
     y[Y.T_dis_K] = x[X.T_probe] - p[P.stem] * (x[X.T_probe] - x[X.T_wall]) + p[P.T_bias_K]
     y[Y.m_flow_kg_s] = _M0 * cell * (1.0 + p[P.flow_gain]) * math.sqrt(1.0 + 2.0 * p[P.pulsation] / max(cell, 0.05))
     return 0.0
+
+
+def ripple_arguments(x: Array, u: Array) -> Array:
+    """Of the capacity's ripple, (N, 2): speed and pressure ratio, scaled.
+
+    Args:
+        x: (N, nx) each state in its unit.
+        u: (N, nu) inputs in their units.
+    """
+    return np.stack([6.0 / 1800.0 * u[:, U.N_rpm], 2.7 * x[:, X.p_exh_Pa] / x[:, X.p_int_Pa]], axis=-1)
 
 
 def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
@@ -182,10 +187,10 @@ def start(u: Array, p: Array) -> Array:
     """
     x = np.zeros(len(X))
     x[X.p_int_Pa] = 0.98e5 * u[U.p_suc_bar]
-    x[X.p_exh_Pa] = x[X.pressure_line_Pa] = 3.0e5
+    x[X.p_exh_Pa] = 3.0e5
     x[X.T_gas] = x[X.T_probe] = 430.0
     x[X.T_wall], x[X.T_head] = 355.0, 370.0
-    x[X.mu] = x[X.flow_cell] = 1.0
+    x[X.mu] = 1.0
     x[X.valve] = u[U.valve]
     return x
 
@@ -199,10 +204,9 @@ def _effect(
     size: str = "",
     absent: float = 0.0,
     scale: float = 1.0,
-    also: tuple[str, ...] = (),
     ports: tuple[str, ...] = (),
 ) -> Effect:
-    return Effect(name, slot, typical, most, (name, *also), (port, *ports), size, absent, scale)
+    return Effect(name, slot, typical, most, (port, *ports), size, absent, scale)
 
 
 _DEMAND, _GAS, _WALL, _EXH = "flux:m_demand_kg_s", "balance:T_gas_K", "balance:T_wall_K", "balance:p_exh_bar"
@@ -238,17 +242,17 @@ EFFECTS = (
     _effect("warm_coolant", "coolant", 12.0, 50.0, _WALL, "T_c_K", 303.0,
             ports=("flux:Q_c_W", "flux:Q_f_W")),
     _effect("friction_heat", "friction", 600.0, 3400.0, _WALL, "P_f_W", 900.0, ports=("flux:Q_c_W", "flux:Q_f_W")),
-    _effect("probe_lag", "slow_probe", 3.0, 20.0, _T, "tau_T_s", 5.0, also=("sensor_lag@T_dis_K",),
+    _effect("probe_lag", "slow_probe", 3.0, 20.0, _T, "tau_T_s", 5.0,
             ports=("balance:T_probe_K",)),
     _effect("stem_conduction", "stem", 0.05, 0.45, _T, "stem"),
-    _effect("flow_meter_gain", "flow_gain", 0.02, 0.19, _M, "flow_gain", also=("sensor_gain@m_flow_kg_s",)),
+    _effect("flow_meter_gain", "flow_gain", 0.02, 0.19, _M, "flow_gain"),
     _effect("flow_meter_pulsation", "pulsation", 0.012, 0.1, _M, "pulsation"),
     _effect("humidity", "moisture", 0.012, 0.1, _DEMAND, "humidity", ports=(_MEMORY, _EXH, "flux:m_out_kg_s")),
     _effect("motor_slip", "slip", 0.02, 0.2, "input:N_rpm", "slip", ports=(_DEMAND, _MEMORY)),
 )  # fmt: skip
 FOREIGN = (
-    Effect("suction_resonance", "resonance", 0.02, 0.3, (), (_DEMAND, _MEMORY)),
-    Effect("thermal_soak_of_capacity", "soak", 0.04, 0.8, (), (_DEMAND, _MEMORY)),
+    Effect("suction_resonance", "resonance", 0.02, 0.3, (_DEMAND, _MEMORY)),
+    Effect("thermal_soak_of_capacity", "soak", 0.04, 0.8, (_DEMAND, _MEMORY)),
 )
 
 MACHINE = Machine(
@@ -275,7 +279,7 @@ MACHINE = Machine(
     settle_s=300.0,
     period_s=0.05,
     fine=20,
-    coarse=3,
+    coarse=2,
     seconds={"train": (300.0, 300.0, 300.0), "held": (300.0, 300.0)},
     noise={
         "p_suc_bar": Noise(0.0005, 0.0, 1.0), "T_suc_K": Noise(0.05, 0.0, 1.0), "N_rpm": Noise(0.5, 0.0, 1.0),
@@ -286,10 +290,6 @@ MACHINE = Machine(
          "valve": 0.0001},
     effects=EFFECTS,
     foreign=FOREIGN,
-    confusable=(
-        ("suction_valve_loss", "filter_fouling"), ("larger_clearance", "leakage_with_speed"),
-        ("warm_coolant", "friction_heat"), ("recycle_leak", "external_leak"),
-        ("discharge_valve_loss", "discharge_heat_loss"), ("flow_meter_gain", "humidity"),
-        ("throttle_erosion", "flow_meter_gain"), ("discharge_valve_loss", "efficiency_with_speed"),
-    ),
+    rippled="capacity",
+    ripple_arguments=ripple_arguments,
 )  # fmt: skip

@@ -7,7 +7,7 @@ import importlib.util
 from twinbench.common.errors import BadInput
 
 ORACLE = "oracle"
-"""It is told which mechanisms there are, and its gain is what others are held against."""
+"""It is told which mechanisms there are."""
 ENGINES = {
     "twinbench": "twinbench.mismatch:diagnose",
     ORACLE: "twinbench.mismatch:diagnose",

@@ -16,32 +16,30 @@ from twinbench.proof.concealed.machine import Effect, Machine
 
 KINDS = ("bias", "gain", "lag", "delay", "drift", "saturation", "quantisation", "stuck")
 _COMPARABLE = {"bias": "bias", "gain": "gain", "lag": "lag_s", "delay": "delay_s", "quantisation": "quantisation"}
-_ALSO = {
-    "sensor_gain@m_flow_kg_s": ("flow_meter_gain",),
-    "sensor_lag@T_dis_K": ("probe_lag",),
-    "input_bias@load_Nm": ("offset@omega_rad_s",),
-    "input_bias@pump_V": ("offset@h1_cm",),
-    "input_bias@voltage_V": ("offset@current_A",),
-}
 _ABSORBED = {
     "sensor_bias@T_dis_K", "sensor_drift@T_dis_K", "sensor_gain@T_probe_K", "sensor_bias@T_probe_K",
     "input_gain@valve", "input_bias@valve", "input_gain@pump_V", "input_lag@T_suc_K", "input_delay@T_suc_K",
 }  # fmt: skip
-"""What a parameter or the machine's slowness hides, so that it is no sensor fault to anybody."""
+"""What a parameter or the machine's slowness hides, so that no size of it that makes sense would be a case."""
+_AT_INPUTS = ("bias", "gain", "lag", "delay", "drift", "saturation")
+
+
+def all_faults(machine: Machine) -> tuple[Effect, ...]:
+    """Every fault that somebody may blame."""
+    found = []
+    for where, group, kinds in (("sensor", machine.outputs, KINDS), ("input", machine.inputs, _AT_INPUTS)):
+        for channel in group:
+            port = f"{'output' if where == 'sensor' else 'input'}:{channel}"
+            for kind in kinds:
+                size = f"{_COMPARABLE[kind]}_{channel}" if kind in _COMPARABLE else ""
+                found.append(Effect(f"{where}_{kind}@{channel}", "", 0.0, 0.0, (port,), size))
+    return tuple(found)
 
 
 def faults(machine: Machine) -> tuple[Effect, ...]:
-    """Every fault of a machine that is not the same as another parameter value."""
-    found = []
-    for where, group in (("sensor", machine.outputs), ("input", machine.inputs)):
-        for channel in group:
-            for kind in KINDS:
-                name = f"{where}_{kind}@{channel}"
-                if name not in _ABSORBED and not (where == "input" and kind in ("quantisation", "stuck", "drift")):
-                    port = f"{'output' if where == 'sensor' else 'input'}:{channel}"
-                    size = f"{_COMPARABLE[kind]}_{channel}" if kind in _COMPARABLE else ""
-                    found.append(Effect(name, "", 0.0, 0.0, (name, *_ALSO.get(name, ())), (port,), size))
-    return tuple(found)
+    """Every fault of a machine that is drawn: none that is the same as another parameter value."""
+    listed = [e for e in all_faults(machine) if e.name not in _ABSORBED]
+    return tuple(e for e in listed if not e.name.startswith("input_drift"))
 
 
 def parts(effect: Effect) -> tuple[str, str]:
@@ -86,15 +84,15 @@ def faulty(kind: str, size: float, time_s: Array, values: Array, span: tuple[flo
     raise ValueError(f"fault {kind!r} is not known")
 
 
-def first_size(kind: str, sigma: float, span: tuple[float, float]) -> tuple[float, float]:
-    """A size to start scaling from, and the largest that makes sense."""
+def first_size(kind: str, sigma: float, span: tuple[float, float], period_s: float) -> tuple[float, float]:
+    """A size to start scaling from, and the largest that makes sense; a lag shorter than a sample shows nowhere."""
     width = span[1] - span[0]
     sigma = sigma if sigma > 0.0 else 0.01 * width
     start, most = {
         "bias": (sigma, 0.5 * width),
         "gain": (0.02, 0.4),
-        "lag": (0.5, 20.0),
-        "delay": (0.3, 10.0),
+        "lag": (max(0.5, 2.0 * period_s), max(20.0, 40.0 * period_s)),
+        "delay": (max(0.3, 2.0 * period_s), max(10.0, 20.0 * period_s)),
         "drift": (10.0 * sigma, 10.0 * width),
         "saturation": (0.15, 0.6),
         "quantisation": (sigma, 0.3 * width),

@@ -2,44 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from twinbench.proof.concealed.judge import COLUMNS
-from twinbench.proof.concealed.marks import DETECTABLE, REACHED_SHARE, SOUND, UNKNOWN, marks, miss
+from twinbench.proof.concealed.findings import SINGLE, miss, stated, with_marks
+from twinbench.proof.concealed.outcome import SOUND, UNKNOWN
+from twinbench.proof.concealed.power import reliability, reliability_error
 
 COMPARED = {
-    "right_name": "right name, single detectable effect",
-    "right_or_in_set": "right name, alone or in a set of at most three",
-    "both_of_two": "both of two effects",
-    "false_name": "false name: clean, parameters, poor excitation",
-    "sensor_called_physics": "sensor fault called physics",
-    "fault_named": "sensor or input fault named",
-    "confidently_wrong": "confidently wrong",
-    "abstains": "truth not in the catalogue: abstains or a right set",
-    "located": "located within two ports",
+    "by_class": "single effect: right name or class, all machines",
+    "by_name": "single effect: right name alone, all machines",
+    "pairs": "both of two effects, by class",
+    "false_name": "sound machine: false name",
+    "fault_by_class": "sensor or input fault, by class",
+    "called_physics": "sensor or input fault called physics",
+    "confidently_wrong": "confidently wrong, of all verdicts",
+    "abstains": "not in the catalogue: no wrong name",
+    "located": "not in the catalogue: located within two ports",
     "gain": "held-out gain of every detectable effect, median",
 }
 """Gates that engines are held against each other by: column of ``engines.csv``, gate."""
-TEXTS = ("truth", "verdict", "named", "set", "port_truth", "ports_named", "alike")
+BY_KIND = {"tuned": (0.90, 0.85), "untuned": (0.80, np.nan), "random": (0.80, np.nan)}
+"""Least rates of a right name or class, and of a right name alone, by kind of machine."""
 
 
-def read_cases(path: Path) -> pd.DataFrame:
-    """``cases.csv``, empty texts as such."""
-    return pd.read_csv(
-        path,
-        dtype=dict.fromkeys(("case", *TEXTS), str),
-        keep_default_na=False,
-        na_values={c: [""] for c in COLUMNS if c not in ("case", *TEXTS)},
-    )
-
-
-def wilson(hits: int, cases: int, level: float = 0.95) -> tuple[float, float]:
+def wilson(hits: float, cases: int, level: float = 0.95) -> tuple[float, float]:
     """Wilson's score interval of a rate; (0, 1) without cases."""
     if cases == 0:
         return 0.0, 1.0
@@ -50,37 +40,87 @@ def wilson(hits: int, cases: int, level: float = 0.95) -> tuple[float, float]:
 
 
 def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """The gates of one engine's rows: gate, required, measured, low, high, cases, met.
+    """The gates of one engine's rows: gate, required, measured, low, high, cases, met, ideal.
 
-    Rates come with Wilson's 95 % interval, medians and quantiles with that of their order statistics.
-    ``met`` is None where there is no case.
+    Rates come with Wilson's 95 % interval, medians and quantiles with that of their order statistics. ``met`` is None
+    where there is no case. ``ideal`` is what the ideal observer reaches on the same cases; NaN where it is not asked.
     """
-    marked = pd.DataFrame([marks(row) for _, row in rows.iterrows()], index=rows.index)
-    detectable = rows["severity"] >= REACHED_SHARE * DETECTABLE
-    named = marked["confidently_wrong"].eq(False) & detectable & (rows["named"] != "") & ~rows["cell"].isin(SOUND)
-    sized = rows.loc[detectable & marked["named_right"].eq(True)]
-    gains = rows.loc[named & ~rows["cell"].isin([*UNKNOWN, "sensor"])]
-    # Who says nothing gains nothing.
-    any_gain = rows.loc[detectable & ~rows["cell"].isin(SOUND), "gain"].fillna(0.0)
-    table = [
-        rate("right name, single detectable effect", ">=", 0.85, marked["named_right"]),
-        rate("right name, alone or in a set of at most three", "", np.nan, marked["set_right"]),
-        rate("both of two effects", ">=", 0.75, marked["pair_right"]),
-        rate("false name: clean, parameters, poor excitation", "<=", 0.02, marked["false_name"]),
-        rate("sensor fault called physics", "<=", 0.02, marked["physics_for_sensor"]),
-        rate("sensor or input fault named", "", np.nan, marked["fault_right"]),
-        rate("confidently wrong", "<=", 0.03, marked["confidently_wrong"]),
-        rate("truth not in the catalogue: abstains or a right set", ">=", 0.85, marked["abstained_right"]),
-        rate("located within two ports", ">=", 0.90, marked["located"]),
-        quantile("onset error, median, s", "<=", 10.0, rows.loc[detectable, "onset_error_s"]),
-        quantile("error of the size, median, %", "<=", 5.0, sized["size_error_pct"]),
-        rate("90 % interval covers the size", "in", (0.85, 0.95), sized["size_covered"].dropna() > 0.5),
-        quantile("held-out gain, median", ">=", 0.9, gains["gain"]),
-        quantile("held-out gain, 5 % quantile", ">=", 0.5, gains["gain"], 0.05),
-        quantile("held-out gain of every detectable effect, median", "", np.nan, any_gain),
-        quantile("share of the oracle's gain, median", ">=", 0.95, gains["gain"] / gains["oracle_gain"]),
+    rows = with_marks(rows)
+    there = rows[rows["detectable"]]
+    table = _singles(there[there["cell"].isin(SINGLE)]) + _others(rows, there)
+    return pd.DataFrame(table + _numbers(rows, there))
+
+
+def _singles(rows: pd.DataFrame) -> list[dict[str, Any]]:
+    """Gates on single detectable effects."""
+    table = []
+    for kind, (least_class, least_name) in {"all": (np.nan, np.nan), **BY_KIND}.items():
+        own = rows if kind == "all" else rows[rows["kind"] == kind]
+        where = f"{kind} machines"
+        table += [
+            _beside(f"single effect: right name or class, {where}", ">=", least_class, own, "class"),
+            _beside(f"single effect: right name alone, {where}", ">=", least_name, own, "name"),
+        ]
+    within = rows["outcome"].isin(("name", "class", "set"))
+    return [*table, rate("single effect: right name, class or a set of at most three", "", np.nan, within)]
+
+
+def _others(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
+    """Gates on sound machines, on two effects, on what the catalogue lacks, and on faults."""
+    sound, unknown = rows[rows["cell"].isin(SOUND)], rows[rows["cell"].isin(UNKNOWN)]
+    pointed = unknown.loc[unknown["detectable"], "pointed"]
+    pairs, faults = there[there["cell"] == "two_effects"], there[there["cell"] == "sensor"]
+    open_end = sound["verdict"].isin(("unexplained", "incomplete"))
+    return [
+        rate("sound machine: false name", "<=", 0.0, sound["named"] != ""),
+        rate("sound machine: false name or set", "<=", 1.0 / max(len(sound), 1), sound["said"]),
+        rate("sound machine: called unexplained or incomplete, without a name", "", np.nan, open_end & ~sound["said"]),
+        rate("confidently wrong, of all verdicts", "<=", 0.02, rows["wrong_name"]),
+        _beside("both of two effects, by class", ">=", 0.75, pairs, "class"),
+        rate("not in the catalogue: no wrong name", ">=", 0.95, unknown["named"] == ""),
+        rate("not in the catalogue: located within two ports", ">=", 0.90, pointed),
+        _beside("sensor or input fault, by class", ">=", 0.85, faults, "class"),
+        rate("sensor or input fault called physics", "<=", 0.01, rows.loc[rows["cell"] == "sensor", "physics"]),
     ]
-    return pd.DataFrame(table)
+
+
+def _numbers(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
+    """Gates on stated probabilities, sizes, parameters, gain and onset."""
+    claims = stated(rows)
+    sets, with_effect = claims[~claims["single"].astype(bool)], ~rows["cell"].isin((*SOUND, "sensor"))
+    named = there[there["by_class"] & (there["cell"] != "sensor")]
+    return [
+        reliability_line("stated probability, mean error", 0.05, claims),
+        rate("sets that hold an effect of the case", ">=", 0.93, sets["right"]),
+        rate("90 % interval covers the size", "in", (0.85, 0.95), there["size_covered"].dropna() > 0.5),
+        share("90 % intervals of parameters cover, sound machines", rows.loc[rows["cell"].isin(SOUND)]),
+        share("90 % intervals of parameters cover, beside an effect", rows.loc[with_effect]),
+        quantile("error of the size, median, %", "", np.nan, there["size_error_pct"]),
+        quantile("held-out gain of named effects, median", ">=", 0.95, named["gain"]),
+        # Who says nothing gains nothing.
+        quantile("held-out gain of every detectable effect, median", "", np.nan, there["gain"].fillna(0.0)),
+        quantile("onset error, median, s", "<=", 5.0, there["onset_error_s"]),
+    ]
+
+
+def _beside(gate: str, sense: str, required: float, rows: pd.DataFrame, what: str) -> dict[str, Any]:
+    """A rate of ``by_class`` or ``by_name`` beside the ideal observer's."""
+    line = rate(gate, sense if np.isfinite(required) else "", required, rows[f"by_{what}"])
+    return line | {"ideal": rows[f"ideal_{what}"].mean()}
+
+
+def share(gate: str, rows: pd.DataFrame) -> dict[str, Any]:
+    """The mean share of parameters that are covered; the interval is that of as many independent cases."""
+    known = rows["parameters_covered"].dropna()
+    low, high = wilson(known.sum(), len(known))
+    mean = float(known.mean()) if len(known) else np.nan
+    return gate_line(gate, "in", (0.85, 0.95), mean, low, high, len(known))
+
+
+def reliability_line(gate: str, required: float, claims: pd.DataFrame) -> dict[str, Any]:
+    """Mean distance of stated probabilities of single names from the rate of right ones, bin by bin."""
+    bins = reliability(claims)
+    return gate_line(gate, "<=", required, reliability_error(bins), np.nan, np.nan, int(bins["cases"].sum()))
 
 
 def engine_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -106,9 +146,10 @@ def engine_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 def misses(rows: pd.DataFrame) -> pd.DataFrame:
     """Every row that missed something, with ``miss``: what."""
-    said = rows.assign(miss=[miss(row) for _, row in rows.iterrows()])
-    columns = ["miss", "engine", "case", "machine", "cell", "severity", "background_pct", "truth", "named", "set"]
-    missed = said.loc[said["miss"] != "", [*columns, "ports_named"]]
+    said = with_marks(rows)
+    said["miss"] = [miss(row) for _, row in said.iterrows()]
+    columns = ["miss", "engine", "case", "machine", "cell", "severity", "background_pct", "truth", "class", "D0_sq"]
+    missed = said.loc[said["miss"] != "", [*columns, "Dk_sq", "named", "set", "ports"]]
     return missed.sort_values(["engine", "miss", "machine", "case"], ignore_index=True)
 
 
@@ -145,27 +186,20 @@ def gate_line(
     return {"gate": gate, "required": said, "measured": measured, "low": low, "high": high, "cases": cases, "met": met}
 
 
-def by(rows: pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """The rate of right names over some columns, such as severity, background or machine, with intervals."""
-    right = pd.Series([marks(row).set_right for _, row in rows.iterrows()], index=rows.index, dtype=object)
-    marked = rows.assign(right=right)
-    table = []
-    for key, group in marked.dropna(subset="right").groupby(list(columns)):
-        hits, n = int(group["right"].astype(bool).sum()), len(group)
-        low, high = wilson(hits, n)
-        table.append(dict(zip(columns, key, strict=True)) | {"right": hits / n, "low": low, "high": high, "cases": n})
-    return pd.DataFrame(table)
-
-
 def as_markdown(gates: pd.DataFrame) -> str:
-    """A gate table to read."""
-    lines = ["| gate | required | measured | 95 % interval | cases | met |", "|---|---|---|---|---|---|"]
+    """A gate table to read; with the ideal observer's column where there is one."""
+    has_ideal = "ideal" in gates
+    head = ["gate", "required", "measured", "95 % interval", *(["ideal observer"] if has_ideal else []), "cases", "met"]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for _, g in gates.iterrows():
         met = "" if g["met"] is None else "yes" if g["met"] else "**no**"
-        measured, interval = "-", "-"
+        measured, interval, ideal = "-", "-", []
         if g["cases"]:
-            measured, interval = f"{g['measured']:.3g}", f"{g['low']:.3g} to {g['high']:.3g}"
-        lines.append(f"| {g['gate']} | {g['required']} | {measured} | {interval} | {g['cases']} | {met} |")
+            measured = f"{g['measured']:.3g}"
+            interval = f"{g['low']:.3g} to {g['high']:.3g}" if np.isfinite(g["low"]) else ""
+        if has_ideal:
+            ideal = [f"{g['ideal']:.3g}" if np.isfinite(g["ideal"]) else ""]
+        lines.append(f"| {' | '.join([g['gate'], g['required'], measured, interval, *ideal, str(g['cases']), met])} |")
     return "\n".join(lines) + "\n"
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,19 @@ import pandas as pd
 
 from twinbench.data.scenario import stream
 from twinbench.physics.simulator import Array
-from twinbench.proof.concealed.faults import faults, faulty, first_size, parts, span_of
+from twinbench.proof.concealed.changes import change_of, with_fault
+from twinbench.proof.concealed.columns import picture
+from twinbench.proof.concealed.faults import faults, parts, span_of
 from twinbench.proof.concealed.integrate import Parameters
-from twinbench.proof.concealed.machine import Effect, Machine, clock
-from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.machine import Effect, Machine
+from twinbench.proof.concealed.machines import machine_of
+from twinbench.proof.concealed.observer import observe
+from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.concealed.record import recorded
 from twinbench.proof.concealed.severity import Take, Yardstick, readings
 
 CELLS = (
-    "clean", "parameters", "sensor", "mechanism", "confusable", "two_effects", "left_out", "foreign", "poor_excitation",
-    "onset",
+    "clean", "parameters", "poor_excitation", "mechanism", "onset", "two_effects", "sensor", "left_out", "foreign",
 )  # fmt: skip
 BACKGROUND_PCT = ((0.0, 0.2, 1.0), (0.4, 0.4, 0.2))
 """Ripple of the main flow map that no catalogue has, in per cent; how often each is drawn."""
@@ -67,9 +70,13 @@ class _Plan:
     faults: tuple[tuple[str, str, float], ...]  # port, kind, size
 
 
-def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> Case:
-    """Draw a case; the same item and seed give the same case."""
-    machine = machines[item.machine]
+def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -> Case:
+    """Draw a case; the same item and seed give the same case.
+
+    Args:
+        machines: in place of the seed's own.
+    """
+    machine = machine_of(item.machine, seed) if machines is None else machines[item.machine]
     rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
     background = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
     p = _parameters(machine, item.cell, background, rng)
@@ -81,7 +88,9 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> C
     tables, floor = _recorded(machine, plan, rng)
     reached = [f["severity"] for f in found]
     severity = item.severity if min(reached, default=1.0) >= MEANS_IT * item.severity else min(reached)
-    without = sorted({n for e in effects for n in e.right}) if item.cell == "left_out" else []
+    # Not only its name is left out, but all that nobody could tell from it: what is then named is wrong indeed.
+    alike = {n for f in found for n in (*f["class"], *f["close"])}
+    without = sorted(alike) if item.cell in UNKNOWN else []
     public = {
         "machine": machine.name,
         "simulator": machine.simulator,
@@ -91,19 +100,37 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> C
         "train": [t.name for t in takes if not t.held_out],
         "held_out": [t.name for t in takes if t.held_out],
     }
+    if machine.network:
+        public["network"] = dict(machine.network)
     truth = {
         "case": item.case,
         "machine": machine.name,
+        "kind": machine.kind,
         "cell": item.cell,
         "severity": round(float(severity), 4),
         "background_pct": background,
         "effects": found,
+        **_together(found),
         "onset_s": onset_s if np.isfinite(onset_s) else None,
+        "calibrated": list(machine.calibrate),
         "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.parameters.before, strict=True)},
         "outputs": list(machine.outputs),
         "held_out_floor": floor,
     }
     return Case(item, public, tables, truth)
+
+
+def _together(found: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What the ideal observer makes of the whole case: its hardest effect decides."""
+    if not found:
+        return dict.fromkeys(("D0_sq", "Dk_sq", "detectable", "ideal_name", "ideal_class"))
+    return {
+        "D0_sq": min(f["D0_sq"] for f in found),
+        "Dk_sq": min(f["Dk_sq"] for f in found),
+        "detectable": all(f["detectable"] for f in found),
+        "ideal_name": float(np.prod([f["ideal_name"] for f in found])),
+        "ideal_class": float(np.prod([f["ideal_class"] for f in found])),
+    }
 
 
 def write(case: Case, folder: Path) -> None:
@@ -152,89 +179,53 @@ def _scaled(
     machine: Machine, item: Item, effects: Sequence[Effect], takes: tuple[Take, ...], p: Array, onset_s: float
 ) -> tuple[_Plan, list[dict[str, Any]]]:
     """Give every effect the amplitude of the case's severity, each by itself, on a machine without background."""
-    quiet = p.copy()
-    quiet[machine.at("ripple")] = quiet[machine.at("ambient")] = 0.0
-    measure = item.cell != "poor_excitation" and bool(effects)
-    yardstick = Yardstick(machine, takes, quiet) if measure else None
     after, wrong, found = p.copy(), [], []
+    yardstick = Yardstick(machine, takes, _quiet(machine, p)) if effects else None
     for effect in effects:
-        kind = parts(effect)[0] if not effect.slot else ""
-        change: Callable[[float], Sequence[Array]]
-        if effect.slot:
-            start, most = effect.typical, effect.most
-            change = _effect_change(machine, yardstick, quiet, effect, onset_s)
+        assert yardstick is not None
+        change = change_of(yardstick, effect, onset_s)
+        amplitude = change.start
+        if effect.is_stuck:
+            held_out, in_training = yardstick.measure(change.of(amplitude))
         else:
-            start, most, change = _fault_change(machine, yardstick, takes, effect)
-        amplitude, held_out, in_training = start, 0.0, 0.0
-        if yardstick is not None and kind == "stuck":  # in one training recording alone
-            held_out, in_training = yardstick.measure(change(start))
-        elif yardstick is not None:
-            amplitude, held_out, in_training = yardstick.scale(change, start, most, item.severity)
+            amplitude, held_out, in_training = yardstick.scale(change.of, change.start, change.most, item.severity)
         if effect.slot:
             after[machine.at(effect.slot)] = amplitude
         else:
-            wrong.append((effect.ports[0], kind, amplitude))
+            wrong.append((effect.ports[0], parts(effect)[0], amplitude))
         sizes = {effect.size: [effect.absent + effect.scale * amplitude, effect.absent]} if effect.size else {}
         found.append(
             {
                 "name": effect.name,
-                "right": list(effect.right),
-                "alike": _alike(machine, effect),
                 "ports": list(effect.ports),
                 "amplitude": amplitude,
                 "sizes": sizes,
                 "held_out": held_out,
                 "in_training": in_training,
-                "severity": in_training if kind == "stuck" else min(held_out, in_training),
+                "severity": in_training if effect.is_stuck else min(held_out, in_training),
             }
         )
+    if yardstick is not None:
+        _observe(item, yardstick, found, 100.0 * p[machine.at("ripple")], onset_s)
     return _Plan(takes, Parameters(p, after, onset_s), tuple(wrong)), found
 
 
-def _alike(machine: Machine, effect: Effect) -> list[str]:
-    """Catalogue names of what looks like an effect: where the catalogue lacks it, a set with one of them is right."""
-    partners = [name for pair in machine.confusable if effect.name in pair for name in pair if name != effect.name]
-    return sorted({n for partner in partners for n in machine.effect(partner).right})
+def _quiet(machine: Machine, p: Array) -> Array:
+    """Parameters (np,) without background."""
+    quiet = p.copy()
+    quiet[machine.at("ripple")] = quiet[machine.at("ambient")] = 0.0
+    return quiet
 
 
-def _effect_change(
-    machine: Machine, yardstick: Yardstick | None, quiet: Array, effect: Effect, onset_s: float
-) -> Callable[[float], Sequence[Array]]:
-    def change(amplitude: float) -> Sequence[Array]:
-        assert yardstick is not None
-        moved = quiet.copy()
-        moved[machine.at(effect.slot)] = amplitude
-        return yardstick.with_parameters(moved, onset_s)
-
-    return change
-
-
-def _fault_change(
-    machine: Machine, yardstick: Yardstick | None, takes: Sequence[Take], effect: Effect
-) -> tuple[float, float, Callable[[float], Sequence[Array]]]:
-    kind, channel = parts(effect)
-    at_input = channel in machine.inputs
-    column = (machine.inputs if at_input else machine.outputs).index(channel)
-    assert yardstick is not None
-    series = [t.u for t in takes] if at_input else yardstick.base
-    span = span_of([s[:, column] for s in series])
-    start, most = first_size(kind, machine.noise[channel].sigma, span)
-
-    def change(size: float) -> Sequence[Array]:
-        made = [_with_fault(machine, take, s, column, kind, size, span) for take, s in zip(takes, series, strict=True)]
-        return yardstick.with_inputs(made) if at_input else made
-
-    return start, most, change
-
-
-def _with_fault(
-    machine: Machine, take: Take, series: Array, column: int, kind: str, size: float, span: tuple[float, float]
-) -> Array:
-    time_s = take.start_s + clock(len(series) * machine.period_s, machine.period_s)
-    changed = series.copy()
-    last = take.name == f"train_{len(machine.seconds['train'])}"
-    changed[:, column] = faulty(kind, size, time_s, series[:, column], span, last)
-    return changed
+def _observe(
+    item: Item, yardstick: Yardstick, found: Sequence[dict[str, Any]], background_pct: float, onset_s: float
+) -> None:
+    """Add to every effect what the ideal observer makes of it."""
+    there = {f["name"]: f["amplitude"] for f in found}
+    seen = picture(yardstick, there, background_pct, onset_s)
+    for f in found:
+        beside = tuple(name for name in there if name != f["name"])
+        f |= observe(seen, f["name"], beside, stream("ideal observer", item.case, f["name"])).told()
 
 
 def _with_faults(machine: Machine, plan: _Plan, side: str, series: Sequence[Array]) -> Sequence[Array]:
@@ -246,7 +237,7 @@ def _with_faults(machine: Machine, plan: _Plan, side: str, series: Sequence[Arra
             column = (machine.inputs if side == "input" else machine.outputs).index(channel)
             span = span_of([s[:, column] for s in series])
             pairs = zip(plan.takes, made, strict=True)
-            made = [_with_fault(machine, take, s, column, kind, size, span) for take, s in pairs]
+            made = [with_fault(machine, take, s, port, (kind, size), span) for take, s in pairs]
     return made
 
 

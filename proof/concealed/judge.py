@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from twinbench.proof.concealed.outcome import outcome
 from twinbench.proof.concealed.seal import Sealed, check
 
 COLUMNS = (
-    "case", "machine", "cell", "severity", "background_pct", "truth", "verdict", "named", "set", "port_truth",
-    "ports_named", "onset_error_s", "size_error_pct", "size_covered", "gain", "oracle_gain", "engine", "seconds",
-    "alike",
+    "case", "seed", "machine", "kind", "cell", "severity", "background_pct", "truth", "class", "D0_sq", "Dk_sq",
+    "detectable", "verdict", "named", "set", "probability", "outcome", "ports", "gain", "size_error_pct",
+    "size_covered", "parameters_covered", "engine", "seconds", "onset_error_s", "port_truth", "ideal_name",
+    "ideal_class",
 )  # fmt: skip
-"""In ``truth`` and ``port_truth`` effects are joined by ``+``, what counts as right for one of them by ``|``.
-``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``;
-``alike`` what looks like the effects, which is right in a set where the catalogue lacks them."""
+"""In ``truth``, ``class`` and ``port_truth`` effects are joined by ``+``, what is the same for one of them by ``|``.
+``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``.
+``probability`` holds what the verdict states for each of them, in their order: single names, then sets."""
 PORTS = 2
 """So many ports a location may hold."""
 _NO_EXCESS = 2e-4
@@ -38,47 +40,44 @@ class Claim:
 
 
 def score(
-    sealed: Sealed, published: str, verdict: Mapping[str, Any], engine: str = "twinbench", oracle_gain: float = 1.0
+    sealed: Sealed, published: str, verdict: Mapping[str, Any], engine: str = "twinbench", seed: int = 0
 ) -> dict[str, Any]:
     """Score a verdict (``verdict.json``) against the sealed truth.
 
     Args:
         published: the digest that was published before the engine ran.
-        oracle_gain: held-out gain of the engine that was told the name; 1 removes all that is not noise.
+        seed: of the suite.
 
     Raises:
         BrokenSeal: the truth is not the one that was sealed.
     """
     truth = check(sealed, published)
-    effects = truth["effects"]
-    found = claims(verdict)
-    # Names for the same thing, each as right as the other, are no set.
-    same = [c for c in found if c.single or any(c.names and set(c.names) <= set(e["right"]) for e in effects)]
-    named = [c.names[0] for c in same]
-    sets = [_things(c.names, effects) for c in found if len(c.names) > 1 and c not in same]
-    matched = [(e, c) for e in effects for c in same if c.names[0] in e["right"]]
-    error, covered = size_error(*matched[0]) if len(effects) == 1 and matched else (np.nan, np.nan)
-    return {
+    effects, found = truth["effects"], claims(verdict)
+    single, several = [c for c in found if c.single], [c for c in found if len(c.names) > 1]
+    error, covered = _size(effects, single)
+    row = {
         "case": truth["case"],
-        "machine": truth["machine"],
-        "cell": truth["cell"],
-        "severity": truth["severity"],
-        "background_pct": truth["background_pct"],
-        "truth": "+".join("|".join(e["right"]) or e["name"] for e in effects),
+        "seed": seed,
+        **{key: truth[key] for key in ("machine", "kind", "cell", "severity", "background_pct")},
+        "truth": "+".join(e["name"] for e in effects),
+        "class": "+".join("|".join(e["class"]) for e in effects),
+        **{key: _known(truth[key]) for key in ("D0_sq", "Dk_sq", "detectable", "ideal_name", "ideal_class")},
         "verdict": verdict.get("verdict", ""),
-        "named": "+".join(named),
-        "set": "+".join("|".join(s) for s in sets),
+        "named": "+".join(c.names[0] for c in single),
+        "set": "+".join("|".join(c.names) for c in several),
+        "probability": "+".join(_stated(c) for c in (*single, *several)),
+        "outcome": outcome(truth, [c.names for c in found], [c.ports for c in found]),
         "port_truth": "+".join("|".join(e["ports"]) for e in effects),
-        "ports_named": "+".join("|".join(c.ports) for c in found),
+        "ports": "+".join("|".join(c.ports) for c in found),
         "onset_error_s": onset_error(truth["onset_s"], found, effects),
         "size_error_pct": error,
         "size_covered": covered,
+        "parameters_covered": parameters_covered(truth, verdict),
         "gain": gain(verdict, truth["held_out_floor"]) if found else np.nan,
-        "oracle_gain": oracle_gain,
         "engine": engine,
         "seconds": float(verdict.get("seconds", np.nan)),
-        "alike": "+".join("|".join(e["alike"]) for e in effects),
     }
+    return {column: row[column] for column in COLUMNS}
 
 
 def claims(verdict: Mapping[str, Any]) -> list[Claim]:
@@ -96,12 +95,12 @@ def claims(verdict: Mapping[str, Any]) -> list[Claim]:
     return found
 
 
-def _things(names: Sequence[str], effects: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
-    """A set with one name for each thing, where several are as right as each other."""
-    for e in effects:
-        right = [n for n in names if n in e["right"]]
-        names = [n for n in names if n not in right[1:]]
-    return tuple(names)
+def parameters_covered(truth: Mapping[str, Any], verdict: Mapping[str, Any]) -> float:
+    """Share of the twin's calibrated parameters whose 90 % interval holds the true value; NaN if none is told."""
+    told = verdict.get("parameters") or {}
+    true = truth["parameters"]
+    known = [(true[name], told[name]) for name in truth["calibrated"] if name in told]
+    return float(np.mean([float(v["low"]) <= t <= float(v["high"]) for t, v in known])) if known else float("nan")
 
 
 def gain(verdict: Mapping[str, Any], floor: Mapping[str, float]) -> float:
@@ -135,7 +134,22 @@ def onset_error(onset_s: float | None, found: Sequence[Claim], effects: Iterable
     """Seconds between the onset and what a finding gives, on the recordings' clock; the right finding's if any."""
     if onset_s is None:
         return float("nan")
-    right = {name for e in effects for name in e["right"]}
+    right = {name for e in effects for name in e["class"]}
     dated = [c for c in found if c.finding.get("since_s") is not None]
     ours = [c for c in dated if right & set(c.names)] or dated
     return min((abs(float(c.finding["since_s"]) - onset_s) for c in ours), default=float("nan"))
+
+
+def _size(effects: Sequence[Mapping[str, Any]], single: Sequence[Claim]) -> tuple[float, float]:
+    """``size_error`` of the only effect where it is named; NaN elsewhere."""
+    matched = [(e, c) for e in effects for c in single if c.names[0] == e["name"]]
+    return size_error(*matched[0]) if len(effects) == 1 and matched else (float("nan"), float("nan"))
+
+
+def _stated(claim: Claim) -> str:
+    stated = claim.finding.get("probability")
+    return "" if stated is None else f"{float(stated):.4g}"
+
+
+def _known(value: Any) -> Any:
+    return float("nan") if value is None else value

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numba import njit
 
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import Equations, Parameters, Steps, run
@@ -31,9 +32,9 @@ class Effect:
     """Something that the truth has and the twin has not.
 
     Attributes:
+        name: the catalogue's own for it; any other for physics foreign to every catalogue.
         slot: the truth's parameter that holds its amplitude; 0 is absent.
         typical, most: an amplitude to start from, and the largest that makes sense.
-        right: catalogue names that count as right; none for physics foreign to every catalogue.
         ports: where it may rightly be located.
         size: the catalogue parameter that its amplitude can be compared with, as
             ``absent + scale * amplitude``; empty where the forms differ too much.
@@ -43,11 +44,15 @@ class Effect:
     slot: str
     typical: float
     most: float
-    right: tuple[str, ...]
     ports: tuple[str, ...]
     size: str = ""
     absent: float = 0.0
     scale: float = 1.0
+
+    @property
+    def is_stuck(self) -> bool:
+        """Is it a channel that sticks? It does in one training recording alone."""
+        return "_stuck@" in self.name
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,14 @@ class Machine:
         operate: ``operate(rng, seconds, regime) -> u``, regime "train", "held" or "poor".
         fine, coarse: integration steps per sample, for what is recorded and for what is only scaled.
         seconds: lengths of the recordings.
-        confusable: pairs that look alike.
+        rippled: the parameter that the background's ripple multiplies. Its law multiplies it by
+            1 + ripple * f, where f is a smooth function of the ripple's arguments with an rms near 0.5.
+        ripple_arguments: ``ripple_arguments(x, u) -> (N, d)`` of states x (N, nx) and inputs u (N, nu), scaled so that
+            the wave numbers of f are about 1: what a random function of the same smoothness takes.
+        network: of a random machine, the description that its twin is made from, plain JSON.
+        kind: "tuned" on by the engine's makers, "untuned", or "random".
+        played: by input, the parameter that is the full width of its free play; 0 is no play. The law gets what comes
+            out behind the play and knows nothing of it.
     """
 
     name: str
@@ -91,7 +103,11 @@ class Machine:
     lsb: Mapping[str, float]
     effects: tuple[Effect, ...]
     foreign: tuple[Effect, ...]
-    confusable: tuple[tuple[str, str], ...]
+    rippled: str
+    ripple_arguments: Callable[[Array, Array], Array]
+    kind: str = "tuned"
+    network: Mapping[str, Any] = field(default_factory=dict)
+    played: Mapping[str, str] = field(default_factory=dict)
     offsets: Mapping[str, float] = field(default_factory=dict)
     high: Mapping[str, float] = field(default_factory=dict)
     exponent: tuple[float, float] = (1.9, 2.1)
@@ -116,6 +132,24 @@ class Machine:
         """Noise sd of the outputs, (ny,)."""
         return np.array([self.noise[name].sigma for name in self.outputs])
 
+    def driven(self, u: Array, p: Parameters, start_s: float) -> Array:
+        """What the inputs u (N, nu) come to behind their free play; u itself where there is none.
+
+        Args:
+            u: (N, nu) inputs in their units.
+            p: the law's own.
+            start_s: of the first sample, on the suite's clock.
+        """
+        if not self.played:
+            return u
+        late = start_s + clock(len(u) * self.period_s, self.period_s) >= p.onset_s
+        through = u.copy()
+        for name, slot in self.played.items():
+            widths = np.where(late, p.after[self.at(slot)], p.before[self.at(slot)])
+            column = self.inputs.index(name)
+            through[:, column] = behind_play(np.ascontiguousarray(u[:, column]), widths)
+        return through
+
     @property
     def equations(self) -> Equations:
         """What ``integrate.run`` needs of it."""
@@ -131,6 +165,21 @@ class Machine:
         held = np.tile(u[0], (round(self.settle_s / self.period_s), 1))
         steps = Steps(start_s - self.settle_s, self.period_s, self.coarse)
         return run(self.equations, steps, held, self.start(u[0], p), Parameters.steady(p))[1]
+
+
+@njit(cache=True)
+def behind_play(values: Array, widths: Array) -> Array:
+    """What follows a series (N,) through free play of full widths (N,), centred at first; play 0 changes nothing.
+
+    Args:
+        values: (N,) in the channel's unit.
+        widths: (N,) in the same unit.
+    """
+    out = values.copy()
+    for k in range(1, len(values)):
+        half = 0.5 * widths[k]
+        out[k] = min(max(out[k - 1], values[k] - half), values[k] + half)
+    return out
 
 
 def clock(seconds: float, period_s: float) -> Array:

@@ -24,7 +24,7 @@ _PARAMETERS = _OWN | dict.fromkeys((
 ), 0.0)  # fmt: skip
 _INPUTS = ("voltage_V", "load_Nm")
 _OUTPUTS = ("speed_rad_s", "amps_A", "T_probe_K")
-_STATES = ("current", "speed", "T_winding", "T_frame", "bristle", "amplifier", "speed_sensed")
+_STATES = ("current", "speed", "T_winding", "T_frame", "bristle")
 P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
 
 
@@ -41,8 +41,6 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
     V = u[U.voltage_V]
     if p[P.gap] > 0.0:
         V -= p[P.gap] * math.tanh(u[U.voltage_V] / p[P.gap])  # a dead zone with a soft knee
-    if p[P.play] > 0.0:
-        V = x[X.amplifier]
 
     # Drops of current and speed per second: brushes, arcing; friction (Coulomb's falls a little from standstill on).
     drop = p[P.brushes] * i / math.sqrt(i * i + 0.5) + p[P.arc] * math.copysign(abs(i) ** n, i) * 40.0 ** (2.0 - n)
@@ -60,18 +58,24 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
     dx[X.T_frame] = (T - x[X.T_frame]) / 260.0
     toward = 1.0 - z if w > 0.0 else 1.0 + z
     dx[X.bristle] = w / 12.0 * max(toward, 0.0) ** 1.1
-    behind = u[U.voltage_V] - x[X.amplifier]
-    beyond = max(behind - 0.5 * p[P.play], 0.0) + min(behind + 0.5 * p[P.play], 0.0)
-    dx[X.amplifier] = beyond / 0.02
-    dx[X.speed_sensed] = (w - x[X.speed_sensed]) / 0.003
     return 0.0
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     """speed_rad_s, amps_A, T_probe_K."""
-    y[Y.speed_rad_s], y[Y.amps_A], y[Y.T_probe_K] = x[X.speed_sensed], x[X.current], x[X.T_winding]
+    y[Y.speed_rad_s], y[Y.amps_A], y[Y.T_probe_K] = x[X.speed], x[X.current], x[X.T_winding]
     return 0.0
+
+
+def ripple_arguments(x: Array, u: Array) -> Array:
+    """Of the motor constant's ripple, (N, 2): speed and current, scaled.
+
+    Args:
+        x: (N, nx) each state in its unit.
+        u: (N, nu) inputs in their units.
+    """
+    return np.stack([0.045 * x[:, X.speed], 0.09 * x[:, X.current]], axis=-1)
 
 
 def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
@@ -97,10 +101,9 @@ def start(u: Array, p: Array) -> Array:
     w = (u[U.voltage_V] - 0.6 * u[U.load_Nm]) / 1.05
     x = np.empty(len(X))
     x[X.current] = u[U.load_Nm]
-    x[X.speed] = x[X.speed_sensed] = w
+    x[X.speed] = w
     x[X.T_winding] = x[X.T_frame] = 320.0
     x[X.bristle] = math.copysign(0.9, w)
-    x[X.amplifier] = u[U.voltage_V]
     return x
 
 
@@ -111,7 +114,6 @@ def _on(
     typical: float,
     most: float,
     port: str = "balance",
-    also: tuple[str, ...] = (),
     ports: tuple[str, ...] = (),
 ) -> Effect:
     return Effect(
@@ -119,7 +121,6 @@ def _on(
         slot,
         typical,
         most,
-        (f"{effect}@{state}", *also),
         (f"{port}:{state}", *ports),
         size=f"{effect}_{state}",
     )
@@ -146,7 +147,7 @@ MACHINE = Machine(
     settle_s=120.0,
     period_s=0.05,
     fine=20,
-    coarse=9,
+    coarse=3,
     seconds={"train": (200.0, 200.0, 200.0), "held": (200.0, 200.0)},
     noise={
         "voltage_V": Noise(0.02, 0.0, 1.0),
@@ -163,7 +164,7 @@ MACHINE = Machine(
         _on(_W, "cubic_friction", "cubic", 4e-7, 2e-5),
         _on(_W, "hysteresis", "bristles", 1.0, 20.0),
         _on(_W, "periodic", "shaker", 1.0, 20.0),
-        _on(_W, "offset", "steady", 0.5, 10.0, also=("input_bias@load_Nm",), ports=("input:load_Nm",)),
+        _on(_W, "offset", "steady", 0.5, 10.0, ports=("input:load_Nm",)),
         _on(_I, "constant_drop", "brushes", 20.0, 300.0),
         _on(_I, "quadratic_loss", "arc", 0.01, 0.5),
         _on(_T, "second_thermal_mass", "frame", 2e-3, 0.05),
@@ -171,14 +172,10 @@ MACHINE = Machine(
         _on(_V, "backlash", "play", 2.0, 40.0, port="input", ports=(f"balance:{_I}",)),
     ),
     foreign=(
-        Effect("saturating_iron", "saturation", 0.05, 0.5, (), (f"balance:{_I}", f"balance:{_W}")),
-        Effect("magnets_weaken_when_warm", "weakening", 0.02, 0.3, (), (f"balance:{_I}", f"balance:{_W}")),
+        Effect("saturating_iron", "saturation", 0.05, 0.5, (f"balance:{_I}", f"balance:{_W}")),
+        Effect("magnets_weaken_when_warm", "weakening", 0.02, 0.3, (f"balance:{_I}", f"balance:{_W}")),
     ),
-    confusable=(
-        ("coulomb_friction@omega_rad_s", "hysteresis@omega_rad_s"),
-        ("coulomb_friction@omega_rad_s", "coulomb_friction_unequal@omega_rad_s"),
-        ("quadratic_friction@omega_rad_s", "cubic_friction@omega_rad_s"),
-        ("constant_drop@current_A", "quadratic_loss@current_A"),
-        ("dead_zone@voltage_V", "backlash@voltage_V"),
-    ),
+    rippled="K_Nm_A",
+    ripple_arguments=ripple_arguments,
+    played={"voltage_V": "play"},
 )

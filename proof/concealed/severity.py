@@ -24,6 +24,7 @@ import numpy as np
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import Parameters, Steps, run
 from twinbench.proof.concealed.machine import Machine
+from twinbench.proof.concealed.tangent import NUDGE, Tangent
 
 THIN = 4
 SEVERITY_STEPS, SEVERITY_TOLERANCE = 8, 0.03
@@ -54,7 +55,8 @@ def readings(machine: Machine, take: Take, u: Array, x0: Array, parameters: Para
         u: (N, nu) inputs in their units.
         x0: (nx,) each state in its unit, at the first sample.
     """
-    return run(machine.equations, Steps(take.start_s, machine.period_s, substeps), u, x0, parameters)[0]
+    through = machine.driven(u, parameters, take.start_s)
+    return run(machine.equations, Steps(take.start_s, machine.period_s, substeps), through, x0, parameters)[0]
 
 
 class Yardstick:
@@ -64,6 +66,11 @@ class Yardstick:
         machine: that is measured.
         takes: its recordings.
         p: (n_parameters,) the truth's own, each in its unit.
+
+    Attributes:
+        base: (N, ny) readings of each take, in the channels' units.
+        tangents: the linearisation of each take.
+        parameters: (K, ny, N) for each take, what one spread of each of the twin's parameters does.
     """
 
     def __init__(self, machine: Machine, takes: Sequence[Take], p: Array) -> None:
@@ -71,21 +78,15 @@ class Yardstick:
         self.sigma = machine.sigma()
         self.starts = [machine.settled(t.u, p, t.start_s) for t in takes]
         self.base = [self._run(t, t.u, x, p) for t, x in zip(takes, self.starts, strict=True)]
-        self._own, self._free = [], []
-        for take, x0, base in zip(self.takes, self.starts, self.base, strict=True):
-            columns = []
-            for name in machine.calibrate:
-                moved = p.copy()
-                step = self._step(name)
-                moved[machine.at(name)] += 0.05 * step
-                columns.append(self._whole(self._run(take, take.u, x0, moved) - base) / 0.05)
-            self._own.append(np.stack(columns, axis=-1))
-            columns = []
-            for i, change in machine.slow.items():
-                x = x0.copy()
-                x[i] += change
-                columns.append(self._whole(self._run(take, take.u, x, p) - base))
-            self._free.append(np.stack(columns, axis=-1) if columns else np.zeros((len(self._own[-1]), 0)))
+        pairs = list(zip(takes, self.starts, strict=True))
+        self.tangents = [Tangent(machine.equations, self._steps(t), t.u, x, p) for t, x in pairs]
+        self.parameters = [self._by_parameters(tangent) for tangent in self.tangents]
+        self._own = [self._thinned(columns) for columns in self.parameters]
+        self._free = [self._thinned(self._by_starts(tangent)) for tangent in self.tangents]
+        self._train = [i for i, t in enumerate(self.takes) if not t.held_out]
+        self._columns = self._of_training()
+        self._solved = np.linalg.pinv(np.concatenate([self._columns, np.eye(self._n_own, self._columns.shape[1])]))
+        self._free_solved = [np.linalg.pinv(free) for free in self._free]
 
     def with_parameters(self, after: Array, onset_s: float = -np.inf) -> list[Array]:
         """Readings of every take with parameters ``after`` from ``onset_s`` on.
@@ -102,12 +103,13 @@ class Yardstick:
         return made
 
     def with_inputs(self, inputs: Sequence[Array]) -> list[Array]:
-        """Readings of every take had the inputs been others.
+        """Readings of every take had the inputs been others, and had it settled under them.
 
         Args:
             inputs: (N, nu) per take, in the inputs' units.
         """
-        return [self._run(t, u, x, self.p) for t, u, x in zip(self.takes, inputs, self.starts, strict=True)]
+        pairs = zip(self.takes, inputs, strict=True)
+        return [self._run(t, u, self.machine.settled(u, self.p, t.start_s), self.p) for t, u in pairs]
 
     def measure(self, changed: Sequence[Array]) -> tuple[float, float]:
         """The two rms values, held-out and training, of readings that became ``changed``.
@@ -116,26 +118,30 @@ class Yardstick:
             changed: (N, ny) per take, in the channels' units.
         """
         change = [self._whole(c - b) for c, b in zip(changed, self.base, strict=True)]
-        train = [i for i, t in enumerate(self.takes) if not t.held_out]
-        held = [i for i, t in enumerate(self.takes) if t.held_out]
-        n_own, n_free = self._own[0].shape[1], self._free[0].shape[1]
-        columns = np.zeros((sum(len(change[i]) for i in train), n_own + n_free * len(train)))
+        target = np.concatenate([*(change[i] for i in self._train), np.zeros(self._n_own)])
+        fit = self._solved @ target
+        left = target[: len(self._columns)] - self._columns @ fit
+        beyond = []
+        for i in (i for i, t in enumerate(self.takes) if t.held_out):
+            rest = change[i] - self._own[i] @ fit[: self._n_own]
+            beyond.append(rest - self._free[i] @ (self._free_solved[i] @ rest))
+        return _rms(np.concatenate(beyond)), _rms(left)
+
+    @property
+    def _n_own(self) -> int:
+        return int(self._own[0].shape[1])
+
+    def _of_training(self) -> Array:
+        """All training recordings one below the other: parameters, one spread a column, then starts."""
+        n_own, n_free = self._n_own, self._free[0].shape[1]
+        columns = np.zeros((sum(len(self._own[i]) for i in self._train), n_own + n_free * len(self._train)))
         row = 0
-        for j, i in enumerate(train):
-            rows = slice(row, row + len(change[i]))
+        for j, i in enumerate(self._train):
+            rows = slice(row, row + len(self._own[i]))
             columns[rows, :n_own] = self._own[i]
             columns[rows, n_own + j * n_free : n_own + (j + 1) * n_free] = self._free[i]
             row = rows.stop
-        prior = np.eye(n_own, columns.shape[1])  # a column is what one spread of a parameter does
-        target = np.concatenate([*(change[i] for i in train), np.zeros(n_own)])
-        fit = np.linalg.lstsq(np.concatenate([columns, prior]), target, rcond=None)[0]
-        left = target[: len(columns)] - columns @ fit
-        beyond = []
-        for i in held:
-            rest = change[i] - self._own[i] @ fit[:n_own]
-            free = self._free[i]
-            beyond.append(rest - free @ np.linalg.lstsq(free, rest, rcond=None)[0])
-        return _rms(np.concatenate(beyond)), _rms(left)
+        return columns
 
     def scale(
         self, change: Callable[[float], Sequence[Array]], start: float, most: float, wanted: float
@@ -143,20 +149,44 @@ class Yardstick:
         """Find the amplitude at which ``change(amplitude)`` has the wanted severity.
 
         Returns:
-            The amplitude (at most ``most``), and its rms held out and in training.
+            The amplitude (at most ``most``), and its rms held out and in training: those that came closest.
         """
-        amplitude = start
-        for step in range(SEVERITY_STEPS):
+        amplitude, tried = start, []
+        for _ in range(SEVERITY_STEPS):
             beyond, in_training = self.measure(change(amplitude))
-            reached = min(beyond, in_training)
-            if (
-                abs(reached / wanted - 1.0) < SEVERITY_TOLERANCE
-                or (amplitude == most and reached < wanted)
-                or step == SEVERITY_STEPS - 1
-            ):
+            # A machine that runs away has far too much of it.
+            reached = max(min(beyond, in_training), 1e-3 * wanted) if np.isfinite(beyond + in_training) else np.inf
+            tried.append((abs(np.log(reached / wanted)), amplitude, beyond, in_training))
+            if abs(reached / wanted - 1.0) < SEVERITY_TOLERANCE or (amplitude == most and reached < wanted):
                 break
-            amplitude = float(np.clip(amplitude * wanted / max(reached, 1e-3 * wanted), amplitude / 30.0, most))
+            amplitude = float(np.clip(amplitude * wanted / reached, amplitude / 30.0, most))
+        # More of an effect may show less: an empty tank cannot leak.
+        _, amplitude, beyond, in_training = min(tried)
         return amplitude, beyond, in_training
+
+    def _steps(self, take: Take) -> Steps:
+        return Steps(take.start_s, self.machine.period_s, self.machine.coarse)
+
+    def _by_parameters(self, tangent: Tangent) -> Array:
+        """What one spread of each parameter does, (K, ny, N)."""
+        machine, moved = self.machine, []
+        for name in machine.calibrate:
+            moved.append(self.p.copy())
+            moved[-1][machine.at(name)] += NUDGE * self.step(name)
+        count = len(moved)
+        forces = tangent.forces(np.array(moved), np.full(count, NUDGE))
+        return tangent.driven(forces, np.arange(count), np.ones((len(tangent.states), count)), settled=0)
+
+    def _by_starts(self, tangent: Tangent) -> Array:
+        """What the start of each slow state does, (K, ny, N)."""
+        changes = np.zeros((tangent.states.shape[1], len(self.machine.slow)))
+        changes[list(self.machine.slow), np.arange(len(self.machine.slow))] = list(self.machine.slow.values())
+        return tangent.starts(changes)
+
+    def _thinned(self, columns: Array) -> Array:
+        """Columns (K, ny, N) as ``_whole`` has them, (n, K)."""
+        thinned = (columns[:, :, ::THIN] / self.sigma[:, None]).transpose(2, 1, 0)
+        return np.ascontiguousarray(thinned.reshape(thinned.shape[0] * thinned.shape[1], len(columns)))
 
     def _run(self, take: Take, u: Array, x0: Array, p: Array) -> Array:
         return readings(self.machine, take, u, x0, Parameters.steady(p), self.machine.coarse)
@@ -165,7 +195,8 @@ class Yardstick:
         """(N, ny) to one whole vector in noise sigmas, thinned."""
         return (change[::THIN] / self.sigma).ravel()
 
-    def _step(self, name: str) -> float:
+    def step(self, name: str) -> float:
+        """By how much a parameter is off at most, in its unit."""
         machine = self.machine
         if name in machine.offsets:
             return machine.offsets[name]

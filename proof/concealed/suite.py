@@ -17,22 +17,18 @@ from twinbench.common.errors import BadInput
 from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
+from twinbench.common.style import svg
 from twinbench.common.versions import provenance
 from twinbench.common.workers import side_by_side
 from twinbench.proof.concealed.case import close, digest, missing, row, run_case
 from twinbench.proof.concealed.engines import ENGINES, MAIN, ORACLE
-from twinbench.proof.concealed.gates import (
-    as_markdown,
-    by,
-    engine_table,
-    engines_as_markdown,
-    gate_table,
-    misses,
-    read_cases,
-)
+from twinbench.proof.concealed.figures import power_figure, reliability_figure
+from twinbench.proof.concealed.findings import read_cases, stated
+from twinbench.proof.concealed.gates import as_markdown, engine_table, engines_as_markdown, gate_table, misses
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import COLUMNS
 from twinbench.proof.concealed.plan import cases
+from twinbench.proof.concealed.power import outcomes, power, reliability
 
 _Plan = Sequence[tuple[Item, Mapping[str, str]]]
 """Cases, and the engines that get each of them."""
@@ -112,11 +108,17 @@ def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts:
     gates = {name: gate_table(table[table["engine"] == name]) for name in engines}
     write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))
     write_text(out / "misses.csv", misses(table).to_csv(index=False))
-    rates = by(table, ["engine", "machine", "severity", "background_pct"])
-    write_text(out / "by_severity.csv", rates.to_csv(index=False))
+    curves = power(table)
+    write_text(out / "power.csv", curves.to_csv(index=False))
+    write_text(out / "outcomes.csv", outcomes(table).to_csv(index=False))
+    trust = {name: reliability(stated(table[table["engine"] == name])) for name in engines}
+    every = pd.concat([bins.assign(engine=name) for name, bins in trust.items()])
+    write_text(out / "reliability.csv", every.to_csv(index=False))
     write_text(out / "seals.json", json.dumps(seals, indent=1) + "\n")
     first = next((name for name in engines if name != ORACLE), ORACLE)
     write_text(out / "gates.md", as_markdown(gates[first]))
+    write_text(out / "power.svg", svg(power_figure(curves[curves["engine"] == first])))
+    write_text(out / "reliability.svg", svg(reliability_figure(trust[first])))
     compared = engine_table(table)
     write_text(out / "engines.csv", compared.to_csv(index=False))
     write_text(out / "engines.md", engines_as_markdown(compared))

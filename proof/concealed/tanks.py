@@ -21,20 +21,18 @@ _PARAMETERS = _OWN | dict.fromkeys((
 ), 0.0)  # fmt: skip
 _INPUTS = ("pump_V",)
 _OUTPUTS = ("level1_cm", "level2_cm")
-_STATES = ("h1", "h2", "pump", "pipe", "h1_sensed", "h2_sensed", "dirt")
+_STATES = ("h1", "h2", "dirt")
 P, X, U, Y = (places(names) for names in (_PARAMETERS, _STATES, _INPUTS, _OUTPUTS))
 
 
 @njit(LAW, cache=True, error_model="numpy")
 def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
-    """Rates of change: levels in cm/s, the flow through the pipe between the tanks in cm3/s per second."""
+    """Rates of change: levels in cm/s."""
     h1, h2 = max(x[X.h1], 0.0), max(x[X.h2], 0.0)
     n = p[P.exponent]
     V = u[U.pump_V]
     if p[P.gap] > 0.0:
         V -= p[P.gap] * math.tanh(u[U.pump_V] / p[P.gap])
-    if p[P.play] > 0.0:
-        V = x[X.pump]
     drift = 1.0 + p[P.ambient] * math.sin(2.0 * math.pi * t / 5000.0 + p[P.ambient_phase])
     ripple = 1.0 + p[P.ripple] * math.sin(1.7 * V + p[P.ripple_phase]) * math.cos(0.21 * h1)
     pumped = p[P.pump_cm3_s_V] * V * drift * ripple
@@ -48,13 +46,8 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
     lost2 = p[P.crack2] * max(h2 - 8.0, 0.0) ** (0.25 * n) + p[P.seep2] * h2 ** (0.5 * n) * 20.0 ** (1.0 - 0.5 * n)
     lost2 += p[P.brim2] * 0.5 * math.log1p(math.exp(min((h2 - 18.0) / 0.5, 60.0)))
     wave = math.sin(2.0 * math.pi * t / 130.0 + 0.4)
-    dx[X.h1] = (pumped - x[X.pipe]) / 154.0 - lost1 + p[P.feed1] + p[P.wave1] * wave
-    dx[X.h2] = (x[X.pipe] - out) / 154.0 - lost2 + p[P.feed2] + p[P.wave2] * wave
-    behind = u[U.pump_V] - x[X.pump]
-    dx[X.pump] = (max(behind - 0.5 * p[P.play], 0.0) + min(behind + 0.5 * p[P.play], 0.0)) / 0.1
-    dx[X.pipe] = (between - x[X.pipe]) / 0.1
-    dx[X.h1_sensed] = (x[X.h1] - x[X.h1_sensed]) / 0.1
-    dx[X.h2_sensed] = (x[X.h2] - x[X.h2_sensed]) / 0.1
+    dx[X.h1] = (pumped - between) / 154.0 - lost1 + p[P.feed1] + p[P.wave1] * wave
+    dx[X.h2] = (between - out) / 154.0 - lost2 + p[P.feed2] + p[P.wave2] * wave
     dx[X.dirt] = (h2 / 20.0 - x[X.dirt]) / 400.0
     return 0.0
 
@@ -62,8 +55,18 @@ def law(t, x, u, p, dx):  # type: ignore[no-untyped-def]
 @njit(LAW, cache=True, error_model="numpy")
 def reading(t, x, u, p, y):  # type: ignore[no-untyped-def]
     """level1_cm, level2_cm."""
-    y[Y.level1_cm], y[Y.level2_cm] = x[X.h1_sensed], x[X.h2_sensed]
+    y[Y.level1_cm], y[Y.level2_cm] = x[X.h1], x[X.h2]
     return 0.0
+
+
+def ripple_arguments(x: Array, u: Array) -> Array:
+    """Of the pump's ripple, (N, 2): its voltage and the level that it pumps into, scaled.
+
+    Args:
+        x: (N, nx) each state in its unit.
+        u: (N, nu) inputs in their units.
+    """
+    return np.stack([1.7 * u[:, U.pump_V], 0.21 * x[:, X.h1]], axis=-1)
 
 
 def operate(rng: np.random.Generator, seconds: float, regime: str) -> Array:
@@ -83,16 +86,12 @@ def start(u: Array, p: Array) -> Array:
     flow = p[P.pump_cm3_s_V] * u[U.pump_V]
     h1, h2 = ((flow / hole) ** 2 / (2.0 * 981.0) for hole in (p[P.hole1_cm2], p[P.hole2_cm2]))
     x = np.empty(len(X))
-    x[X.h1] = x[X.h1_sensed] = h1
-    x[X.h2] = x[X.h2_sensed] = h2
-    x[X.pump], x[X.pipe], x[X.dirt] = u[U.pump_V], flow, h2 / 20.0
+    x[X.h1], x[X.h2], x[X.dirt] = h1, h2, h2 / 20.0
     return x
 
 
-def _on(
-    state: str, effect: str, slot: str, typical: float, most: float, *ports: str, also: tuple[str, ...] = ()
-) -> Effect:
-    return Effect(f"{effect}@{state}", slot, typical, most, (f"{effect}@{state}", *also), ports, f"{effect}_{state}")
+def _on(state: str, effect: str, slot: str, typical: float, most: float, *ports: str) -> Effect:
+    return Effect(f"{effect}@{state}", slot, typical, most, ports, f"{effect}_{state}")
 
 
 _1, _2, _PUMP = "h1_cm", "h2_cm", "pump_V"
@@ -118,7 +117,7 @@ MACHINE = Machine(
     settle_s=300.0,
     period_s=0.5,
     fine=20,
-    coarse=6,
+    coarse=2,
     seconds={"train": (1200.0, 1200.0, 1200.0), "held": (1200.0, 1200.0)},
     noise={
         "pump_V": Noise(0.002, 0.0, 1.0),
@@ -134,21 +133,18 @@ MACHINE = Machine(
         _on(_1, "quadratic_leak", "gush1", 5e-5, 2e-3, *_IN1),
         _on(_1, "overflow", "brim1", 0.02, 1.0, *_IN1),
         _on(_2, "overflow", "brim2", 0.02, 1.0, *_IN2),
-        _on(_1, "offset", "feed1", 0.02, 0.5, *_DRIVE, also=("input_bias@pump_V",)),
+        _on(_1, "offset", "feed1", 0.02, 0.5, *_DRIVE),
         _on(_2, "offset", "feed2", 0.02, 0.5, *_IN2),
         _on(_1, "periodic", "wave1", 0.02, 0.5, *_IN1),
         _on(_2, "periodic", "wave2", 0.02, 0.5, *_IN2),
-        _on(_PUMP, "dead_zone", "gap", 0.5, 2.0, *_DRIVE, also=("input_bias@pump_V", "offset@h1_cm")),
+        _on(_PUMP, "dead_zone", "gap", 0.5, 2.0, *_DRIVE),
         _on(_PUMP, "backlash", "play", 0.2, 2.0, *_DRIVE),
     ),
     foreign=(
-        Effect("vortex_in_the_outlet", "vortex", 0.2, 0.9, (), _BETWEEN),
-        Effect("outlet_clogs_with_use", "clogging", 0.02, 0.4, (), _IN2),
+        Effect("vortex_in_the_outlet", "vortex", 0.2, 0.9, _BETWEEN),
+        Effect("outlet_clogs_with_use", "clogging", 0.02, 0.4, _IN2),
     ),
-    confusable=(
-        ("leak@h1_cm", "linear_leak@h1_cm"),
-        ("linear_leak@h1_cm", "quadratic_leak@h1_cm"),
-        ("overflow@h1_cm", "quadratic_leak@h1_cm"),
-        ("offset@h2_cm", "linear_leak@h2_cm"),
-    ),
+    rippled="pump_cm3_s_V",
+    ripple_arguments=ripple_arguments,
+    played={"pump_V": "play"},
 )

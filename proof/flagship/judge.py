@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twinbench.proof.concealed.judge import claims, size_error
-from twinbench.proof.concealed.marks import LARGEST_SET
+from twinbench.proof.concealed.outcome import LARGEST_SET
 from twinbench.proof.flagship.measure import METRICS, Errors
 
 ABSTAINS = ("incomplete", "unexplained")

@@ -77,7 +77,7 @@ SHORT = {
 }
 
 
-def given(folder: Path, cell: str, *effects: str, severity: float = 3.0) -> Given:
+def given(folder: Path, cell: str, *effects: str, severity: float = 1.5) -> Given:
     case = draw(Item("0007", cell, "two_tanks", effects, severity), 3, SHORT)
     write(case, folder)
     names = (*case.public["train"], *case.public["held_out"])
@@ -248,7 +248,8 @@ def test_sindy_without_its_library_says_what_to_install(monkeypatch: pytest.Monk
 
 def rows(named: dict[str, list[str]]) -> pd.DataFrame:
     """Rows of engines that say one name per case; the truth is always a leak."""
-    blank = dict.fromkeys(COLUMNS, np.nan) | {"verdict": "", "set": "", "ports_named": "", "machine": "two_tanks"}
+    texts = dict.fromkeys(("verdict", "set", "probability", "ports"), "")
+    blank = dict.fromkeys(COLUMNS, np.nan) | texts | {"machine": "two_tanks", "kind": "tuned", "detectable": True}
     return pd.DataFrame(
         [
             blank
@@ -258,6 +259,8 @@ def rows(named: dict[str, list[str]]) -> pd.DataFrame:
                 "severity": 1.0,
                 "background_pct": 0.0,
                 "truth": LEAK,
+                "class": LEAK,
+                "outcome": {LEAK: "name", "": "abstained"}.get(name, "wrong"),
                 "port_truth": "balance:h1_cm",
                 "named": name,
                 "engine": e,
@@ -272,8 +275,8 @@ def rows(named: dict[str, list[str]]) -> pd.DataFrame:
 def test_engines_are_compared_on_the_cases_that_all_answered() -> None:
     table = engine_table(rows({"ours": [LEAK, LEAK, LEAK, "x"], "theirs": [LEAK, "x", ""]})).set_index("engine")
     assert table["cases"].tolist() == [3, 3]
-    assert table["right_name"].tolist() == [1.0, pytest.approx(1 / 3)]
-    assert (table.loc["theirs", "right_name_low"], table.loc["theirs", "right_name_high"]) == wilson(1, 3)
+    assert table["by_name"].tolist() == [1.0, pytest.approx(1 / 3)]
+    assert (table.loc["theirs", "by_name_low"], table.loc["theirs", "by_name_high"]) == wilson(1, 3)
     assert table["confidently_wrong"].tolist() == [0.0, pytest.approx(1 / 3)]
     assert table["gain"].tolist() == [0.9, 0.9]
     silent = engine_table(rows({"ours": [LEAK], "silent": [""]})).set_index("engine")

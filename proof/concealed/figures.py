@@ -1,0 +1,56 @@
+"""Figures of the suite: power beside the ideal observer's, and how far stated probabilities can be trusted."""
+
+from __future__ import annotations
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from twinbench.common.style import BLUE, COLUMN_MM, INK, MUTED, PAGE_MM, VERMILION, canvas, styled
+
+_KINDS = {"tuned": (BLUE, "o"), "untuned": (VERMILION, "s"), "random": ("#009E73", "^")}
+"""Colour and marker of the kinds of machines."""
+
+
+@styled
+def power_figure(curves: pd.DataFrame) -> Figure:
+    """Right names or classes over the distance from "no effect", pooled over effects, by kind of machine.
+
+    Args:
+        curves: ``power.csv`` of one engine.
+    """
+    figure = canvas(PAGE_MM, 62.0)
+    axes = figure.subplots()
+    pooled = curves[curves["machine"] == "all"]
+    for kind, (colour, marker) in _KINDS.items():
+        own = pooled[pooled["kind"] == kind].sort_values("distance")
+        if len(own):
+            label = f"{kind} machines, {own['cases'].sum()} cases"
+            axes.plot(own["distance"], own["right"], color=colour, marker=marker, markersize=3, label=label)
+            axes.plot(own["distance"], own["ideal"], color=colour, linestyle="--", label="ideal observer")
+    axes.set_xscale("log")
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel('distance from "no effect", noise sds')
+    axes.set_ylabel("right name or class, rate")
+    if len(pooled):
+        axes.legend(loc="lower right")
+    return figure
+
+
+@styled
+def reliability_figure(bins: pd.DataFrame) -> Figure:
+    """The rate of right single names over the probability that was stated for them.
+
+    Args:
+        bins: ``reliability.csv`` of one engine.
+    """
+    figure = canvas(COLUMN_MM, COLUMN_MM)
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0], [0.0, 1.0], color=MUTED, linestyle=":")
+    axes.plot(bins["stated"], bins["right"], color=INK, marker="o", markersize=3)
+    for _, b in bins.iterrows():
+        axes.annotate(f"{b['cases']:.0f}", (b["stated"], b["right"]), xytext=(4, -8), textcoords="offset points")
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.set_xlabel("stated probability")
+    axes.set_ylabel("right, rate")
+    return figure

@@ -1,0 +1,163 @@
+"""The ideal observer: what anybody could tell of a case who knew truth's own equations and the noise.
+
+It sees all recordings, the held-out ones too. Parameters, starts, ambient and ripple are unknown to it as far as the
+draw left them open; they are projected out. Distances are in sds of the noise that is left.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, logsumexp
+
+from twinbench.physics.simulator import Array
+from twinbench.proof.concealed.columns import Picture
+
+SEEN_SQ = 30.0
+"""Squared distance from "no effect" at which an effect counts as there to be seen."""
+TOLD_SQ = 16.4
+"""Squared distance from the nearest rival at which it counts as told from it: 1 of 50 choices is then wrong."""
+SAME_COS_SQ = 0.998
+"""Columns at a smaller angle than this one's are one thing."""
+PARAMETER_SQ = 9e-8
+"""A column of which less than this share of the squared norm is left is a parameter."""
+SURE_POSTERIOR = 0.95
+"""The ideal observer names what has this probability."""
+_DRAWS = 200
+"""Simulated recordings per effect: a rate to within 3.5 points."""
+_LEAST_SEVERITY = 1e-3
+"""Keeps the prior of a column that is nothing finite."""
+
+
+class Seen(NamedTuple):
+    """What the ideal observer makes of one effect.
+
+    Attributes:
+        same: catalogue names that nobody can tell from it, its own among them.
+        close: other names that nobody can tell from it at this size, and that explain more than half of it.
+        from_none, from_rival: squared distances from "no effect" and from the nearest rival.
+        rival: the name of that: the nearest single effect or fault that is not the same.
+        named, classed: with which probability it is named alone, or its class is.
+    """
+
+    same: tuple[str, ...]
+    close: tuple[str, ...]
+    from_none: float
+    from_rival: float
+    rival: str
+    named: float
+    classed: float
+
+    @property
+    def detectable(self) -> bool:
+        return self.from_none >= SEEN_SQ and self.from_rival >= TOLD_SQ
+
+    def told(self) -> dict[str, Any]:
+        """As the truth holds it."""
+        return {
+            "class": list(self.same),
+            "close": list(self.close),
+            "D0_sq": self.from_none,
+            "Dk_sq": self.from_rival,
+            "rival": self.rival,
+            "detectable": self.detectable,
+            "ideal_name": self.named,
+            "ideal_class": self.classed,
+        }
+
+
+def observe(picture: Picture, truth: str, beside: tuple[str, ...], rng: np.random.Generator) -> Seen:
+    """What can be told of an effect whose column was taken at its true size.
+
+    Args:
+        beside: other effects of the case, of unknown size.
+    """
+    own = picture.names.index(truth)
+    gram = _without(picture.gram, [picture.names.index(name) for name in beside])
+    norms = np.diag(gram)
+    there = (norms > PARAMETER_SQ * picture.raw) & ~np.isin(picture.names, beside)
+    there[own] = True
+    along = gram[own] / np.sqrt(np.maximum(norms * norms[own], np.finfo(float).tiny))
+    cos_sq = np.where(picture.two_sided | (along > 0.0), along**2, 0.0) * there
+    cos_sq[own] = 1.0
+    same = (cos_sq > SAME_COS_SQ) & ~picture.foreign
+    rivals = there & ~same & ~picture.foreign
+    apart = np.where(rivals, norms[own] * (1.0 - cos_sq), np.inf)
+    close = apart < min(TOLD_SQ, 0.5 * norms[own])
+    nearest = int(np.argmin(apart))
+    named, classed = ideal_posterior(picture, gram, own, there & (same | rivals), same, rng)
+    return Seen(
+        _those(picture.names, same),
+        _those(picture.names, close),
+        float(norms[own]),
+        float(min(apart[nearest], norms[own])),
+        picture.names[nearest] if np.isfinite(apart[nearest]) else "",
+        named,
+        classed,
+    )
+
+
+def ideal_posterior(
+    picture: Picture,
+    gram: Array,
+    own: int,
+    candidates: NDArray[np.bool_],
+    same: NDArray[np.bool_],
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    """Probabilities that the ideal observer is sure of the effect's name, and of its class.
+
+    Recordings are drawn, each at once as the inner products b of its noise and effect with the columns. The prior of
+    each of m candidates is 1 / m of that of "no effect"; its size has the s of severity 1.
+
+    Args:
+        gram: (K, K) inner products, all else projected out.
+        own: the true one's place.
+        candidates: (K,) bool, what may be named.
+        same: (K,) bool, what is in the true one's class.
+    """
+    if picture.foreign[own]:
+        return 0.0, 0.0
+    at = np.flatnonzero(candidates)
+    among = gram[np.ix_(at, at)]
+    values, vectors = np.linalg.eigh(among)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    mine = int(np.flatnonzero(at == own)[0])
+    b = among[:, [mine]] + root @ rng.standard_normal((len(at), _DRAWS))
+    s = 1.0 / np.maximum(picture.severities[at], _LEAST_SEVERITY)[:, None]
+    evidence = log_bayes(b, np.diag(among)[:, None], s, ~picture.two_sided[at][:, None]) - np.log(len(at))
+    total = logsumexp(np.concatenate([np.zeros((1, _DRAWS)), evidence]), axis=0)
+    posterior = np.exp(evidence - total)
+    named, classed = posterior[mine], posterior[same[at]].sum(axis=0)
+    return float(np.mean(named >= SURE_POSTERIOR)), float(np.mean(classed >= SURE_POSTERIOR))
+
+
+def _those(names: tuple[str, ...], chosen: NDArray[np.bool_]) -> tuple[str, ...]:
+    return tuple(sorted(name for name, is_one in zip(names, chosen, strict=True) if is_one))
+
+
+def log_bayes(b: Array, g: Array, s: Array, one_sided: NDArray[np.bool_]) -> Array:
+    """Logarithm of the Bayes factor of a column against its absence.
+
+    It is sqrt(v) / s exp(v b^2 / 2) with v = 1 / (g + 1 / s^2). Where the size cannot be negative it is
+    2 Phi(b sqrt(v)) times that.
+
+    Args:
+        b: inner products of the recording with the columns, in noise sds as all here.
+        g: squared norms of the columns.
+        s: sds of the sizes, normal or half-normal, in columns.
+        one_sided: can the size not be negative?
+    """
+    v = 1.0 / (g + s**-2.0)
+    half = np.log(2.0) + log_ndtr(b * np.sqrt(v))
+    return np.asarray(0.5 * np.log(v / s**2) + 0.5 * v * b**2 + np.where(one_sided, half, 0.0))
+
+
+def _without(gram: Array, at: list[int]) -> Array:
+    """A Gram matrix with some columns projected out of all; theirs become zero."""
+    for i in at:
+        norm = max(gram[i, i], np.finfo(float).tiny)
+        gram = gram - np.outer(gram[:, i], gram[i]) / norm
+    return gram
