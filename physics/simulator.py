@@ -166,15 +166,27 @@ class Term(Mechanism):
             are ``states``.
         initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, in their units, if not at their
             nominal values. x0 and theta are as for the term, its own states still nominal.
+        sees_own: the term is called as ``term(x, u, theta, own)``. ``own`` is what the simulator itself has at the port:
+            the flux, the state's rate, the input or the reading, in the port's unit.
+        into: a second balance. What the term takes from its own balance goes into this one.
+        ratio: ``ratio(x, u, theta) -> float``: the second balance gains so much for each unit that the first loses, in
+            its unit per unit of the first; needed if there is ``into``.
     """
 
-    term: Callable[[Array, Array, Array], float] = field(kw_only=True)
+    term: Callable[..., float] = field(kw_only=True)
     states: tuple[Variable, ...] = field(default=(), kw_only=True)
     derivative: Equation | None = field(default=None, kw_only=True)
     initial: Equation | None = field(default=None, kw_only=True)
+    sees_own: bool = field(default=False, kw_only=True)
+    into: Port | None = field(default=None, kw_only=True)
+    ratio: Callable[[Array, Array, Array], float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if (self.into is None) != (self.ratio is None):
+            raise ValueError(f"mechanism {self.name!r}: into and ratio go together; give both or neither")
+        if self.into is not None and (self.into.place, self.port.place) != ("balance", "balance"):
+            raise ValueError(f"mechanism {self.name!r}: goes from one balance into another; no other port can")
         if bool(self.states) != (self.derivative is not None):
             raise ValueError(f"mechanism {self.name!r}: states and derivative go together; give both or neither")
         if self.initial is not None and not self.states:
