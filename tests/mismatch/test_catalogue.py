@@ -12,7 +12,9 @@ import pytest
 from motor import MOTOR
 from two_tanks import TANKS
 
-from twinbench.mismatch.catalogue import AMBIENT, generic, typical_rates
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.natures import AMBIENT
+from twinbench.mismatch.structure import typical_rates
 from twinbench.physics.compile import compiled
 from twinbench.physics.compose import compose, plain_rhs, with_mechanism
 from twinbench.physics.compressor import PLANT
