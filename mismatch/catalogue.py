@@ -13,7 +13,7 @@ from twinbench.mismatch import effects, friction, heat, limits
 from twinbench.mismatch.natures import CONTENTS, SPEEDS, TEMPERATURES
 from twinbench.mismatch.place import Place
 from twinbench.mismatch.reversal import Turned
-from twinbench.mismatch.structure import chokes, positions_of, typical_rates
+from twinbench.mismatch.structure import chokes, flows, positions_of, typical_rates
 from twinbench.physics.simulator import Mechanism, Simulator, Term, Variable
 
 FRICTION = ("viscous_friction", "quadratic_friction", "cubic_friction", "coulomb_friction")
@@ -95,11 +95,11 @@ def generic(
         found += [limits.dead_zone_unequal(i, v)] if course.crosses else []
         found += [limits.backlash(v)] if course.reverses else []
     for i, v in enumerate(simulator.fluxes):
-        if v.unit in TEMPERATURES:
+        if v.unit in TEMPERATURES or not flows(simulator, i):
             continue
         found.append(limits.flux_saturation(v))
         found += [limits.flux_dead_zone(v)] if _course(v, turned).nears else []
-        found += [limits.unchoked(v, up, down) for up, down in chokes(simulator, i)]
+        found += [limits.unchoked(v, up, down) for up, down in chokes(simulator, i) if limits.unchokes(up, down)]
     return tuple(found)
 
 

@@ -150,12 +150,9 @@ class _Channel:
             low = p[1] if len(limits) > 1 else -p[1]
             return y - p[0] * (y - np.clip(y, low, max(low, p[-1])))
 
-        return replace(
-            self._fault(
-                "saturation_both", "does not go beyond its limits, above or below", formula, series, size, *limits
-            ),
-            contains=f"input_saturation@{n}",
-        )
+        says = "does not go beyond its limits, above or below"
+        found = self._fault("saturation_both", says, formula, series, size, *limits)
+        return replace(found, contains=f"input_saturation@{n}")
 
     def _quantisation(self) -> Series:
         size = self._size("quantisation", self.variable.unit, 0.0, self.span, 0.5 * self.variable.scale)

@@ -25,7 +25,7 @@ FORCES = ("N", "N m")
 POWER = "W"
 """What a heat capacity times the rate of a temperature is."""
 HIGHEST_POWER = 4
-"""A size may be a force over so high a power of a state: cubic friction, a hardening spring; radiation is of the 4th."""
+"""A size may be a force over so high a power of a state: radiation is of the fourth."""
 _BRACKETS = re.compile(r"(\([^()]+\))\^(\d)")
 _DEGREES = {
     degree: re.compile(rf"(?<![^\W\d_])({names})(?![^\W\d_])")

@@ -80,9 +80,7 @@ def bouc_wen(p: Place) -> Term:
         p.size(effect, f"{p.unit}/s"),
         p.shape(effect, "travel", _travelled(p), _travel(p), "travel to full force"),
         p.shape(effect, "exponent", "1", Range(1.0, 5.0, 2.0), "how sharply the full force is reached"),
-        p.shape(
-            effect, "gamma", "1", Range(-0.5, 0.5, 0.25), "gamma over beta + gamma: 0.5 is no loss on the way back"
-        ),
+        p.shape(effect, "gamma", "1", Range(-0.5, 0.5, 0.25), "gamma over beta + gamma: at 0.5 it unloads straight"),
     )
     formula = "-{0} z, z' = ({x} - (1 - {3}) |{x}| |z|^({2} - 1) z - {3} {x} |z|^{2})/{1}"
     found = p.add(effect, says, formula, term, *parameters, memory=Memory((_force_of(p, effect),), derivative))
@@ -102,9 +100,7 @@ def stribeck(p: Place) -> Term:
     parameters = (
         p.size(effect, f"{p.unit}/s"),
         p.shape(effect, "bump", "1", Range(0.0, 3.0, 1.0), "friction at standstill over that at speed, less one"),
-        p.shape(
-            effect, "speed", p.variable.unit, Range(0.1 * scale, scale, 0.3 * scale), "speed at which it has fallen"
-        ),
+        p.shape(effect, "speed", p.variable.unit, Range(0.1 * scale, scale, 0.3 * scale), "how far the bump reaches"),
     )
     formula = "-{0} (1 + {1} exp(-({x}/{2})^2)) sign({x})"
     return replace(p.add(effect, says, formula, term, *parameters), contains=f"coulomb_friction@{p.name}")

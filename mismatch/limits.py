@@ -124,8 +124,15 @@ def unchoked(v: Variable, up: Pressure, down: Pressure) -> Term:
     return Term(f"{effect}@{v.name}", says, port, (size, ratio), term=term, formula=formula, sees_own=True)
 
 
+def unchokes(up: Pressure, down: Pressure) -> bool:
+    """May the pressures' ratio come above the critical one, within two scales of where they are?"""
+    least = max(up.variable.low, up.variable.nominal - 2.0 * up.variable.scale)
+    most = min(down.variable.high, down.variable.nominal + 2.0 * down.variable.scale)
+    return most > CRITICAL_RATIO * least
+
+
 def knees(v: Variable, effect: str, lower: bool) -> tuple[Variable, ...]:
-    """Where a channel saturates: at one limit on both sides if it is symmetrical, else below (if ``lower``) and above."""
+    """Where a channel saturates: at one limit if it is symmetrical, else at one above, and one below if ``lower``."""
     half = 0.5 * v.scale
     if v.low == -v.high:
         reach = abs(v.nominal)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import NamedTuple
 
 import numpy as np
 
 from twinbench.mismatch.natures import MASS_FLOWS, PRESSURES, SPEEDS
 from twinbench.physics.compose import plain_rhs
-from twinbench.physics.simulator import Array, Simulator, Variable
+from twinbench.physics.simulator import Array, Equation, Simulator, Variable
 
 STRUCTURE_POINTS = 5
 """Points at which the equations are asked which state is whose rate."""
@@ -66,16 +67,22 @@ def typical_rates(simulator: Simulator) -> Array:
 
 def depends(simulator: Simulator, rate: int, state: int) -> bool:
     """Does the rate of one state depend on another state anywhere near the nominal point?"""
-    rhs, theta, rng = plain_rhs(simulator), simulator.theta(), np.random.default_rng(0)
+    rhs, rng, n = plain_rhs(simulator), np.random.default_rng(0), len(simulator.states)
     x, u = (scattered(group, rng) for group in (simulator.states, simulator.inputs))
     moved = x.copy()
     moved[:, state] += _MOVED_SCALES * simulator.states[state].scale
-    with np.errstate(all="ignore"):
-        before, after = (
-            np.array([rhs(*point, theta)[rate] for point in zip(at, u, strict=True)], dtype=np.float64)
-            for at in (x, moved)
-        )
-    return not np.array_equal(before, after)
+    before, after = (at_points(rhs, n, at, u, simulator)[:, rate] for at in (x, moved))
+    return not np.array_equal(before, after, equal_nan=True)
+
+
+def at_points(function: Equation, n: int, x: Array, u: Array, simulator: Simulator) -> Array:
+    """What an equation gives (N, n) at states x (N, nx) and inputs u (N, nu); NaN where it fails, in plain Python."""
+    out, theta = np.full((len(x), n), np.nan), simulator.theta()
+    for k, point in enumerate(zip(x, u, strict=True)):
+        # A root of a negative number, a division by zero: in machine code they are NaN too.
+        with np.errstate(all="ignore"), contextlib.suppress(ValueError, ArithmeticError):
+            out[k] = function(*point, theta)
+    return out
 
 
 class Pressure(NamedTuple):
@@ -84,6 +91,11 @@ class Pressure(NamedTuple):
     variable: Variable
     at: int
     is_input: bool
+
+
+def flows(simulator: Simulator, flux: int) -> bool:
+    """Is a flux ever there, near the nominal point? One that an amplitude of zero switches off has no laws."""
+    return bool(_flows(simulator, flux, None).any())
 
 
 def chokes(simulator: Simulator, flux: int) -> list[tuple[Pressure, Pressure]]:
@@ -116,6 +128,4 @@ def _flows(simulator: Simulator, flux: int, doubled: Pressure | None) -> Array:
     if doubled is not None:
         (u if doubled.is_input else x)[:, doubled.at] *= 2.0
     assert simulator.flux is not None
-    with np.errstate(all="ignore"):
-        flows = [simulator.flux(*point, simulator.theta())[flux] for point in zip(x, u, strict=True)]
-    return np.array(flows, dtype=np.float64)
+    return at_points(simulator.flux, len(simulator.fluxes), x, u, simulator)[:, flux]

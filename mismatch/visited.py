@@ -17,12 +17,13 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.periods import loudest_periods_s
 from twinbench.mismatch.reversal import RARE_SHARE, Turned
+from twinbench.mismatch.structure import at_points
 from twinbench.physics.simulator import Array, Mechanism, Simulator, Variable
 
 PERIODS = 8
 """So often must something come back within a recording to be called periodic."""
-FLUX_SAMPLES = 500
-"""Samples of a recording at which fluxes are worked out, in plain Python: for quantiles they are enough."""
+FLUX_BLOCKS = 500
+"""Blocks of a recording at which fluxes are worked out, in plain Python: for quantiles they are enough."""
 
 
 def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_s: float) -> list[Candidate]:
@@ -42,12 +43,13 @@ def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_
     longest_s = max(float(t.time_s[-1] - t.time_s[0]) for t in problem.tracks) / PERIODS
     white = [problem.whitener(r) for r in problem.residuals(z)]
     periods_s = loudest_periods_s(problem.tracks, white, longest_s)
-    known = {m.name: m for m in (*generic(there, periods_s), *faults(there, period_s))}
-    fit = {m.name for m in (*generic(there, periods_s, turned), *faults(there, period_s, turned))}
+    known = {m.name: m for m in (*generic(there, periods_s, turned), *faults(there, period_s, turned))}
+    declared = problem.machine.simulator
+    offered = {m.name: m for m in (*generic(declared), *faults(declared, period_s))}
     return [
         _resized(c, known[c.name]) if _is_generic(c, known) else c
         for c in candidates
-        if c.name in fit or not _is_generic(c, known)
+        if c.name in known or not _is_generic(c, offered)
     ]
 
 
@@ -95,9 +97,8 @@ def _turned(problem: Problem, z: Array, states: Sequence[Array]) -> Turned:
         (simulator.inputs, [t.u for t in tracks]),
         (simulator.fluxes, _fluxes(problem, z, states)),
     )
-    return Turned.seen(
-        {v.name: [run[:, k] for run in runs] for variables, runs in groups for k, v in enumerate(variables)}
-    )
+    courses = {v.name: [run[:, k] for run in runs] for variables, runs in groups for k, v in enumerate(variables)}
+    return Turned.seen(courses)
 
 
 def _fitted(problem: Problem, z: Array) -> Simulator:
@@ -106,16 +107,15 @@ def _fitted(problem: Problem, z: Array) -> Simulator:
 
 
 def _fluxes(problem: Problem, z: Array, states: Sequence[Array]) -> list[Array]:
-    """Fluxes (n, nf) of each recording at some of its samples, in the fluxes' units."""
+    """Fluxes (n, nf) of each recording at some of its blocks, in the fluxes' units."""
     simulator = _fitted(problem, z)
     if simulator.flux is None:
         return [np.empty((0, 0)) for _ in states]
     out = []
     for x, track in zip(states, problem.tracks, strict=True):
-        rows = slice(None, None, max(1, len(x) // FLUX_SAMPLES))
-        with np.errstate(all="ignore"):
-            flows = [simulator.flux(*point, simulator.theta()) for point in zip(x[rows], track.u[rows], strict=True)]
-        out.append(np.array(flows, dtype=np.float64))
+        rows = slice(None, None, max(1, len(x) // FLUX_BLOCKS))
+        u = np.add.reduceat(track.u, track.starts) / track.coarse.samples[:, None]
+        out.append(at_points(simulator.flux, len(simulator.fluxes), x[rows], u[rows], simulator))
     return out
 
 

@@ -166,8 +166,8 @@ class Term(Mechanism):
             are ``states``.
         initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, in their units, if not at their
             nominal values. x0 and theta are as for the term, its own states still nominal.
-        sees_own: the term is called as ``term(x, u, theta, own)``. ``own`` is what the simulator itself has at the port:
-            the flux, the state's rate, the input or the reading, in the port's unit.
+        sees_own: the term is called as ``term(x, u, theta, own)``. ``own`` is what the simulator itself has at the
+            port: the flux, the state's rate, the input or the reading, in the port's unit.
         into: a second balance. What the term takes from its own balance goes into this one.
         ratio: ``ratio(x, u, theta) -> float``: the second balance gains so much for each unit that the first loses, in
             its unit per unit of the first; needed if there is ``into``.
