@@ -76,8 +76,13 @@ def generic(
                 "mend its equation, or its unit"
             )
     places = [Place(i, v, float(rates[i])) for i, v in enumerate(simulator.states)]
-    positions = positions_of(simulator)
-    found: list[Mechanism] = []
+    return (*_balances(simulator, places, periods_s, turned), *_inputs(simulator, turned), *_fluxes(simulator, turned))
+
+
+def _balances(
+    simulator: Simulator, places: list[Place], periods_s: tuple[float, float, float] | None, turned: Turned | None
+) -> list[Term]:
+    positions, found = positions_of(simulator), []
     for p in places:
         if p.index in positions.values():
             continue
@@ -88,19 +93,28 @@ def generic(
             of = simulator.states[q]
             found.append(effects.hardening_spring(p, q, of))
             found += [effects.spring_backlash(p, q, of)] if _course(of, turned).crosses else []
-    found += heat.exchanges(simulator, [p for p in places if p.index not in positions.values()])
+    return found + heat.exchanges(simulator, [p for p in places if p.index not in positions.values()])
+
+
+def _inputs(simulator: Simulator, turned: Turned | None) -> list[Mechanism]:
+    found: list[Mechanism] = []
     for i, v in enumerate(simulator.inputs):
         course = _course(v, turned)
         found += [limits.dead_zone(i, v)] if course.nears else []
         found += [limits.dead_zone_unequal(i, v)] if course.crosses else []
         found += [limits.backlash(v)] if course.reverses else []
+    return found
+
+
+def _fluxes(simulator: Simulator, turned: Turned | None) -> list[Term]:
+    found = []
     for i, v in enumerate(simulator.fluxes):
         if v.unit in TEMPERATURES or not flows(simulator, i):
             continue
         found.append(limits.flux_saturation(v))
         found += [limits.flux_dead_zone(v)] if _course(v, turned).nears else []
         found += [limits.unchoked(v, up, down) for up, down in chokes(simulator, i) if limits.unchokes(up, down)]
-    return tuple(found)
+    return found
 
 
 def _by_nature(

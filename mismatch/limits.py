@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from twinbench.mismatch.place import PRESENT, Range
+from twinbench.mismatch.place import IN_FORCE, Range
 from twinbench.mismatch.series import held, play
 from twinbench.mismatch.structure import Pressure
 from twinbench.physics.simulator import Array, Port, Series, Term, Variable
@@ -91,7 +91,7 @@ def flux_saturation(v: Variable) -> Term:
 
     limits = knees(v, "saturation", lower=v.low < 0.0)
     term = both if len(limits) > 1 else either if v.low < 0.0 else above
-    size = Variable(f"saturation_{v.name}", "1", 0.0, 1.0, PRESENT, PRESENT, "part of the excess that does not flow")
+    size = Variable(f"saturation_{v.name}", "1", 0.0, 1.0, IN_FORCE, IN_FORCE, "part of the excess that does not flow")
     names = " and ".join("{" + limit.name + "}" for limit in limits)
     says = f"{v.name} does not go beyond {'a limit' if len(limits) == 1 else 'its limits'} (saturation)"
     formula = f"{v.name} less {{{size.name}}} of what is beyond {'+-' if term is either else ''}{names}"
@@ -114,7 +114,7 @@ def unchoked(v: Variable, up: Pressure, down: Pressure) -> Term:
         return -theta[-2] * own * (1.0 - math.sqrt(1.0 - share * share))
 
     effect = f"unchoked_by_{names[1]}"
-    size = Variable(f"{effect}_{v.name}", "1", 0.0, 1.0, PRESENT, PRESENT, "part of the law that holds")
+    size = Variable(f"{effect}_{v.name}", "1", 0.0, 1.0, IN_FORCE, IN_FORCE, "part of the law that holds")
     within = Range(0.2, 0.7, CRITICAL_RATIO)
     shape = f"{effect}_ratio_{v.name}"
     ratio = Variable(shape, "1", *within, (within.high - within.low) / 6.0, "critical ratio of the pressures")

@@ -63,7 +63,7 @@ def reverses(values: Array) -> bool:
         values: (N,) in any unit; NaN is missing.
     """
     low, high = _common(values)
-    moved = np.diff(play(held(np.asarray(values, dtype=np.float64)), TURN_SHARE * (high - low)))
+    moved = np.diff(play(held(np.ascontiguousarray(values, dtype=np.float64)), TURN_SHARE * (high - low)))
     return bool((moved > 0.0).any() and (moved < 0.0).any())
 
 

@@ -31,6 +31,8 @@ NOISE = 0.01 * np.random.default_rng(4).normal(size=len(T))
 )
 def test_a_course_crosses_zero_comes_near_it_and_goes_back(values, crosses, nears, back):
     assert (crosses_zero(values), nears_zero(values), reverses(values)) == (crosses, nears, back)
+    column = np.stack((values, values), axis=1)[:, 0]
+    assert reverses(column) == back
     gaps = np.where(np.arange(len(values)) % 7 == 3, np.nan, values)
     assert (crosses_zero(gaps), nears_zero(gaps), reverses(gaps)) == (crosses, nears, back)
 
