@@ -260,6 +260,9 @@ class Simulator:
         calibrate: parameters that a fit may move; all of them if left out.
         drifts: those of the parameters that may change while the machine runs (its health).
         mechanisms: names of the mechanisms that were switched on.
+        reads: pairs of an input and an output, in the same unit: a controller inside the equations reads the output's
+            sensor, and the input is that reading. A recording of the output is one of the input too. So a fault of
+            the sensor acts on the controller as it did in the machine.
     """
 
     name: str
@@ -277,6 +280,7 @@ class Simulator:
     calibrate: tuple[str, ...] = ()
     drifts: tuple[str, ...] = ()
     mechanisms: tuple[str, ...] = ()
+    reads: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if (self.flux is None) != (self.balance is None):
@@ -290,6 +294,12 @@ class Simulator:
                 raise ValueError(f"simulator {self.name!r}: {kind} named twice: {sorted(twice)}")
         for name in (*self.calibrate, *self.drifts):
             self.index(name)
+        for into, of in self.reads:
+            who = f"simulator {self.name!r}: reads {into!r} of {of!r}, but"
+            read = self.inputs[index_of(self.inputs, into, f"{who} has no input")]
+            sensor = self.outputs[index_of(self.outputs, of, f"{who} has no output")]
+            if read.unit != sensor.unit:
+                raise ValueError(f"{who} one is in {read.unit!r} and the other in {sensor.unit!r}; give both one unit")
 
     def theta(self) -> Array:
         """The parameters' nominal values, (np,), each in its unit."""
