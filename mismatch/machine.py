@@ -111,6 +111,8 @@ class Machine:
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
         self.candidates: list[Candidate] = []
+        self._own_states: dict[str, range] = {}
+        state = len(simulator.states)
         self._faults: list[tuple[Candidate, Series, str, int]] = []
         self._known = [(np.array([v.nominal for v in m.parameters]), m, *_channel(simulator, m)) for m in known]
         extra: list[float] = []
@@ -126,6 +128,8 @@ class Machine:
                 positions = tuple(range(at, at + len(nominal)))
                 at += len(nominal)
                 theta[list(positions)] = null
+                self._own_states[mechanism.name] = range(state, state + len(mechanism.states))
+                state += len(mechanism.states)
             else:
                 first = len(theta) + len(extra)
                 positions = tuple(range(first, first + len(nominal)))
@@ -163,13 +167,7 @@ class Machine:
 
     def own_states(self, candidate: Candidate) -> range:
         """Where a candidate's own states stand among the machine's."""
-        at = len(self.simulator.states)
-        for other in self.candidates:
-            n = len(other.mechanism.states) if isinstance(other.mechanism, Term) else 0
-            if other.name == candidate.name:
-                return range(at, at + n)
-            at += n
-        raise ValueError(f"{candidate.name} is no candidate of this machine")
+        return self._own_states.get(candidate.name, range(0))
 
     def start(self, track: Track) -> Array:
         """The state (nx,) that the simulator's ``initial`` makes of the first inputs and readings."""
