@@ -8,11 +8,13 @@ print(verdict.says)
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Unpack
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked, Progress, silent
 from twinbench.mismatch.guards import Guards
 from twinbench.mismatch.joining import AUTO
+from twinbench.mismatch.told import Knowledge, Told
 from twinbench.mismatch.verdict import Finding, Verdict, conclude
 from twinbench.mismatch.walk import examine
 from twinbench.physics.simulator import Mechanism, Series, Simulator
@@ -28,6 +30,7 @@ def diagnose(
     progress: Progress = silent,
     faults: Sequence[Series] = (),
     inputs: str = AUTO,
+    **told: Unpack[Knowledge],
 ) -> Verdict:
     """Where a simulator and recordings of its machine disagree, and what was left out.
 
@@ -43,14 +46,17 @@ def diagnose(
         faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
         inputs: how they go between samples: "held" until the next, "linear" in lines, or "auto": lines where a short
             stretch of the recordings clearly says so.
+        told: what is known beforehand: ``leave_out=("offset*",)``, ``prior={"leak@h1_cm": 0.1}`` (odds) and
+            ``measured={"p_suc_bar": 0.01}`` (standard deviation in the input's unit), the fields of ``mismatch.told``.
 
     Returns:
         The verdict: what was found, in words and numbers, and how sure it is.
 
     Raises:
-        BadInput: recordings too short, a simulator that diverges.
+        BadInput: recordings too short, a simulator that diverges, or what is told does not fit.
     """
-    return conclude(examine(Asked(simulator, recordings, hold_out, catalogue, faults, inputs), progress))
+    asked = Asked(simulator, recordings, hold_out, catalogue, faults, inputs, Told(**told))
+    return conclude(examine(asked, progress))
 
 
 def ablated(

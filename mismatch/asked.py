@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.joining import AUTO
+from twinbench.mismatch.told import NOTHING, Told
 from twinbench.physics.simulator import Mechanism, Series, Simulator
 
 Progress = Callable[[str, float], None]
@@ -23,6 +24,7 @@ class Asked:
     catalogue: Sequence[Mechanism] | None = None
     faults: Sequence[Series] = ()
     inputs: str = AUTO
+    told: Told = NOTHING
 
 
 def silent(stage: str, share: float) -> None:

@@ -98,9 +98,30 @@ def _grown(
         for place, e in enumerate(grown[:AGAIN]):
             tries = [_solved(e, _elsewhere(e, rng)) for _ in range(restarts * size)]
             grown[place] = min([e, *(f for f in tries if np.isfinite(f.cost))], key=misfit)
-        kept = sorted(grown, key=misfit)[:most]
+        kept = most_and_others(sorted(grown, key=misfit), most)
         all_kept += kept
     return all_kept
+
+
+def most_and_others(ordered: Sequence[Explanation], most: int) -> list[Explanation]:
+    """The first few, the next that has no family of the first one's, and the next of faults alone.
+
+    All forms of one friction say nothing of what else it may be, and what faulty sensors explain is always told.
+    """
+    kept = list(ordered[:most])
+    for other in (lambda e: not _families(e) & _families(ordered[0]), _faults_alone):
+        if not any(map(other, kept)):
+            kept += [e for e in ordered[most:] if other(e)][:1]
+    return kept
+
+
+def _faults_alone(explanation: Explanation) -> bool:
+    return explanation.faults == len(explanation.names)
+
+
+def _families(explanation: Explanation) -> frozenset[str]:
+    candidates = explanation.problem.machine.candidates
+    return frozenset(candidates[v.candidate].family for v in explanation.chosen)
 
 
 def _elsewhere(explanation: Explanation, rng: np.random.Generator) -> Array:

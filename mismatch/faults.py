@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twinbench.mismatch.limits import knees
 from twinbench.mismatch.place import bracketed
+from twinbench.mismatch.reversal import Turned
 from twinbench.mismatch.series import delay_reading, delay_steps, held, lag_reading, lag_steps, stuck_from
 from twinbench.physics.simulator import Array, Port, Series, Simulator, Variable
 
@@ -23,20 +25,21 @@ _TYPICAL_DRIFT_S = 600.0  # a typical drift moves by one scale in ten minutes
 
 
 @functools.cache
-def faults(simulator: Simulator, sample_period_s: float = 0.05) -> tuple[Series, ...]:
+def faults(simulator: Simulator, sample_period_s: float = 0.05, turned: Turned | None = None) -> tuple[Series, ...]:
     """Bias, gain, lag, delay, drift, saturation, quantisation and a stuck channel, for every output and input.
 
     All but saturation have one parameter, the size; 0 is none. What saturates keeps a fifth of its excess at most.
-    NaN in the values is held over.
+    An input may saturate on both sides. NaN in the values is held over.
 
     Args:
         sample_period_s: lags and delays are typically two of them.
+        turned: inputs that did not reverse are not said to saturate on both sides; unknown if left out.
     """
     return tuple(
         fault
         for place, variables in (("output", simulator.outputs), ("input", simulator.inputs))
         for v in variables
-        for fault in _Channel(place, v, sample_period_s).all()
+        for fault in _Channel(place, v, sample_period_s, turned is None or v.name in turned.reversed).all()
     )
 
 
@@ -50,6 +53,7 @@ class _Channel:
     place: str
     variable: Variable
     sample_period_s: float
+    turns: bool
 
     def all(self) -> tuple[Series, ...]:
         return (
@@ -59,6 +63,7 @@ class _Channel:
             self._delay(),
             self._drift(),
             self._saturation(),
+            *([self._saturation_both()] if self.place == "input" and self.turns else []),
             self._quantisation(),
             self._stuck(),
         )
@@ -132,6 +137,22 @@ class _Channel:
             return y - p[0] * np.maximum(0.0, y - p[1])
 
         return self._fault("saturation", "does not go above a limit", formula, series, size, _limit(self.variable))
+
+    def _saturation_both(self) -> Series:
+        """An input may be limited on both sides, as a valve, a pump or an amplifier is."""
+        n = self.name
+        limits = knees(self.variable, "saturation_both", lower=True)
+        size = self._size("saturation_both", "1", 0.8, 1.0, 1.0)
+        names = " and ".join("{" + v.name + "}" for v in limits)
+        formula = f"{n} less {{{size.name}}} of what is beyond {'+-' if len(limits) == 1 else ''}{names}"
+
+        def series(t: Array, y: Array, p: Array) -> Array:
+            low = p[1] if len(limits) > 1 else -p[1]
+            return y - p[0] * (y - np.clip(y, low, max(low, p[-1])))
+
+        says = "does not go beyond its limits, above or below"
+        found = self._fault("saturation_both", says, formula, series, size, *limits)
+        return replace(found, contains=f"input_saturation@{n}")
 
     def _quantisation(self) -> Series:
         size = self._size("quantisation", self.variable.unit, 0.0, self.span, 0.5 * self.variable.scale)

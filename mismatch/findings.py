@@ -242,7 +242,7 @@ def _values(mechanism: Mechanism, z: Array, covariance: Array) -> tuple[Value, .
 
 
 def _force(d: Diagnosis, mechanism: Mechanism, at: int, covariance: Array) -> Value | None:
-    """A size at a balance of forces, times the inertia as fitted; the two are uncertain together."""
+    """A size at a balance of forces or heat, times the inertia or capacity as fitted; they are uncertain together."""
     if not isinstance(mechanism, Term) or mechanism.port.place != "balance":
         return None
     assert d.chosen is not None
@@ -259,8 +259,8 @@ def _force(d: Diagnosis, mechanism: Mechanism, at: int, covariance: Array) -> Va
             mass = float(d.chosen.z[k])
             variance = (mass * sd) ** 2 + x**2 * covariance[k, k] + 2.0 * mass * x * covariance[k, at]
     value, spread = unit[0] * mass * x, Z90 * unit[0] * float(np.sqrt(max(variance, 0.0)))
-    says = f"as a force, with {of.parameter.name} at {number(mass)} {spoken(of.parameter.unit)}"
-    return Value(f"{size.name} as a force", value, value - spread, value + spread, unit[1], says=says)
+    says = f"as a {of.word}, with {of.parameter.name} at {number(mass)} {spoken(of.parameter.unit)}"
+    return Value(f"{size.name} as a {of.word}", value, value - spread, value + spread, unit[1], says=says)
 
 
 def uncertainty(explanation: Explanation) -> Array:

@@ -94,7 +94,7 @@ class Problem:
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
         """
-        return self.machine.run(self._setting(r, z, self.tracks[r].fine))
+        return self.machine.run(self.setting(r, z, self.tracks[r].fine))
 
     def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
         """Simulated block means (B, ny) of recording r before the sensors' faults.
@@ -103,7 +103,7 @@ class Problem:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
         """
-        return self.machine.clean(self._setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
+        return self.machine.clean(self.setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
 
     def states(self, r: int, z: Array) -> Array:
         """Simulated states (B, nx) of recording r, candidates' own last.
@@ -111,7 +111,7 @@ class Problem:
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
         """
-        return self.machine.clean(self._setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
+        return self.machine.clean(self.setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
     def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
         """Block means measured minus simulated, (B, ny).
@@ -121,7 +121,7 @@ class Problem:
             theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
             clean: simulated block means before the sensors' faults, (B, ny), in the outputs' units, if they are known.
         """
-        track, at = self.tracks[r], self._setting(r, z, self.machine.grid(self.tracks[r]), theta)
+        track, at = self.tracks[r], self.setting(r, z, self.machine.grid(self.tracks[r]), theta)
         y = self.machine.read(track, at.theta, self.clean(r, z, at.theta) if clean is None else clean, at.since_s)
         y = np.where(np.abs(y) < ENDLESS, y, np.nan)  # as good as diverged: sums of its squares are no numbers
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
@@ -141,7 +141,7 @@ class Problem:
 
         return replace(self, offsets=parallel([lambda r=r: offset(r) for r in range(len(self.tracks))]))
 
-    def _setting(self, r: int, z: Array, grid: Grid, theta: Array | None = None) -> Setting:
+    def setting(self, r: int, z: Array, grid: Grid, theta: Array | None = None) -> Setting:
         """What a run of recording r goes over and begins with."""
         theta = (self.theta if theta is None else theta).copy()
         x0 = self.starts[r].copy()

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sklearn.tree import DecisionTreeRegressor
 
-from twinbench.mismatch.catalogue import positions_of
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.evidence import port_weights
 from twinbench.mismatch.fit import Unknown
+from twinbench.mismatch.structure import positions_of
 from twinbench.physics.simulator import Array, Port
 
 KNOTS_FORCE = 8

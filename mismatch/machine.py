@@ -11,6 +11,7 @@ import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -52,6 +53,16 @@ class Candidate:
     @property
     def name(self) -> str:
         return self.mechanism.name
+
+    @property
+    def acts_on_input(self) -> bool:
+        """Is it a fault of an input, so that the machine gets another one than was recorded?"""
+        return isinstance(self.mechanism, Series) and self.mechanism.port.place == "input"
+
+    @property
+    def acts_on_output(self) -> bool:
+        """Is it a fault of a sensor, which leaves the machine's own course as it is?"""
+        return isinstance(self.mechanism, Series) and self.mechanism.port.place == "output"
 
     @property
     def family(self) -> str:
@@ -100,6 +111,8 @@ class Machine:
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
         self.candidates: list[Candidate] = []
+        self._own_states: dict[str, range] = {}
+        state = len(simulator.states)
         self._faults: list[tuple[Candidate, Series, str, int]] = []
         self._known = [(np.array([v.nominal for v in m.parameters]), m, *_channel(simulator, m)) for m in known]
         extra: list[float] = []
@@ -115,6 +128,8 @@ class Machine:
                 positions = tuple(range(at, at + len(nominal)))
                 at += len(nominal)
                 theta[list(positions)] = null
+                self._own_states[mechanism.name] = range(state, state + len(mechanism.states))
+                state += len(mechanism.states)
             else:
                 first = len(theta) + len(extra)
                 positions = tuple(range(first, first + len(nominal)))
@@ -131,6 +146,28 @@ class Machine:
         self.epoch_s = 0.0
         self._clocks = np.array([v.name.startswith(CLOCK) for v in self.states])
         self._clocks[: len(simulator.states)] = False
+
+    @property
+    def equations(self) -> tuple[Any, Any]:
+        """``rhs`` and ``output`` of the whole, as arguments of compiled loops."""
+        return self._rhs, self._output
+
+    @property
+    def limit(self) -> Array:
+        """(nx,) beyond which a run has diverged, in the states' units."""
+        return _DIVERGED * np.array([v.scale for v in self.states])
+
+    def loop(self, compiled_loop: Any) -> Any:
+        """A loop over the equations: itself, or its plain Python where numba could not compile those."""
+        return compiled_loop if self._equations.native else compiled_loop.py_func
+
+    def ode(self, theta: Array) -> Array:
+        """Those of the parameters (n_theta,) that the equations hold; faults' own stand behind them."""
+        return np.ascontiguousarray(theta[: self._n_ode])
+
+    def own_states(self, candidate: Candidate) -> range:
+        """Where a candidate's own states stand among the machine's."""
+        return self._own_states.get(candidate.name, range(0))
 
     def start(self, track: Track) -> Array:
         """The state (nx,) that the simulator's ``initial`` makes of the first inputs and readings."""
@@ -152,33 +189,30 @@ class Machine:
     def clean(self, setting: Setting, blocks: bool = False, states: bool = False) -> Array:
         """As ``run``, before the sensors' faults; or the ``states`` (N, nx), or (B, nx), in place of the readings."""
         track, theta = setting.track, setting.theta
-        grid = self._driven(setting, blocks)
-        varying, values = self._fading(setting, grid, blocks)
+        grid = self.driven(setting, blocks)
+        varying, values = self.fading(setting, grid, blocks)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
-        limit = _DIVERGED * np.array([v.scale for v in self.states])
-        native = self._equations.native
-        loop = march if native else march.py_func
-        state = as_argument(_state) if native else _state
+        state = as_argument(_state) if self._equations.native else _state
         with np.errstate(all="ignore"):  # as in the compiled loop: a stretch without samples has no mean
-            loop(
+            self.loop(march)(
                 self._rhs,
                 state if states else self._output,
                 grid.u,
                 grid.seconds,
                 grid.samples,
                 np.ascontiguousarray(setting.x0),
-                np.ascontiguousarray(theta[: self._n_ode]),
+                self.ode(theta),
                 varying,
                 np.ascontiguousarray(values),
                 self.block_step_s if blocks else self.step_s,
                 self.scheme if blocks else RUNGE_KUTTA,
-                limit,
+                self.limit,
                 y,
             )
         y = y[grid.samples > 0]
         return track.joined(y, grid) if blocks else y
 
-    def _driven(self, setting: Setting, blocks: bool) -> Grid:
+    def driven(self, setting: Setting, blocks: bool) -> Grid:
         """The stretches that a run goes through, with the inputs that the machine got."""
         track, u = setting.track, setting.track.u
         late = track.time_s < setting.since_s
@@ -188,7 +222,7 @@ class Machine:
             return self.grid(track) if blocks else track.fine
         return track.grid(u, track.split_starts(self.parts)) if blocks else track.fine_grid(u)
 
-    def _fading(self, setting: Setting, grid: Grid, blocks: bool) -> tuple[np.ndarray, Array]:
+    def fading(self, setting: Setting, grid: Grid, blocks: bool) -> tuple[np.ndarray, Array]:
         """What varies, (V,) and (N, V): the setting's own, and the sizes of candidates that are not there yet."""
         track, theta, varying, values = setting.track, setting.theta, setting.varying, setting.values
         if values is None:

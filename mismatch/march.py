@@ -73,6 +73,22 @@ def _stabilised(rhs, x, u, theta, h, scheme, work):  # type: ignore[no-untyped-d
         x[i] = now[i]
 
 
+@register_jitable
+def advance_stretch(rhs, x, u, theta, seconds, step_s, scheme, limit, work):  # type: ignore[no-untyped-def]
+    """Step ``x`` to the end of a stretch, in place; False if it diverges on the way."""
+    substeps = max(1, int(np.ceil(seconds / step_s - 1e-6)))
+    h = seconds / substeps
+    for _ in range(substeps):
+        if scheme.shape[0] > 0:
+            _stabilised(rhs, x, u, theta, h, scheme, work)
+        else:
+            _runge_kutta(rhs, x, u, theta, h, work)
+        for i in range(x.size):
+            if not abs(x[i]) < limit[i]:
+                return False
+    return True
+
+
 @njit(
     types.void(
         FUNCTION,

@@ -6,12 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twinbench.physics.simulator import Array, Equation, Port, Term, Variable
+from twinbench.physics.simulator import Equation, Port, Term, Variable
 
-Rate = Callable[[Array, Array, Array], float]
-"""What a term adds to a balance: ``rate(x, u, theta)``."""
+Rate = Callable[..., float]
+"""What a term adds to a balance: ``rate(x, u, theta)``, or ``rate(x, u, theta, own)`` if it sees the balance itself."""
 TYPICAL_SHARE = 0.1
 """A typical effect changes a balance by this share of what commonly moves it."""
+IN_FORCE = 0.8
+"""A law that holds or does not, as saturation: typically so much of it is there."""
 CLOCK = "clock"
 """A mechanism's own state whose name begins so goes by the recordings' clock."""
 GENEROUS = 100.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from twinbench.common.errors import BadInput
 from twinbench.common.shown import bare
 from twinbench.data.recording import A_THOUSAND, Recording, read_recording
 from twinbench.data.units import Limits
+from twinbench.mismatch.series import held
 from twinbench.physics.simulator import Simulator, Variable
 
 FEWEST_SAMPLES = 30
@@ -22,9 +24,10 @@ _RANGE_SLACK = 0.1  # of a channel's range: an idle sensor reads a little below 
 def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequence[str] = ()) -> list[Recording]:
     """Read recordings of a simulator's machine; channels are its inputs, then its outputs, in its units.
 
-    Every input has to be there. An output that has no column is missing throughout (NaN): real
-    machines lack sensors. A channel whose median lies well outside the bounds that its Variable gives
-    is taken for a mistake in the unit.
+    Every input has to be there. One that a controller reads off an output's sensor (``Simulator.reads``) takes that
+    output's readings where it has no column of its own; each reading holds until the next. An output that has no
+    column is missing throughout (NaN): real machines lack sensors. A channel whose median lies well outside the
+    bounds that its Variable gives is taken for a mistake in the unit.
 
     Args:
         paths: of ``.csv``, ``.csv.gz`` or ``.parquet`` files.
@@ -44,10 +47,11 @@ def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequen
             mapping,
             units={v.name: v.unit for v in channels},
             limits={v.name: _limits(v) for v in channels},
-            may_lack=[v.name for v in simulator.outputs],
+            may_lack=[v.name for v in simulator.outputs] + [name for name, _ in simulator.reads],
             longest_s=LONGEST_RECORDING_S,
             period_s=np.inf,
         )
+        recording = _with_readings(recording, simulator)
         if len(recording.time_s) < FEWEST_SAMPLES:
             raise BadInput(f"{path}: holds {len(recording.time_s)} samples, must hold {FEWEST_SAMPLES}; record longer")
         for variable, values in zip(simulator.inputs, recording.values.T, strict=False):
@@ -57,6 +61,16 @@ def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequen
             raise BadInput(f"two recordings are named {recording.name}; rename one, or give it once only")
         recordings.append(recording)
     return recordings
+
+
+def _with_readings(recording: Recording, simulator: Simulator) -> Recording:
+    """What a controller read is what the sensor said, if nothing else was recorded of it."""
+    values = recording.values.copy()
+    for name, sensor in simulator.reads:
+        at, of = (recording.channels.index(channel) for channel in (name, sensor))
+        if np.isnan(values[:, at]).all():
+            values[:, at] = held(np.ascontiguousarray(values[:, of]))
+    return replace(recording, values=values)
 
 
 def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> None:

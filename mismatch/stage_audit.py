@@ -78,6 +78,8 @@ def _machine(asked: Asked, period_s: float) -> Machine:
     """The simulator with all candidates. What calibration moves anyway, and sensors that stand still, are none."""
     simulator, known = asked.simulator, {m.name for m in asked.faults}
     listed = whole_catalogue(simulator, (), period_s) if asked.catalogue is None else tuple(asked.catalogue)
+    asked.told.check(simulator, listed)
+    listed = asked.told.left(listed)
     listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
     return Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from twinbench.mismatch.asked import Progress
-from twinbench.mismatch.climb import climb, gross
+from twinbench.mismatch.climb import climb, gross, most_and_others
 from twinbench.mismatch.explanation import Explanation, fitted_again, present, refit, rewhitened
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.guards import Guards
@@ -144,7 +144,7 @@ def _climbed(at: _Reached, search: Search) -> _Reached:
     )
     problem = rewhitened(best.problem, best.z, search.floor, search.order, problem)
     best = fitted_again(problem, best)
-    finalists = [e for e in others if e.names][:FINALISTS]
+    finalists = most_and_others([e for e in others if e.names], FINALISTS)
     return _Reached(replace(problem, offsets=best.problem.offsets), before, best, finalists)
 
 

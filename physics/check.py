@@ -71,7 +71,19 @@ def check_mechanism(simulator: Simulator, mechanism: Mechanism) -> None:
 
 def _check_term(simulator: Simulator, mechanism: Term, who: str) -> None:
     points = _points(simulator.states + mechanism.states, simulator.inputs, simulator.parameters + mechanism.parameters)
-    _call(mechanism.term, points, None, f"{who}: term(x, u, theta)")
+    if mechanism.sees_own:
+        at = mechanism.port.variable_of(simulator)
+        owns = _points((at,))
+        seeing = [(*point, own[0]) for point, (own,) in zip(points, owns, strict=True)]
+        _call(mechanism.term, seeing, None, f"{who}: term(x, u, theta, own)")
+    else:
+        _call(mechanism.term, points, None, f"{who}: term(x, u, theta)")
+    if mechanism.into is not None and mechanism.ratio is not None:
+        try:
+            mechanism.into.variable_of(simulator)
+        except ValueError as error:
+            raise ValueError(f"{who}: into: {error}") from None
+        _call(mechanism.ratio, points, None, f"{who}: ratio(x, u, theta)")
     if mechanism.derivative is not None:
         _call(mechanism.derivative, points, mechanism.states, f"{who}: derivative(x, u, theta)")
     if mechanism.initial is not None:

@@ -104,7 +104,8 @@ def _named_once(simulator: Simulator, mechanisms: Sequence[Term]) -> tuple[Varia
 
 
 def _part(simulator: Simulator, mechanism: Term, number: int, state: int, parameter: int) -> Part:
-    return Part(number, mechanism, mechanism.port.index(simulator), state, parameter)
+    into = mechanism.into.index(simulator) if mechanism.into is not None else -1
+    return Part(number, mechanism, mechanism.port.index(simulator), state, parameter, into)
 
 
 def plain_rhs(simulator: Simulator) -> Equation:

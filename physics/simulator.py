@@ -166,15 +166,27 @@ class Term(Mechanism):
             are ``states``.
         initial: ``initial(x0, u0, theta) -> (n_own_states,)``: where they start, in their units, if not at their
             nominal values. x0 and theta are as for the term, its own states still nominal.
+        sees_own: the term is called as ``term(x, u, theta, own)``. ``own`` is what the simulator itself has at the
+            port: the flux, the state's rate, the input or the reading, in the port's unit.
+        into: a second balance. What the term takes from its own balance goes into this one.
+        ratio: ``ratio(x, u, theta) -> float``: the second balance gains so much for each unit that the first loses, in
+            its unit per unit of the first; needed if there is ``into``.
     """
 
-    term: Callable[[Array, Array, Array], float] = field(kw_only=True)
+    term: Callable[..., float] = field(kw_only=True)
     states: tuple[Variable, ...] = field(default=(), kw_only=True)
     derivative: Equation | None = field(default=None, kw_only=True)
     initial: Equation | None = field(default=None, kw_only=True)
+    sees_own: bool = field(default=False, kw_only=True)
+    into: Port | None = field(default=None, kw_only=True)
+    ratio: Callable[[Array, Array, Array], float] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if (self.into is None) != (self.ratio is None):
+            raise ValueError(f"mechanism {self.name!r}: into and ratio go together; give both or neither")
+        if self.into is not None and (self.into.place, self.port.place) != ("balance", "balance"):
+            raise ValueError(f"mechanism {self.name!r}: goes from one balance into another; no other port can")
         if bool(self.states) != (self.derivative is not None):
             raise ValueError(f"mechanism {self.name!r}: states and derivative go together; give both or neither")
         if self.initial is not None and not self.states:
@@ -248,6 +260,9 @@ class Simulator:
         calibrate: parameters that a fit may move; all of them if left out.
         drifts: those of the parameters that may change while the machine runs (its health).
         mechanisms: names of the mechanisms that were switched on.
+        reads: pairs of an input and an output, in the same unit: a controller inside the equations reads the output's
+            sensor, and the input is that reading. A recording of the output is one of the input too. So a fault of
+            the sensor acts on the controller as it did in the machine.
     """
 
     name: str
@@ -265,6 +280,7 @@ class Simulator:
     calibrate: tuple[str, ...] = ()
     drifts: tuple[str, ...] = ()
     mechanisms: tuple[str, ...] = ()
+    reads: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         if (self.flux is None) != (self.balance is None):
@@ -278,6 +294,12 @@ class Simulator:
                 raise ValueError(f"simulator {self.name!r}: {kind} named twice: {sorted(twice)}")
         for name in (*self.calibrate, *self.drifts):
             self.index(name)
+        for into, of in self.reads:
+            who = f"simulator {self.name!r}: reads {into!r} of {of!r}, but"
+            read = self.inputs[index_of(self.inputs, into, f"{who} has no input")]
+            sensor = self.outputs[index_of(self.outputs, of, f"{who} has no output")]
+            if read.unit != sensor.unit:
+                raise ValueError(f"{who} one is in {read.unit!r} and the other in {sensor.unit!r}; give both one unit")
 
     def theta(self) -> Array:
         """The parameters' nominal values, (np,), each in its unit."""

@@ -29,13 +29,17 @@ def behind(base, whole):
 
 
 class Part(NamedTuple):
-    """Where one mechanism acts, and where its own states and parameters stand in the whole vectors."""
+    """Where one mechanism acts, and where its own states and parameters stand in the whole vectors.
+
+    ``into`` is the second balance that it acts on, or -1.
+    """
 
     number: int
     mechanism: Term
     at: int
     state: int
     parameter: int
+    into: int
 
     @property
     def on(self) -> str:
@@ -79,7 +83,7 @@ def write(simulator: Simulator, parts: Sequence[Part], n_states: int) -> tuple[s
 
     names: dict[str, Callable[..., Any] | None] = {"base_output": simulator.output}
     base = "base_output(b, v, p)"
-    rest = f"    y = np.asarray({base})\n{added['output']}    return y\n"
+    rest = f"    y_own = np.asarray({base})\n    y = y_own\n{added['output']}    return y\n"
     equations = [equation("output(x, u, theta)", "input output", base, rest)]
     if simulator.flux is None:
         names["base_rhs"] = simulator.rhs
@@ -88,7 +92,7 @@ def write(simulator: Simulator, parts: Sequence[Part], n_states: int) -> tuple[s
     else:
         names |= {"base_flux": simulator.flux, "base_balance": simulator.balance}
         flux, balance = "base_flux(b, v, p)", "base_balance(b, v, p, f)"
-        flows = f"    f = np.asarray({flux})\n{added['flux']}"
+        flows = f"    f_own = np.asarray({flux})\n    f = f_own\n{added['flux']}"
         settled = f"    d = {balance}\n{rates}"
         whole = f"base_balance(b, v, p, {flux})"
         equations.append(equation("rhs(x, u, theta)", "input flux balance", whole, flows + settled))
@@ -97,6 +101,7 @@ def write(simulator: Simulator, parts: Sequence[Part], n_states: int) -> tuple[s
     for part in parts:
         names[f"term_{part.number}"] = part.mechanism.term
         names[f"derivative_{part.number}"] = part.mechanism.derivative
+        names[f"ratio_{part.number}"] = part.mechanism.ratio
     tables = [
         f"{name}_at = np.array({[p.parameter for p in group]})\n"
         f"{name}_absent = np.array({[p.mechanism.off for p in group]})\n"
@@ -118,6 +123,7 @@ def _groups(parts: Sequence[Part], kind: str) -> dict[str, list[Part]]:
 def _added(kind: str, groups: dict[str, list[Part]], n: int, m: int) -> str:
     """The lines that add the terms of a kind to what they act on."""
     to, u = {"input": ("v", "u"), "flux": ("f", "v"), "balance": ("dx", "v"), "output": ("y", "v")}[kind]
+    by_itself = {"input": "u", "flux": "f_own", "balance": "d", "output": "y_own"}[kind]
     lines = []
     for name, group in groups.items():
         lines.append(f"    if {name}:")
@@ -133,7 +139,12 @@ def _added(kind: str, groups: dict[str, list[Part]], n: int, m: int) -> str:
                 lines.append(f"            s = behind(b, np.empty({n + len(own.states)}))")
                 lines += [f"            s[{n + j}] = x[{part.state + j}]" for j in range(len(own.states))]
             if part.acts_on(kind):
-                lines.append(f"            {to}[{part.at}] += term_{k}({x}, {u}, q)")
+                arguments = f"{x}, {u}, q"
+                seen = f", {by_itself}[{part.at}]" if own.sees_own else ""
+                lines.append(f"            w_{k} = term_{k}({arguments}{seen})")
+                lines.append(f"            {to}[{part.at}] += w_{k}")
+                if part.into >= 0:
+                    lines.append(f"            dx[{part.into}] -= w_{k} * ratio_{k}({arguments})")
             if kind == "balance" and own.states:
                 lines.append(f"            r_{k} = derivative_{k}(s, {u}, q)")
                 lines += [f"            dx[{part.state + j}] = r_{k}[{j}]" for j in range(len(own.states))]

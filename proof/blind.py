@@ -28,8 +28,6 @@ _PROCESSES = {
     "subprocess.Popen", "os.system", "os.exec", "os.posix_spawn", "os.spawn", "os.fork", "os.forkpty",
     "pty.spawn", "os.startfile",
 }  # fmt: skip
-_LOADED: dict[str, Any] = {}
-"""Simulators by where they are: loaded once, so that they are compiled once."""
 _FILES = {"open", "os.listdir", "os.scandir", "os.link", "os.symlink", "os.rename"}
 
 
@@ -67,15 +65,13 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     import importlib
     from dataclasses import replace
 
-    from twinbench.mismatch.model import load_simulator, whole_catalogue
+    from twinbench.mismatch.model import whole_catalogue
     from twinbench.mismatch.recordings import read_recordings
+    from twinbench.proof.twins import simulator_of
 
     case = json.loads((folder / "case.json").read_text())
-    where = case["simulator"]
-    path = _HERE.parent / where.partition(":")[0]
-    if where not in _LOADED:
-        _LOADED[where] = load_simulator(str(_HERE.parent / where) if path.suffix == ".py" else where)
-    simulator = replace(_LOADED[where].with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
+    simulator = simulator_of(case["simulator"], case.get("network", {}))
+    simulator = replace(simulator.with_values(**case["values"]), calibrate=tuple(case["calibrate"]), drifts=())
     names = [*case["train"], *case["held_out"]]
     recordings = read_recordings([folder / f"{name}.csv" for name in names], simulator)
     fitted, held_out = recordings[: len(case["train"])], recordings[len(case["train"]) :]

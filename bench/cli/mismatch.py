@@ -42,8 +42,23 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="what inputs do between samples: hold their value, or go in lines; auto (default) tries both",
     )
+    _add_told(parser)
     add_trust(parser)
     add_map(parser)
+
+
+def _add_told(parser: argparse.ArgumentParser) -> None:
+    """What the user knows beforehand."""
+    for option, metavar, says in (
+        ("--leave-out", "NAME", "do not try these candidates; NAME may hold *, as 'offset@*'"),
+        ("--prior", "NAME=ODDS", "how likely a candidate is, as odds: 0.1 is one to ten"),
+        (
+            "--measured",
+            "INPUT=SD UNIT",
+            "an input is measured, with noise of this standard deviation: p_suc_bar=0.01bar",
+        ),
+    ):
+        parser.add_argument(option, action="append", default=[], metavar=metavar, help=says)
 
 
 def run(a: argparse.Namespace) -> int:
@@ -52,7 +67,9 @@ def run(a: argparse.Namespace) -> int:
 
     from twinbench.mismatch.report.explain import Request, explain
 
-    asked = Request(a.simulator, a.recordings, a.hold_out, a.catalogue, a.map, a.trust, a.inputs)
+    asked = Request(
+        a.simulator, a.recordings, a.hold_out, a.catalogue, a.map, a.trust, a.inputs, a.leave_out, a.prior, a.measured
+    )
     verdict = explain(asked, a.out)
     # What was found is told before it is drawn: drawing takes a while, and may fail.
     from twinbench.mismatch.report.write import to_json, to_text, write_page

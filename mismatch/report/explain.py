@@ -13,6 +13,7 @@ from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable
 from twinbench.mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
 from twinbench.mismatch.recordings import check_excited, check_measured, read_recordings
+from twinbench.mismatch.told import read_told
 
 if TYPE_CHECKING:
     from twinbench.mismatch import Verdict
@@ -29,6 +30,7 @@ class Request:
         mapping: which columns are which channels, each as COLUMN[UNIT]=CHANNEL.
         trust: run the Python that a ``model.toml`` names wherever it lies.
         inputs: between samples "held" or "linear"; "auto" is what a ``model.toml`` says, or else a fit.
+        leave_out, prior, measured: what is known beforehand, as ``mismatch.told.read_told`` takes it.
     """
 
     spec: str
@@ -38,6 +40,9 @@ class Request:
     mapping: Sequence[str] = ()
     trust: bool = False
     inputs: str = "auto"
+    leave_out: Sequence[str] = ()
+    prior: Sequence[str] = ()
+    measured: Sequence[str] = ()
 
 
 def explain(asked: Request, out: Path) -> Verdict:
@@ -53,12 +58,14 @@ def explain(asked: Request, out: Path) -> Verdict:
     fitted, held_out = recordings[: len(asked.paths)], recordings[len(asked.paths) :]
     check_measured(recordings, simulator)
     check_excited(fitted, simulator)
+    told = read_told(asked.leave_out, asked.prior, asked.measured, simulator)
     # Now that the input is good: the engine takes seconds to import.
     from twinbench.mismatch import diagnose
     from twinbench.mismatch.report.write import write_findings
 
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in fitted])))
     whole = whole_catalogue(simulator, own, period_s)
+    told.check(simulator, whole)
     check_writable(out)
     with Progress() as progress:
         verdict = diagnose(
@@ -69,6 +76,9 @@ def explain(asked: Request, out: Path) -> Verdict:
             progress=progress.report,
             faults=given.faults,
             inputs=given.inputs if asked.inputs == "auto" and given.inputs else asked.inputs,
+            leave_out=told.leave_out,
+            prior=told.prior,
+            measured=told.measured,
         )
         joined = verdict.diagnosis.joined.inputs
         said = joined if given.inputs or joined == "linear" else ""

@@ -60,7 +60,8 @@ def _by_parameter(yardstick: Yardstick, effect: Effect, onset_s: float) -> Chang
 
 def _by_fault(yardstick: Yardstick, effect: Effect) -> Change:
     kind, channel = parts(effect)
-    start, most = first_size(kind, yardstick.machine.noise[channel].sigma, span_in_training(yardstick, effect))
+    machine, span = yardstick.machine, span_in_training(yardstick, effect)
+    start, most = first_size(kind, machine.noise[channel].sigma, span, machine.period_s)
 
     def of(size: float) -> Sequence[Array]:
         made = series_with_fault(yardstick, effect, size)

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from twinbench.mismatch.model import load_simulator, whole_catalogue
+from twinbench.mismatch.model import whole_catalogue
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.changes import change_of
-from twinbench.proof.concealed.engine import ROOT
 from twinbench.proof.concealed.faults import all_faults
 from twinbench.proof.concealed.linear import FEATURES, Linear
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.severity import Yardstick
 from twinbench.proof.concealed.whiten import whitened
+from twinbench.proof.twins import simulator_of
 
 _PROBED, _PROBED_WITHIN = 0.5, 0.7
 """Severity at which a candidate's column is taken, and by which share of it that may differ."""
@@ -80,7 +79,7 @@ def picture(yardstick: Yardstick, there: Mapping[str, float], background_pct: fl
         part = _gram(machine, np.concatenate([own, linear.nuisances(i, ripple > 0.0), starts]))
         raw += np.diag(part)[: len(listed)]
         gram += _projected(part, np.full(len(starts), _START_SD**-2.0))
-    two_sided = _two_sided(machine.simulator)
+    two_sided = _two_sided(machine)
     return Picture(
         tuple(e.name for e in listed),
         _projected(gram, np.array(sds) ** -2.0),
@@ -150,10 +149,8 @@ def _projected(gram: Array, precision: Array) -> Array:
     return np.asarray(0.5 * (left + left.T))
 
 
-@cache
-def _two_sided(where: str) -> frozenset[str]:
-    """Names of the catalogue of the simulator at ``where`` whose size may have either sign."""
-    simulator = load_simulator(str(ROOT / where) if ".py" in where else where)
-    catalogue = whole_catalogue(simulator)
+def _two_sided(machine: Machine) -> frozenset[str]:
+    """Names of the catalogue of a machine's twin whose size may have either sign."""
+    catalogue = whole_catalogue(simulator_of(machine.simulator, machine.network))
     sized = [(m.name, m.parameters[0], m.off) for m in catalogue if m.parameters]
     return frozenset(name for name, size, off in sized if size.low < off < size.high)

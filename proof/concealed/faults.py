@@ -84,15 +84,15 @@ def faulty(kind: str, size: float, time_s: Array, values: Array, span: tuple[flo
     raise ValueError(f"fault {kind!r} is not known")
 
 
-def first_size(kind: str, sigma: float, span: tuple[float, float]) -> tuple[float, float]:
-    """A size to start scaling from, and the largest that makes sense."""
+def first_size(kind: str, sigma: float, span: tuple[float, float], period_s: float) -> tuple[float, float]:
+    """A size to start scaling from, and the largest that makes sense; a lag shorter than a sample shows nowhere."""
     width = span[1] - span[0]
     sigma = sigma if sigma > 0.0 else 0.01 * width
     start, most = {
         "bias": (sigma, 0.5 * width),
         "gain": (0.02, 0.4),
-        "lag": (0.5, 20.0),
-        "delay": (0.3, 10.0),
+        "lag": (max(0.5, 2.0 * period_s), max(20.0, 40.0 * period_s)),
+        "delay": (max(0.3, 2.0 * period_s), max(10.0, 20.0 * period_s)),
         "drift": (10.0 * sigma, 10.0 * width),
         "saturation": (0.15, 0.6),
         "quantisation": (sigma, 0.3 * width),

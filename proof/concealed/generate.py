@@ -18,7 +18,7 @@ from twinbench.proof.concealed.columns import picture
 from twinbench.proof.concealed.faults import faults, parts
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, Machine
-from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.observer import observe
 from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.concealed.record import recorded
@@ -70,9 +70,13 @@ class _Plan:
     faults: tuple[tuple[str, tuple[str, float], tuple[float, float]], ...]  # port, kind and size, span in training
 
 
-def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> Case:
-    """Draw a case; the same item and seed give the same case."""
-    machine = machines[item.machine]
+def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -> Case:
+    """Draw a case; the same item and seed give the same case.
+
+    Args:
+        machines: in place of the seed's own.
+    """
+    machine = machine_of(item.machine, seed) if machines is None else machines[item.machine]
     rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
     background = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
     p = _parameters(machine, item.cell, background, rng)
@@ -96,6 +100,8 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] = MACHINES) -> C
         "train": [t.name for t in takes if not t.held_out],
         "held_out": [t.name for t in takes if t.held_out],
     }
+    if machine.network:
+        public["network"] = dict(machine.network)
     truth = {
         "case": item.case,
         "machine": machine.name,

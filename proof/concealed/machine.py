@@ -75,6 +75,7 @@ class Machine:
             1 + ripple * f, where f is a smooth function of the ripple's arguments with an rms near 0.5.
         ripple_arguments: ``ripple_arguments(x, u) -> (N, d)`` of states x (N, nx) and inputs u (N, nu), scaled so that
             the wave numbers of f are about 1: what a random function of the same smoothness takes.
+        network: of a random machine, the description that its twin is made from, plain JSON.
         kind: "tuned" on by the engine's makers, "untuned", or "random".
         played: by input, the parameter that is the full width of its free play; 0 is no play. The law gets what comes
             out behind the play and knows nothing of it.
@@ -105,6 +106,7 @@ class Machine:
     rippled: str
     ripple_arguments: Callable[[Array, Array], Array]
     kind: str = "tuned"
+    network: Mapping[str, Any] = field(default_factory=dict)
     played: Mapping[str, str] = field(default_factory=dict)
     offsets: Mapping[str, float] = field(default_factory=dict)
     high: Mapping[str, float] = field(default_factory=dict)

@@ -228,6 +228,13 @@ BAD = [
     (("lag.py", "day.csv", "--catalogue", "empty.py"), "empty.py: holds no Mechanism"),
     (("lag.py", "day.csv", "--catalogue", "loss_port.py"), "simulator 'lag' has no balance 'p'; it has: T"),
     (("lag.py", "day.csv", "--catalogue", "loss_term.py"), "mechanism 'loss': term(x, u, theta) fails in line 5"),
+    (("lag.py", "day.csv", "--leave-out", "leak@T"), "leave out 'leak@T': no candidate has that name"),
+    (("lag.py", "day.csv", "--prior", "offset@T"), "--prior 'offset@T': must read NAME=ODDS"),
+    (("lag.py", "day.csv", "--prior", "offset@T=0"), "prior of 'offset@T': odds are '0.0', must be a number above 0"),
+    (("lag.py", "day.csv", "--measured", "T_in=0.1"), "--measured 'T_in=0.1': has no unit; write T_in=0.1K"),
+    (("lag.py", "day.csv", "--measured", "T_in=0.1bar"), "unit 'bar' cannot be turned into 'K'"),
+    (("lag.py", "day.csv", "--measured", "T_in=-0.1K"), "measured 'T_in': its noise is '-0.1', must be a number above"),
+    (("lag.py", "day.csv", "--measured", "T_inn=1K"), "no input 'T_inn'; did you mean 'T_in'?"),
     (("lag.py", "day.csv", "--out", "file/out"), "cannot write file/out/.writable"),
     (("lag.py",), "the following arguments are required: RECORDING"),
 ]
@@ -238,6 +245,14 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
 ) -> None:
     assert says in refused(workplace, capsys, "mismatch", "--out", "found/here", *arguments)
+
+
+def test_mismatch_hands_on_what_is_known_beforehand(workplace: Path, engine: dict[str, Any]) -> None:
+    known = ("--leave-out", "periodic@*", "--leave-out", "offset@T", "--prior", "radiation@T=0.1", "--measured")
+    assert twinbench("mismatch", "lag.py", "day.csv", *known, "T_in=0.9 degF", "--out", "found") == NAMED
+    assert engine["leave_out"] == ("periodic@*", "offset@T")
+    assert engine["prior"] == {"radiation@T": 0.1}
+    assert engine["measured"] == pytest.approx({"T_in": 0.5})
 
 
 def test_input_that_the_engine_refuses_leaves_no_folder(

@@ -12,7 +12,9 @@ import pytest
 from motor import MOTOR
 from two_tanks import TANKS
 
-from twinbench.mismatch.catalogue import AMBIENT, generic, typical_rates
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.natures import AMBIENT
+from twinbench.mismatch.structure import typical_rates
 from twinbench.physics.compile import compiled
 from twinbench.physics.compose import compose, plain_rhs, with_mechanism
 from twinbench.physics.compressor import PLANT
@@ -84,7 +86,7 @@ def test_names_ports_and_words_fit(simulator):
     assert len(mechanisms) <= 12 * len(simulator.states)
     for m in mechanisms:
         target = m.port.variable
-        assert any(v.name in m.says for v in simulator.states + simulator.inputs)
+        assert any(v.name in m.says for v in simulator.states + simulator.inputs + simulator.fluxes)
         assert m.name.endswith(f"@{target}")
         filled = m.formula.format(**{v.name: "7" for v in m.parameters})
         assert filled.count("7") >= len(m.parameters)
@@ -265,21 +267,25 @@ def test_what_is_offered_follows_from_the_variables():
     def effects(simulator, target):
         return {m.name.partition("@")[0] for m in generic(simulator) if m.name.endswith(f"@{target}")}
 
-    common = {"offset", "periodic"}
+    common = {"offset", "periodic", "time_constant"}
     losses = {"linear_loss", "quadratic_loss", "cubic_loss", "constant_drop", "constant_drop_unequal"}
     frictions = {f"{kind}_friction" for kind in ("viscous", "quadratic", "cubic", "coulomb")}
-    unequal = {"coulomb_friction_unequal"}
+    moving = {"coulomb_friction_unequal", "stribeck_friction", "hysteresis", "bouc_wen_hysteresis"}
     leaks = {"leak", "linear_leak", "quadratic_leak", "overflow"}
     assert effects(MOTOR, "current_A") == common | losses
-    assert effects(MOTOR, "omega_rad_s") == common | frictions | unequal | {"hysteresis"}
-    assert effects(MOTOR, "T_winding_K") == common | {"loss_to_ambient", "second_thermal_mass"}
+    assert effects(MOTOR, "omega_rad_s") == common | frictions | moving
+    assert effects(MOTOR, "T_winding_K") == common | {"loss_to_ambient", "radiation", "second_thermal_mass"}
     assert effects(TANKS, "h1_cm") == common | leaks
     assert effects(TANKS, "h2_cm") == common | leaks | {"spill_from_h1_cm"}
     assert effects(MASS, "x_m") == set()
-    assert effects(MASS, "v_m_s") == common | frictions | unequal | {"hysteresis", "hardening_spring", "backlash"}
+    assert effects(MASS, "v_m_s") == common | frictions | moving | {"hardening_spring", "backlash"}
     one_way = tuple(
         Variable("omega_rad_s", "rad/s", 0.0, 300.0, 120.0) if v.name == "omega_rad_s" else v for v in MOTOR.states
     )
-    assert effects(replace(MOTOR, states=one_way), "omega_rad_s") == common | frictions | {"hysteresis"}
+    moving.remove("coulomb_friction_unequal")
+    assert effects(replace(MOTOR, states=one_way), "omega_rad_s") == common | frictions | moving
     assert effects(PLANT, "N_rpm") == {"backlash"}  # never zero: no dead zone
     assert effects(PLANT, "valve") == {"backlash", "dead_zone"}
+    assert effects(MOTOR, "voltage_V") == {"backlash", "dead_zone", "dead_zone_unequal"}
+    assert effects(TANKS, "out_cm3_s") == {"saturation", "dead_zone"}
+    assert effects(PLANT, "m_rec_kg_s") == set()  # no flow while its amplitude is zero

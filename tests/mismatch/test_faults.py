@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 from two_tanks import TANKS
 
 from twinbench.mismatch.faults import faults
+from twinbench.mismatch.reversal import Turned
 from twinbench.mismatch.series import held
 from twinbench.physics.compressor import PLANT
 
@@ -34,7 +35,7 @@ def own(mechanism, size=None):
 def test_every_channel_has_every_fault():
     names = {m.name for m in faults(TANKS, 1.0)}
     assert names == {f"sensor_{n}@{c}" for n in NAMES for c in ("level1_cm", "level2_cm")} | {
-        f"input_{n}@pump_V" for n in NAMES
+        f"input_{n}@pump_V" for n in (*NAMES, "saturation_both")
     }
     for m in faults(PLANT):
         assert m.kind == ("sensor" if m.port.place == "output" else "input")
@@ -155,3 +156,25 @@ def test_a_vanishing_lag_or_delay_is_none(name):
 
 def test_a_channel_never_read_stays_empty():
     assert np.isnan(held(np.full(4, np.nan))).all()
+
+
+def test_an_input_saturates_on_both_sides():
+    values = np.array([-250.0, -100.0, 0.0, 100.0, np.nan, 250.0])
+    both = apply("input_saturation_both@voltage_V", [1.0, 150.0], values, np.arange(6.0))
+    assert both == pytest.approx([-150.0, -100.0, 0.0, 100.0, 100.0, 150.0])
+    leaky = apply("input_saturation_both@voltage_V", [0.8, 150.0], values, np.arange(6.0))
+    assert leaky == pytest.approx([-170.0, -100.0, 0.0, 100.0, 100.0, 170.0])
+
+
+def test_a_channel_that_is_not_symmetrical_saturates_at_two_limits():
+    both = apply("input_saturation_both@load_Nm", [1.0, 10.0, 40.0], np.array([-5.0, 10.0, 30.0, 60.0]), np.arange(4.0))
+    assert both == pytest.approx([10.0, 10.0, 30.0, 40.0])
+    names = [v.name for v in BY_NAME["input_saturation_both@load_Nm"].parameters[1:]]
+    assert names == ["saturation_both_lower_limit_load_Nm", "saturation_both_limit_load_Nm"]
+
+
+def test_an_input_that_never_went_back_is_not_said_to_saturate_on_both_sides():
+    names = {m.name for m in faults(MOTOR, 0.1, Turned(reversed=frozenset({"load_Nm"})))}
+    assert "input_saturation_both@load_Nm" in names
+    assert "input_saturation_both@voltage_V" not in names
+    assert "input_saturation@voltage_V" in names

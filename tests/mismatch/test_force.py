@@ -74,6 +74,39 @@ def test_sizes_become_forces_per_what_they_multiply(name, unit):
     assert as_force(size.unit, MOTOR, 1, inertia(MOTOR, 1)) == (pytest.approx(1.0), unit)
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"), [("loss_to_ambient@T_winding_K", "W/(K)"), ("radiation@T_winding_K", "W/(K)^4")]
+)
+def test_heat_is_told_in_watts_where_a_heat_capacity_is_known(name, unit):
+    found = inertia(MOTOR, 2)
+    assert (found.parameter.name, found.force, found.word) == ("C_J_K", "W", "heat flow")
+    (size,) = (m.parameters[0] for m in generic(MOTOR) if m.name == name)
+    assert as_force(size.unit, MOTOR, 2, found) == (pytest.approx(1.0), unit)
+    assert inertia(MOTOR, 1).word == "force"
+
+
+@pytest.mark.parametrize(
+    ("temperature", "capacity", "times"),
+    [("degC", "kJ/K", 1e3), ("degC", "J/degC", 1.0), ("degF", "J/K", 5.0 / 9.0)],
+)
+def test_degrees_of_a_heat_capacity_are_differences(temperature, capacity, times):
+    """The offset is in degrees a second: times the capacity in watts."""
+    kiln = Simulator(
+        name="kiln",
+        states=(Variable("T", temperature, 0.0, 900.0, 300.0, 50.0),),
+        inputs=(Variable("P_W", "W", 0.0, 5000.0, 1000.0, 500.0),),
+        outputs=(Variable("probe", temperature, 0.0, 900.0, 300.0, 50.0),),
+        parameters=(Variable("C", capacity, 0.5, 5000.0, 2.0),),
+        rhs=lambda x, u, theta: np.array([(u[0] - 0.2 * x[0]) / theta[0]]),
+        output=lambda x, u, theta: x[:1],
+        initial=lambda u0, y0, theta: y0[:1],
+    )
+    sizes = {m.name: m.parameters[0] for m in generic(kiln)}
+    assert as_force(sizes["offset@T"].unit, kiln, 0, inertia(kiln, 0)) == (pytest.approx(times), "W")
+    loss = as_force(sizes["loss_to_ambient@T"].unit, kiln, 0, inertia(kiln, 0))
+    assert loss == (pytest.approx(1e3 if capacity == "kJ/K" else 1.0), "W/(K)")
+
+
 def test_units_of_another_size_are_converted():
     in_cm = drone(weighs, "cm/s", "g")
     times, unit = as_force("(cm/s)/s", in_cm, 0, inertia(in_cm, 0))

@@ -23,6 +23,7 @@ from twinbench.proof.concealed.whiten import whitened
 
 SMOOTH = {
     "compressor": ("suction_valve_loss", "discharge_head_metal", "flow_meter_gain", "input_gain@N_rpm"),
+    "heat_exchanger": ("loss_to_ambient@wall_1_K", "second_thermal_mass@oil_2_K", "input_gain@oil_kg_s"),
     "motor": ("quadratic_friction@omega_rad_s", "second_thermal_mass@T_winding_K", "input_bias@load_Nm"),
     "two_tanks": ("linear_leak@h1_cm", "backlash@pump_V", "sensor_lag@level1_cm"),
 }

@@ -1,0 +1,188 @@
+"""One recording's run under a fit, linearised: columns of anything that acts on its rates, readings or start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.machine import Candidate, Setting
+from twinbench.mismatch.naming import tangent
+from twinbench.mismatch.tracks import Grid, Track
+from twinbench.physics.simulator import Array, Term
+
+WHISPER = 1e-9
+"""Share of its typical size at which a mechanism's own states move, and nothing else does."""
+
+
+class Acts(NamedTuple):
+    """Changes that act along a course.
+
+    Attributes:
+        rates: (S, na, K) of the active states' rates, in the states' units per second.
+        reads: (S, ny, K) of the readings, in the outputs' units.
+    """
+
+    rates: Array
+    reads: Array
+
+    def times(self, weights: Array) -> Acts:
+        """Each of K changes times each of R courses (S, R): K R changes, those of the first change first."""
+        many = [
+            (part[:, :, :, None] * weights[:, None, None, :]).reshape(*part.shape[:2], -1)
+            for part in (self.rates, self.reads)
+        ]
+        return Acts(*many)
+
+
+class Course:
+    """A recording's run, stretch by stretch, as ``tangent`` sees it.
+
+    Attributes:
+        active: (na,) positions of the states that may change: the simulator's, and those of present candidates.
+        middles: (S, nx) the states in the middle of each stretch.
+        u: (S, nu) the inputs that the machine got.
+    """
+
+    def __init__(self, problem: Problem, r: int, z: Array) -> None:
+        self.machine = machine = problem.machine
+        self.track: Track = problem.tracks[r]
+        self.setting: Setting = problem.setting(r, z, machine.grid(self.track))
+        self.grid: Grid = machine.driven(self.setting, blocks=True)
+        self._varying, self._values = machine.fading(self.setting, self.grid, blocks=True)
+        drifting = self.setting.values
+        self._plain = self.setting.varying, np.empty((len(self.grid.u), 0)) if drifting is None else drifting
+        present = [c for c in machine.candidates if self.setting.theta[c.at[0]] != c.null[0]]
+        own = [i for c in present for i in machine.own_states(c)]
+        self.active = np.array([*range(len(machine.simulator.states)), *own], dtype=np.int64)
+        self.scales = np.array([machine.states[i].scale for i in self.active])
+        self.u = np.ascontiguousarray(self.grid.u)
+        self.middles = self._middles(self.setting.theta, self._varying, self._values)
+        s, n, ny = len(self.u), len(self.active), len(machine.simulator.outputs)
+        self._E, self._G = np.empty((s, n, n)), np.empty((s, n, n))
+        self._Yx, self._Yf = np.empty((s, ny, n)), np.empty((s, ny, n))
+        rhs, output = machine.equations
+        machine.loop(tangent.stretches)(
+            rhs,
+            output,
+            self.u,
+            self.grid.seconds,
+            self.grid.samples,
+            self.middles,
+            machine.ode(self.setting.theta),
+            self._varying,
+            self._values,
+            self.active,
+            self.scales,
+            self._E,
+            self._G,
+            self._Yx,
+            self._Yf,
+        )
+        self._base = self._acting(self.setting.theta, self.u, self.middles)
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Stretches, active states and outputs."""
+        return len(self.u), len(self.active), self._Yx.shape[1]
+
+    def columns(self, acts: Acts, start: Array | None = None) -> Array:
+        """Changes of the block means, (B, ny, K), in the outputs' units per unit of each change.
+
+        Args:
+            start: (na, K) changes of the start state, in the states' units.
+        """
+        many = acts.rates.shape[2]
+        out = np.empty((*acts.reads.shape[:2], many))
+        begin = np.zeros((len(self.active), many)) if start is None else np.ascontiguousarray(start)
+        rates, reads = (np.ascontiguousarray(part) for part in acts)
+        self.machine.loop(tangent.columns)(self._E, self._G, self._Yx, self._Yf, rates, reads, begin, out)
+        seen = out[self.grid.samples > 0].reshape(-1, acts.reads.shape[1] * many)
+        return self.track.joined(seen, self.grid).reshape(-1, acts.reads.shape[1], many)
+
+    def none(self, many: int) -> Acts:
+        """So many changes that do nothing yet."""
+        s, n, ny = self.sizes
+        return Acts(np.zeros((s, n, many)), np.zeros((s, ny, many)))
+
+    def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
+        """What other parameters do, per unit of a step; one change.
+
+        Args:
+            theta: (n_theta,) the parameters after the step.
+            step: in the changed parameter's unit.
+            since_s: time from which they hold, on the recording's clock.
+        """
+        return self._difference(self._acting(theta, self.u, self.middles), self._base, step, since_s)
+
+    def of_candidate(self, candidate: Candidate, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
+        """As ``of_parameters``, for a candidate that is absent: its own states and faulty inputs follow the course."""
+        machine, setting = self.machine, self.setting
+        if candidate.acts_on_input:
+            return self.of_input(theta, step)
+        if not (isinstance(candidate.mechanism, Term) and candidate.mechanism.states):
+            return self.of_parameters(theta, step, since_s)
+        quiet = theta.copy()
+        quiet[candidate.at[0]] = candidate.null[0] + WHISPER * (theta[candidate.at[0]] - candidate.null[0])
+        middles = self._middles(quiet, self._varying, self._values)
+        return self._difference(
+            self._acting(theta, self.u, middles), self._acting(setting.theta, self.u, middles), step, since_s
+        )
+
+    def of_input(self, theta: Array, step: float) -> Acts:
+        """As ``of_parameters``, for those of a faulty input, since when it is faulty."""
+        u = self.machine.driven(replace(self.setting, theta=theta), blocks=True).u
+        return self._difference(
+            self._acting(self.setting.theta, np.ascontiguousarray(u), self.middles), self._base, step, -np.inf
+        )
+
+    def late(self, since_s: float) -> Array:
+        """(S,) the share of each stretch from a time on."""
+        ends = self.grid.time_s + 0.5 * self.grid.seconds
+        return np.clip((ends - since_s) / np.maximum(self.grid.seconds, 1e-12), 0.0, 1.0)
+
+    def _difference(self, ahead: Acts, base: Acts, step: float, since_s: float) -> Acts:
+        weight = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u)))[:, None, None] / step
+        return Acts(*(np.nan_to_num((a - b) * weight) for a, b in zip(ahead, base, strict=True)))
+
+    def _middles(self, theta: Array, varying: np.ndarray, values: Array) -> Array:
+        machine = self.machine
+        nodes = np.empty((len(self.u) + 1, len(machine.states)))
+        machine.loop(tangent.path)(
+            machine.equations[0],
+            self.u,
+            self.grid.seconds,
+            np.ascontiguousarray(self.setting.x0),
+            machine.ode(theta),
+            varying,
+            np.ascontiguousarray(values),
+            machine.block_step_s,
+            machine.scheme,
+            machine.limit,
+            nodes,
+        )
+        return np.asarray(0.5 * (nodes[:-1] + nodes[1:]))
+
+    def _acting(self, theta: Array, u: Array, middles: Array) -> Acts:
+        rates, reads = np.empty((self.sizes[0], self.sizes[1])), np.empty((self.sizes[0], self.sizes[2]))
+        varying, values = self._plain
+        self.machine.loop(tangent.acting)(
+            *self.machine.equations,
+            u,
+            middles,
+            self.machine.ode(theta),
+            varying,
+            np.ascontiguousarray(values),
+            self.active,
+            rates,
+            reads,
+        )
+        return Acts(rates[:, :, None], reads[:, :, None])
+
+
+def together(several: Sequence[Acts]) -> Acts:
+    """All changes of several, in their order."""
+    return Acts(*(np.concatenate(parts, axis=2) for parts in zip(*several, strict=True)))

@@ -1,0 +1,114 @@
+"""What no catalogue holds, as a smooth random function of where the machine is, acting on one balance or flux.
+
+The function is common to all recordings. Its covariance is the sum of two Gaussian kernels, a short and a long one,
+in the directions that the machine really moved in; the few functions that make up most of it stand for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twinbench.mismatch.catalogue import positions_of
+from twinbench.mismatch.naming.course import Acts, Course
+from twinbench.physics.simulator import Array, Port, Simulator
+
+SHORT, LONG = 0.5, 2.0
+"""Length scales, in spreads of where the machine was."""
+FUNCTIONS = 40
+"""Functions that stand for the covariance at most; twice as many change nothing that is found."""
+ENOUGH_OF_IT = 0.98
+"""Share of the covariance that they have to make up."""
+MOVED = 0.05
+"""Share of a standard spread below which the machine did not move in a direction."""
+PER_CENT = 0.01
+_SEEN = 600  # visited points that the functions are chosen by
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """The functions, and the ports at which they may act.
+
+    Attributes:
+        ports: where.
+        units: per port, one per cent of what commonly acts there, in the state's unit per second or the flux's.
+        centre, spread: (nx + nu,) of the visited states and inputs, in their units.
+        turn: (nx + nu, D) main directions.
+        points: (R, D) where the functions are anchored.
+        root: (R, R) Cholesky factor of their covariance.
+        width2: square of the unit of length.
+    """
+
+    ports: tuple[Port, ...]
+    units: Array
+    centre: Array
+    spread: Array
+    turn: Array
+    points: Array
+    root: Array
+    width2: float
+
+    def functions(self, course: Course) -> Array:
+        """(S, R) the functions along a course, each of prior variance one together with the others."""
+        at = (_visited(course) - self.centre) / self.spread @ self.turn
+        k = _kernel(at, self.points, self.width2)
+        return np.asarray(np.linalg.solve(self.root, k.T).T)
+
+    def acts(self, course: Course, port: int, functions: Array) -> Acts:
+        """What the functions do at a port, one per cent of what is common there; R changes."""
+        machine = course.machine
+        theta = course.setting.theta.copy()
+        theta[machine.force_at[self.ports[port]]] += self.units[port]
+        return course.of_parameters(theta, 1.0).times(functions)
+
+
+def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discrepancy:
+    """Functions of where courses went.
+
+    Args:
+        rates: (nx,) how fast each state commonly changes, in its unit per second.
+        fluxes: (nf,) what each flux commonly is, in its unit.
+    """
+    simulator = courses[0].machine.simulator
+    every = np.concatenate([_visited(c) for c in courses])
+    centre, spread = every.mean(axis=0), every.std(axis=0)
+    spread = np.where(spread > 1e-6 * (np.abs(centre) + 1e-12), spread, np.inf)
+    scaled = (every - centre) / spread
+    variances, turn = np.linalg.eigh(np.cov(scaled.T).reshape(len(centre), -1))
+    turn = turn[:, variances > MOVED]
+    at = scaled @ turn
+    width2 = float(np.mean(np.sum(at**2, axis=1))) / 2.0 / 2.0
+    points = _anchors(at[:: max(1, len(at) // _SEEN)], width2)
+    root = np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points)))
+    ports, units = _ports(simulator, rates, fluxes)
+    return Discrepancy(ports, units, centre, spread, turn, points, root, width2)
+
+
+def _visited(course: Course) -> Array:
+    return np.concatenate((course.middles[:, : len(course.machine.simulator.states)], course.u), axis=1)
+
+
+def _ports(simulator: Simulator, rates: Array, fluxes: Array) -> tuple[tuple[Port, ...], Array]:
+    exact = set(positions_of(simulator).values())
+    found = [(Port("balance", v.name), rates[i]) for i, v in enumerate(simulator.states) if i not in exact]
+    found += [(Port("flux", v.name), fluxes[i]) for i, v in enumerate(simulator.fluxes)]
+    return tuple(p for p, _ in found), PER_CENT * np.array([unit for _, unit in found])
+
+
+def _kernel(a: Array, b: Array, width2: float) -> Array:
+    d2 = np.maximum(np.sum(a**2, 1)[:, None] + np.sum(b**2, 1)[None] - 2.0 * a @ b.T, 0.0) / width2
+    return np.asarray(0.5 * np.exp(-0.5 * d2 / SHORT**2) + 0.5 * np.exp(-0.5 * d2 / LONG**2))
+
+
+def _anchors(at: Array, width2: float) -> Array:
+    """Points that leave the least of the covariance over the visited ones, one after the other (pivoted Cholesky)."""
+    left, rows, chosen = np.ones(len(at)), np.zeros((0, len(at))), []
+    while len(chosen) < FUNCTIONS and left.sum() > (1.0 - ENOUGH_OF_IT) * len(at):
+        i = int(np.argmax(left))
+        row = (_kernel(at[i : i + 1], at, width2)[0] - rows[:, i] @ rows) / np.sqrt(left[i])
+        rows, left = np.vstack((rows, row)), np.maximum(left - row**2, 0.0)
+        left[i] = 0.0
+        chosen.append(i)
+    return at[chosen]

@@ -1,0 +1,171 @@
+"""What all hypotheses stand on: the sensors' noise and the discrepancy, learnt together before anything is named.
+
+Noise learnt beside a misfit takes the misfit for noise. So it is learnt with the discrepancy free to hold whatever the
+machine does and the simulator does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from twinbench.mismatch.fit import parallel
+from twinbench.mismatch.naming.discrepancy import Discrepancy
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, eliminated, learn
+from twinbench.mismatch.naming.sensors import SensorNoise
+from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.physics.simulator import Array, Port
+
+ROUNDS_OF_NOISE = 3
+"""Turns of learning the noise beside the discrepancy and the discrepancy beside the noise; a fourth changes nothing."""
+SILENT_PCT = 0.02
+"""A port at which the discrepancy is smaller has none: a thirtieth of its prior."""
+UNSEEN = 0.05
+"""Information (prior variance over posterior variance, less one) below which a function is left out."""
+FIRST_PCT = 0.3
+
+
+class Products(NamedTuple):
+    """Of whitened columns, per recording: K of their own, then F of the discrepancy.
+
+    Attributes:
+        own: (R, K + 1, K + 1) of the K with each other; residuals last.
+        cross: (R, K + 1, F) of them with the discrepancy's.
+        FF: (R, F, F) of those with each other.
+    """
+
+    own: Array
+    cross: Array
+    FF: Array
+
+    def over(self, which: Sequence[int] | None = None) -> tuple[Array, Array, float]:
+        """Over some of the recordings, or all: G (K + F, K + F), b (K + F,), and of residuals with themselves."""
+        some = list(range(len(self.own))) if which is None else list(which)
+        own, cross, FF = (part[some].sum(axis=0) for part in self)
+        G = np.block([[own[:-1, :-1], cross[:-1]], [cross[:-1].T, FF]])
+        return G, np.concatenate((own[:-1, -1], cross[-1])), float(own[-1, -1])
+
+
+@dataclass(frozen=True)
+class Ground:
+    """What all hypotheses share: the noise, and the discrepancy's columns whitened.
+
+    Attributes:
+        whole: (B, ny, F) columns of the discrepancy per recording, in the outputs' units per per cent.
+        white: the same, whitened, (B ny, F).
+        FF: (R, F, F) their products, per recording.
+        group: (F,) place in ``ports`` of each.
+        ports: where a discrepancy was found.
+        s: (P,) its size at each with nothing named, per cent of what is common there.
+    """
+
+    noise: SensorNoise
+    levels: tuple[Array | float, ...]
+    whole: tuple[Array, ...]
+    white: tuple[Array, ...]
+    FF: Array
+    group: np.ndarray
+    ports: tuple[Port, ...]
+    s: Array
+
+    @classmethod
+    def learnt(cls, view: View, discrepancy: Discrepancy, floor: Array) -> Ground:
+        """Noise and discrepancy around a fit in which nothing is named.
+
+        Args:
+            floor: (ny,) noise of block means by their second differences, in the outputs' units.
+        """
+        own, levels = view.unknowns(), tuple(t.level for t in view.problem.tracks)
+        every = list(range(len(discrepancy.ports)))
+        whole = view.of_discrepancy(discrepancy, every)
+        group = np.repeat(every, len(discrepancy.points))
+        made = cls._whitened(SensorNoise.first_guess(floor), levels, whole, view, group, discrepancy.ports)
+        made = made._without_the_unseen(view, own)
+        rng = np.random.default_rng(0)
+        for _ in range(ROUNDS_OF_NOISE):
+            left, s = made._left(view, own, rng)
+            noise = made.noise.learnt(left, floor)
+            made = cls._whitened(noise, levels, made.whole, view, made.group, made.ports)
+            made = replace(made, s=s)
+        return made
+
+    @classmethod
+    def _whitened(
+        cls,
+        noise: SensorNoise,
+        levels: tuple[Array | float, ...],
+        whole: Sequence[Array],
+        view: View,
+        group: np.ndarray,
+        ports: tuple[Port, ...],
+    ) -> Ground:
+        def white(r: int) -> Array:
+            both = np.concatenate((whole[r], view.residuals[r][:, :, None]), axis=2)
+            return noise.whitened(both, levels[r]).reshape(-1, both.shape[2])[:, :-1].copy()
+
+        found = parallel([lambda r=r: white(r) for r in range(len(whole))])
+        FF = np.array([w.T @ w for w in found])
+        return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, np.full(len(ports), FIRST_PCT))
+
+    def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
+        """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
+        G, b, _ = self.products(view, own).over()
+        n = own[0].shape[2]
+        inner = eliminated(G, b, np.arange(n), _mean(view), np.ones(n))
+        s = learn(inner.G, inner.b, self.group, self.s).s
+        there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
+        turns, group = [], []
+        for place, p in enumerate(there):
+            mine = self.group == p
+            seen, turn = np.linalg.eigh(inner.G[np.ix_(mine, mine)])
+            turn = turn[:, seen * (3.0 * max(s[p], DISCREPANCY_PCT)) ** 2 > UNSEEN]
+            turns.append((mine, turn))
+            group += [place] * turn.shape[1]
+        whole = [np.concatenate([f[:, :, mine] @ turn for mine, turn in turns], axis=2) for f in self.whole]
+        ports = tuple(self.ports[p] for p in there)
+        made = Ground._whitened(self.noise, self.levels, whole, view, np.array(group), ports)
+        return replace(made, s=s[there])
+
+    def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
+        """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
+        G, b, _ = self.products(view, own).over()
+        n, mean = own[0].shape[2], _mean(view)
+        inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
+        s = learn(inner.G, inner.b, self.group, self.s).s
+        precision = np.concatenate((np.ones(n), 1.0 / np.maximum(s[self.group], 1e-4) ** 2))
+        A, right = G + np.diag(precision), b + np.concatenate((mean, np.zeros(len(self.group))))
+        scale = 1.0 / np.sqrt(np.diag(A))
+        factor = cho_factor(A * np.outer(scale, scale) + 1e-10 * np.eye(len(A)), lower=True)
+        drawn = solve_triangular(factor[0], rng.normal(size=len(A)), lower=True, trans=1)
+        weights = scale * (cho_solve(factor, scale * right) + drawn)
+        left = [
+            residual - np.nan_to_num(np.concatenate((j, f), axis=2)) @ weights
+            for residual, j, f in zip(view.residuals, own, self.whole, strict=True)
+        ]
+        return left, s
+
+    def whitened(self, r: int, columns: Array, residuals: Array) -> Array:
+        """Columns (B, ny, K) and last the residuals (B, ny) of recording r, whitened, (B ny, K + 1)."""
+        both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
+        return self.noise.whitened(both, self.levels[r]).reshape(-1, both.shape[2])
+
+    def products(self, view: View, columns: Sequence[Array]) -> Products:
+        """Products of columns (B, ny, K), then the discrepancy's, with each other and with the residuals."""
+
+        def of(r: int) -> tuple[Array, Array]:
+            white = self.whitened(r, columns[r], view.residuals[r])
+            return white.T @ white, white.T @ self.white[r]
+
+        found = parallel([lambda r=r: of(r) for r in range(len(columns))])
+        own, cross = (np.array(part) for part in zip(*found, strict=True))
+        return Products(own, cross, self.FF)
+
+
+
+def _mean(view: View) -> Array:
+    """(K,) prior mean of the unknowns from where they stand, in prior sds."""
+    return np.array([(u.mean - v) / scale_of(u) for u, v in zip(view.problem.unknowns, view.z, strict=True)])

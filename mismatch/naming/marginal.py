@@ -1,0 +1,120 @@
+"""Evidence of linear Gaussian models: what is unknown is integrated out, the discrepancy's size is learnt."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg.lapack import dpotrf, dtrtri
+from scipy.special import log_ndtr
+
+from twinbench.physics.simulator import Array
+
+DISCREPANCY_PCT = 0.7
+"""Prior sd of the discrepancy, in per cent of what commonly acts at its port."""
+LEARNT = 0.1
+"""Nats that a round of learning must gain to be followed by another."""
+ROUNDS = 15
+UNTOLD = 1e-3
+"""Information (prior variance over noise variance) below which a function is left out: half of it in nats is lost."""
+_HAIR, _LEAST = 1e-10, 1e-4
+
+
+class Reduced(NamedTuple):
+    """A quadratic form with a block of it integrated out.
+
+    ``log p = -(q - ...)/2``: G (K, K), b (K,) over what is left, and ``log`` what the block contributed.
+    """
+
+    G: Array
+    b: Array
+    log: float
+
+
+def eliminated(G: Array, b: Array, block: Array, mean: Array, precision: Array) -> Reduced:
+    """Integrate out some unknowns with a Gaussian prior.
+
+    Args:
+        G: (K, K) products of columns.
+        b: (K,) products with residuals.
+        block: (k,) positions of the unknowns.
+        mean: (k,) of their prior.
+        precision: (k,) of their prior.
+    """
+    rest = np.setdiff1d(np.arange(len(b)), block)
+    A = G[np.ix_(block, block)] + np.diag(precision)
+    scale = 1.0 / np.sqrt(np.diag(A))
+    factor = cho_factor(A * np.outer(scale, scale) + _HAIR * np.eye(len(block)), lower=True)
+    right = b[block] + precision * mean
+    cross = G[np.ix_(block, rest)]
+    solved = scale[:, None] * cho_solve(factor, scale[:, None] * np.column_stack((cross, right)))
+    log = 0.5 * float(right @ solved[:, -1]) - 0.5 * float(mean @ (precision * mean))
+    log -= float(np.log(np.diag(factor[0]) / scale).sum()) - 0.5 * float(np.log(precision).sum())
+    left = G[np.ix_(rest, rest)] - cross.T @ solved[:, :-1]
+    return Reduced(0.5 * (left + left.T), b[rest] - cross.T @ solved[:, -1], log)
+
+
+class Learnt(NamedTuple):
+    """Evidence with the discrepancy integrated out.
+
+    Attributes:
+        log: of the evidence, constants apart, in nats; the prior of the sizes is in it.
+        s: (P,) size of the discrepancy at each port, per cent.
+        weights: (F,) posterior mean of its functions' weights.
+    """
+
+    log: float
+    s: Array
+    weights: Array
+
+
+def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, rounds: int = ROUNDS) -> Learnt:
+    """The discrepancy's size at each port by the highest evidence (MacKay's fixed point under a half-normal prior).
+
+    Args:
+        G: (F, F) products of the functions' columns, all else integrated out.
+        b: (F,) likewise with residuals.
+        group: (F,) port of each function.
+        s: (P,) sizes to begin from, per cent.
+        free: a port whose size has no prior, or -1.
+    """
+    s2, last, log = np.maximum(s, _LEAST) ** 2, -np.inf, 0.0
+    mean, telling = np.zeros(len(b)), np.diag(G)
+    for _ in range(rounds):
+        mean = np.zeros(len(b))
+        some = np.flatnonzero(s2[group] * telling > UNTOLD)  # the others say nothing at this size
+        if not len(some):
+            return Learnt(_prior(s2, free), np.sqrt(s2), mean)
+        d = np.sqrt(s2[group[some]])
+        M = d[:, None] * G[np.ix_(some, some)] * d
+        M[np.diag_indices(len(some))] += 1.0
+        L, _ = dpotrf(M, lower=1, overwrite_a=1)
+        v = solve_triangular(L, d * b[some], lower=True, check_finite=False)
+        mean[some] = d * solve_triangular(L, v, lower=True, trans=1, check_finite=False)
+        log = 0.5 * float(v @ v) - float(np.log(np.diag(L)).sum()) + _prior(s2, free)
+        if log - last < LEARNT:
+            break
+        last = log
+        inverse, _ = dtrtri(L, lower=1)
+        known = 1.0 - np.sum(np.tril(inverse) ** 2, axis=0)  # less the posterior's share of the prior variance
+        many = np.maximum(np.bincount(group[some], known, len(s2)), 1e-3)
+        squares = np.bincount(group[some], mean[some] ** 2, len(s2)) + 1e-12
+        bent = 4.0 * squares / (DISCREPANCY_PCT**2 * many**2)
+        bounded = 2.0 * squares / many / (1.0 + np.sqrt(1.0 + bent))
+        if free >= 0:
+            bounded[free] = max(squares[free] / many[free], 1.0)
+        s2 = np.clip(bounded, _LEAST**2, 1e8)
+    return Learnt(log, np.sqrt(s2), mean)
+
+
+def _prior(s2: Array, free: int) -> float:
+    each = -0.5 * s2 / DISCREPANCY_PCT**2
+    if free >= 0:
+        each[free] = 0.0
+    return float(each.sum())
+
+
+def one_sided(mean: Array, sd: Array, bounded: np.ndarray) -> Array:
+    """What a half-normal prior adds to a normal one's log evidence, (K,)."""
+    return np.asarray(np.where(bounded, np.log(2.0) + log_ndtr(mean / np.maximum(sd, 1e-300)), 0.0))

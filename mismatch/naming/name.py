@@ -1,0 +1,194 @@
+"""The stages of naming: ground, picture, search, onsets, each hypothesis at its own fixed point, what else is there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from twinbench.mismatch.catalogue import typical_rates
+from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.naming.discrepancy import discrepancy
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.onset import with_late
+from twinbench.mismatch.naming.picture import Painter, Picture
+from twinbench.mismatch.naming.sets import Scored
+from twinbench.mismatch.naming.settle import Effect, Settled, settled
+from twinbench.mismatch.naming.view import View
+from twinbench.mismatch.picture import variants
+from twinbench.mismatch.visited import moved
+from twinbench.physics.simulator import Array
+
+SINGLES, SETS = 8, 4
+"""Hypotheses of one effect, and of several, that are brought to their own fixed point: at a distance the picture is
+wrong by tens of nats."""
+NEAR = 12.0
+"""Nats that such a set may lie behind the best in the picture."""
+MOST_EFFECTS = 3
+ADDED = 3
+"""Further effects that are tried beside the best set, each time."""
+
+
+@dataclass
+class Naming:
+    """What the recordings say.
+
+    Attributes:
+        null: nothing is missing.
+        hypotheses: sets at their own fixed points, likeliest first; ``null`` among them.
+        picture: all candidates around the calibrated simulator.
+        reduced, rivalled: those of which each effect was left out, or replaced by others.
+    """
+
+    ground: Ground
+    picture: Picture
+    null: Settled
+    hypotheses: list[Settled] = field(default_factory=list)
+    reduced: list[Settled] = field(default_factory=list)
+    rivalled: list[Settled] = field(default_factory=list)
+
+    @property
+    def best(self) -> Settled:
+        """The likeliest hypothesis."""
+        return self.hypotheses[0]
+
+    def knows(self, effects: Iterable[Effect]) -> bool:
+        """Has a hypothesis of these candidates been weighed?"""
+        wanted = {e.variant.candidate for e in effects}
+        return any({e.variant.candidate for e in h.effects} == wanted for h in self.hypotheses)
+
+    def add(self, hypothesis: Settled) -> None:
+        """Keep a hypothesis in its place."""
+        self.hypotheses.append(hypothesis)
+        self.hypotheses.sort(key=lambda s: -s.log)
+
+
+def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], None] = lambda share: None) -> Naming:
+    """Weigh everything that may be missing.
+
+    Args:
+        problem: the calibrated simulator; its unknowns stand at z (K,).
+        floor: (ny,) noise of block means by their second differences, in the outputs' units.
+    """
+    view = View.around(problem, z)
+    ground = Ground.learnt(view, discrepancy(view.courses, typical_rates(moved(problem, z)), _fluxes(view)), floor)
+    progress(0.2)
+    painter = Painter(view, ground, variants(problem.machine.candidates))
+    shown = with_late(painter)
+    progress(0.4)
+    null = settled(problem, z, (), ground, ground.s)
+    found = Naming(ground, shown, null, [null])
+    contenders = _contenders(shown)
+    for k, scored in enumerate(contenders):
+        found.add(settled(_since(problem, shown, scored), z, _effects(shown, scored), ground, scored.learnt.s))
+        progress(0.4 + 0.5 * k / len(contenders))
+    while _plainer(found) or _fuller(found) or _rivalled(found):
+        pass
+    progress(1.0)
+    return found
+
+
+def _effects(shown: Picture, scored: Scored) -> list[Effect]:
+    return [
+        Effect(shown.variants[i], float(size * shown.units[i]), float(shown.units[i]), float(shown.sets.prior[i]))
+        for i, size in zip(scored.key, scored.sizes, strict=True)
+    ]
+
+
+def _since(problem: Problem, shown: Picture, scored: Scored) -> Problem:
+    since = float(shown.since[scored.key[0]]) if scored.key else -np.inf
+    return replace(problem, since=(since,) * len(problem.tracks)) if since > -np.inf else problem
+
+
+def _contenders(shown: Picture) -> list[Scored]:
+    """Sets that are near in the picture, and single ones even where they are not; none where nothing is the best."""
+    known = sorted(shown.sets.known.values(), key=lambda s: -s.log)
+    best, nothing = known[0], shown.sets.score(())
+    if best is nothing:
+        return []
+    singles: dict[object, Scored] = {}
+    several: dict[object, Scored] = {}
+    for s in known:
+        late = bool(s.key and shown.since[s.key[0]] > -np.inf)
+        group = late, tuple(sorted(shown.names[i] for i in s.key))
+        if len(s.key) == 1 and len(singles) < SINGLES and s.log > nothing.log - NEAR:
+            singles.setdefault(group, s)
+        elif len(s.key) > 1 and len(several) < SETS and s.log > best.log - NEAR:
+            several.setdefault(group, s)
+    return [*singles.values(), *several.values()]
+
+
+def _plainer(found: Naming) -> bool:
+    """Leave each effect out of the best set, from where that is; is something plainer likelier?"""
+    best = found.best
+    if len(best.effects) < 2 or best in found.reduced:
+        return False
+    found.reduced.append(best)
+    for i in range(len(best.effects)):
+        fewer = [e for k, e in enumerate(best.now) if k != i]
+        found.add(settled(best.bare, best.own, fewer, found.ground, best.learnt.s))
+    return found.best is not best
+
+
+def _fuller(found: Naming) -> bool:
+    """Look for one effect more beside the best set; is there one?"""
+    best = found.best
+    if not 0 < len(best.effects) < MOST_EFFECTS:
+        return False
+    machine = best.problem.machine
+    there = {machine.candidates[e.variant.candidate].family for e in best.effects}
+    others = [v for v in variants(machine.candidates) if machine.candidates[v.candidate].family not in there]
+    shown = Painter(View.around(best.problem, best.z), found.ground, others).picture()
+    gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
+    tried = 0
+    for i in np.argsort(-gains):
+        if gains[i] < 0.0 or tried == ADDED:
+            break
+        scored = shown.sets.score((int(i),))
+        more = [*best.now, *_effects(shown, scored)]
+        if not found.knows(more):
+            tried += 1
+            found.add(settled(best.bare, best.own, more, found.ground, best.learnt.s))
+    return found.best is not best
+
+
+def _rivalled(found: Naming) -> bool:
+    """Put others in the place of each effect of the best set, in the best's own picture; is one of them likelier?"""
+    best = found.best
+    if not best.effects or best in found.rivalled:
+        return False
+    found.rivalled.append(best)
+    for i in range(len(best.effects)):
+        rest = [e for k, e in enumerate(best.now) if k != i]
+        shown = without(found, best, i).picture()
+        gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
+        tried = 0
+        for k in np.argsort(-gains):
+            if gains[k] < gains.max() - NEAR or tried == ADDED:
+                break
+            other = [*rest, *_effects(shown, shown.sets.score((int(k),)))]
+            if not found.knows(other):
+                tried += 1
+                found.add(settled(best.bare, best.own, other, found.ground, best.learnt.s))
+    return found.best is not best
+
+
+def without(found: Naming, hypothesis: Settled, effect: int) -> Painter:
+    """A hypothesis less one effect, with all that could stand in its place."""
+    machine = hypothesis.problem.machine
+    there = {machine.candidates[e.variant.candidate].family for k, e in enumerate(hypothesis.effects) if k != effect}
+    others = [v for v in variants(machine.candidates) if machine.candidates[v.candidate].family not in there]
+    others = [v for v in others if v.candidate != hypothesis.effects[effect].variant.candidate]
+    view = View.around(hypothesis.problem, hypothesis.z)
+    return Painter(view, found.ground, others, hypothesis.entries(effect))
+
+
+def _fluxes(view: View) -> Array:
+    """(nf,) what each flux commonly is, in its unit."""
+    simulator, course = view.problem.machine.simulator, view.courses[0]
+    if simulator.flux is None:
+        return np.empty(0)
+    theta, n = course.setting.theta[: len(simulator.parameters)], len(simulator.states)
+    some = range(0, len(course.u), max(1, len(course.u) // 100))
+    return np.sqrt(np.mean([np.square(simulator.flux(course.middles[k, :n], course.u[k], theta)) for k in some], axis=0))

@@ -1,0 +1,55 @@
+"""Effects that begin while they are watched: the same columns, from a time on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twinbench.mismatch.naming.picture import Painter, Picture
+
+WATCHED = 6
+"""Effects that are tried for a later beginning: the likeliest from the beginning on, then those that show most."""
+STARTS = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
+"""Shares of a recording after which an effect may have begun; also at its beginning, but for the first's."""
+FINER, CLOSER = 12, 9.0
+"""Times tried to either side of the best one; the second time so many times closer together."""
+
+
+def with_late(painter: Painter) -> Picture:
+    """The picture, searched, with all effects as they would be had they begun at the likeliest time, if there is one."""
+    shown = painter.picture()
+    shown.sets.search()
+    likeliest = _likeliest(shown)
+    tracks = painter.view.problem.tracks
+    times = [
+        float(t.time_s[0] + share * np.ptp(t.time_s))
+        for j, t in enumerate(tracks)
+        for share in ((0.0,) if j else ()) + STARTS
+    ]
+    many, gap = len(times), STARTS[0] * max(float(np.ptp(t.time_s)) for t in tracks)
+    late = painter.picture(times, likeliest)
+    since = _best_start(late)
+    if since == -np.inf:
+        return shown
+    for near in (gap / FINER, gap / FINER / CLOSER):
+        late = painter.picture([since + near * k for k in range(-FINER, FINER + 1)], likeliest, many)
+        since = _best_start(late, since)
+    # Then everything may have begun at that time.
+    shown = painter.picture([since], range(len(painter.listed)), many)
+    shown.sets.search()
+    return shown
+
+
+def _likeliest(shown: Picture) -> list[int]:
+    sets = shown.sets
+    order = [i for s in sorted(sets.known.values(), key=lambda s: -s.log) for i in s.key]
+    order += list(np.argsort(-sets.quick((), np.maximum(0.15 * sets.s, 1e-3))))
+    found: dict[str, int] = {}
+    for i in order:
+        if len(found) < WATCHED:
+            found.setdefault(shown.names[i], int(i))
+    return list(found.values())
+
+
+def _best_start(late: Picture, default: float = -np.inf) -> float:
+    best = late.sets.search(depth=1)
+    return float(late.since[best.key[0]]) if best.key else default

@@ -1,0 +1,140 @@
+"""Evidence for sets of candidates in one view, and the search for the likeliest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.physics.simulator import Array
+
+Key = tuple[int, ...]
+PARAMETER = 3e-4
+"""Share of its square that a column must keep beside the unknowns: below it is a parameter under another name."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A set in a view: its evidence, its sizes (k,) in prior sds with their sd, the discrepancy beside it."""
+
+    key: Key
+    log: float
+    sizes: Array
+    sds: Array
+    learnt: Learnt
+
+
+@dataclass
+class Sets:
+    """Columns of V candidates' variants and F functions, the unknowns integrated out.
+
+    Attributes:
+        reduced: over the V variants, in prior sds, then the F functions.
+        group: (F,) port of each function.
+        prior: (V,) log prior odds of each variant.
+        bounded: (V,) can its size have one sign only?
+        family: (V,) labels; one of a family is enough.
+        usable: (V,) is it more than a parameter?
+        s: (P,) size of the discrepancy with nothing named, per cent.
+        since: (V,) time from which it is there; those of a set begin together.
+    """
+
+    reduced: Reduced
+    group: np.ndarray
+    prior: Array
+    bounded: np.ndarray
+    family: np.ndarray
+    usable: np.ndarray
+    s: Array
+    since: Array
+    known: dict[Key, Scored] = field(default_factory=dict)
+
+    @property
+    def many(self) -> int:
+        """How many variants there are."""
+        return len(self.prior)
+
+    def score(self, key: Iterable[int]) -> Scored:
+        """A set's evidence with the discrepancy learnt beside it; each is asked once."""
+        key = tuple(sorted(int(i) for i in key))
+        if key not in self.known:
+            self.known[key] = self._score(key)
+        return self.known[key]
+
+    def _score(self, key: Key) -> Scored:
+        G, b, v = self.reduced.G, self.reduced.b, self.many
+        functions = v + np.arange(len(self.group))
+        some = np.array([*key, *functions])
+        k = len(key)
+        if k:
+            inner = eliminated(G[np.ix_(some, some)], b[some], np.arange(k), np.zeros(k), np.ones(k))
+        else:
+            inner = Reduced(G[np.ix_(some, some)], b[some], 0.0)
+        start = self.s if not k else np.maximum(0.5 * self.s, 1e-3)
+        learnt = learn(inner.G, inner.b, self.group, start, rounds=30 if not k else 8)
+        log = inner.log + learnt.log + float(self.prior[list(key)].sum())
+        sizes, sds = self._sizes(key, learnt)
+        log += float(one_sided(sizes, sds, self.bounded[list(key)]).sum())
+        return Scored(key, log, sizes, sds, learnt)
+
+    def _sizes(self, key: Key, learnt: Learnt) -> tuple[Array, Array]:
+        if not key:
+            return np.empty(0), np.empty(0)
+        G, b, v = self.reduced.G, self.reduced.b, self.many
+        functions = v + np.arange(len(self.group))
+        some = np.array([*key, *functions])
+        block = len(key) + np.arange(len(functions))
+        outer = eliminated(G[np.ix_(some, some)], b[some], block, np.zeros(len(block)), 1.0 / learnt.s[self.group] ** 2)
+        cov = np.linalg.inv(outer.G + np.eye(len(key)))
+        return cov @ outer.b, np.sqrt(np.diag(cov))
+
+    def quick(self, key: Key, s: Array) -> Array:
+        """(V,) log evidence that each variant would add to a set, the discrepancy's size as it is."""
+        G, b, v = self.reduced.G, self.reduced.b, self.many
+        block = np.array([*key, *(v + np.arange(len(self.group)))], dtype=int)
+        precision = np.concatenate((np.ones(len(key)), 1.0 / s[self.group] ** 2))
+        A = G[np.ix_(block, block)] + np.diag(precision)
+        scale = 1.0 / np.sqrt(np.diag(A))
+        L = np.linalg.cholesky(A * np.outer(scale, scale) + 1e-10 * np.eye(len(A)))
+        X = solve_triangular(L, scale[:, None] * np.column_stack((G[block, :v], b[block])), lower=True)
+        g = np.maximum(np.diag(G)[:v] - np.sum(X[:, :v] ** 2, axis=0), 0.0)
+        right = b[:v] - X[:, :v].T @ X[:, v]
+        variance = 1.0 / (g + 1.0)
+        mean = variance * right
+        gain = 0.5 * np.log(variance) + 0.5 * mean * right + one_sided(mean, np.sqrt(variance), self.bounded)
+        return np.where(self.usable, gain + self.prior, -np.inf)
+
+    def search(self, depth: int = 3, width: int = 5, first: int = 24, later: int = 10) -> Scored:
+        """The likeliest set: all single ones, then a beam."""
+        best = self.score(())
+        beam: Sequence[Scored] = [best]
+        for d in range(depth):
+            fresh: dict[Key, Scored] = {}
+            for base in beam:
+                gains = np.maximum(*(self.quick(base.key, np.maximum(base.learnt.s * f, 1e-3)) for f in (1.0, 0.15)))
+                used = {self.family[i] for i in base.key}
+                gains[[f in used for f in self.family]] = -np.inf
+                if base.key:
+                    gains[self.since != self.since[base.key[0]]] = -np.inf
+                count: dict[object, int] = {}
+                picked = 0
+                for i in np.argsort(-gains):
+                    if not np.isfinite(gains[i]) or picked == (first if d == 0 else later):
+                        break
+                    if count.get(self.family[i], 0) < 2:
+                        count[self.family[i]] = count.get(self.family[i], 0) + 1
+                        scored = self.score((*base.key, int(i)))
+                        fresh[scored.key] = scored
+                        picked += 1
+            beam = sorted(fresh.values(), key=lambda s: -s.log)[:width]
+            if not beam or beam[0].log < best.log + 1.0:
+                break
+            best = beam[0]
+        return self.best()
+
+    def best(self) -> Scored:
+        """The likeliest of those asked."""
+        return max(self.known.values(), key=lambda s: s.log)

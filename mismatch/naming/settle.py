@@ -1,0 +1,226 @@
+"""A hypothesis brought to its own fixed point: linearised where it says the machine is, until its evidence stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.naming.ground import Ground, Products
+from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.picture import Variant, is_amplitude, typical
+from twinbench.physics.simulator import Array
+
+SETTLED = 1.0
+"""Nats by which the evidence may still move."""
+TURNS, HALVINGS = 6, 4
+"""Linearisations of one hypothesis at most, and how often one step is shortened."""
+SHORTENED = 0.4
+"""What is left of a step that is too long."""
+
+
+@dataclass(frozen=True)
+class Effect:
+    """An effect as part of a hypothesis: a candidate, its shape and its size.
+
+    Attributes:
+        size: from absence, in the first parameter's unit.
+        sd: of the size's prior, in the same unit.
+        prior: log prior odds.
+    """
+
+    variant: Variant
+    size: float
+    sd: float
+    prior: float
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A hypothesis at its fixed point.
+
+    Attributes:
+        effects: as they were proposed; ``now`` has them as they are.
+        problem, z: its fit; the effects' parameters are its last unknowns. Unknowns are in their own units.
+        first: how many unknowns are not the effects'.
+        log: evidence in nats, its prior in it; comparable between hypotheses.
+        sizes: (E,) of each effect from absence, in its first parameter's unit, and their posterior ``sds``.
+        learnt: the discrepancy beside it.
+        cov: (K, K) posterior covariance of the unknowns, in prior sds.
+        products: of the columns there, and the unknowns' prior ``mean`` (K,) from there, in prior sds.
+        turns: linearisations that it took.
+    """
+
+    effects: tuple[Effect, ...]
+    problem: Problem
+    z: Array
+    first: int
+    log: float
+    sizes: Array
+    sds: Array
+    learnt: Learnt
+    cov: Array
+    products: Products
+    mean: Array
+    turns: int
+
+    @property
+    def bare(self) -> Problem:
+        """The problem without its effects."""
+        return replace(self.problem, unknowns=self.problem.unknowns[: self.first])
+
+    @property
+    def own(self) -> Array:
+        """Where the unknowns of the bare problem stand."""
+        return self.z[: self.first]
+
+    @property
+    def now(self) -> tuple[Effect, ...]:
+        """The effects with the sizes and shapes that they have."""
+        found, at = [], self.first
+        for effect, size in zip(self.effects, self.sizes, strict=True):
+            n = _entries(self.problem, effect.variant)
+            shape = tuple(self.z[at + 1 : at + n]) or effect.variant.shape
+            found.append(replace(effect, variant=replace(effect.variant, shape=shape), size=float(size)))
+            at += n
+        return tuple(found)
+
+    def entries(self, effect: int) -> slice:
+        """Where an effect's parameters stand among the unknowns."""
+        counts = [_entries(self.problem, e.variant) for e in self.effects]
+        at = self.first + sum(counts[:effect])
+        return slice(at, at + counts[effect])
+
+    @property
+    def since_s(self) -> float:
+        """When its effects begin, on the recordings' clock; minus infinity if they were always there."""
+        return self.problem.since[0] if self.effects and self.problem.since else -np.inf
+
+
+def settled(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground, s: Array) -> Settled:
+    """Linearise, move to the posterior mean, and again.
+
+    Args:
+        problem: with no effect in it; its unknowns stand at z (K,).
+        s: (P,) discrepancy to begin with, per cent.
+    """
+    whole = replace(problem, unknowns=(*problem.unknowns, *(u for e in effects for u in _unknowns(problem, e))))
+    bounds = _Bounds.of(whole)
+    z, firsts = _start(whole, z, effects)
+    z = np.clip(z, bounds.low, bounds.high)
+    best: Settled | None = None
+    last = -np.inf
+    for turn in range(1, TURNS + 1):
+        view = View.around(whole, z)
+        products, mean = ground.products(view, view.unknowns()), (whole.z0 - z) / bounds.scale
+        inner, learnt, cov, step = _posterior(products, mean, ground, s)
+        s = learnt.s
+        moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
+        sizes, sds = (moved - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
+        log = inner.log + learnt.log - 0.5 * products.over()[2] + sum(e.prior for e in effects)
+        log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
+        if best is None or log > best.log:
+            best = Settled(
+                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, cov, products, mean, turn
+            )
+        if turn > 1 and abs(log - last) < SETTLED:
+            break
+        last = log
+        z = _as_far_as_it_helps(whole, z, moved, ground, s)
+    assert best is not None
+    return best
+
+
+@dataclass(frozen=True)
+class _Bounds:
+    """Of unknowns (K,), in their own units; ``one_way`` where the prior's mean is a bound."""
+
+    low: Array
+    high: Array
+    scale: Array
+    one_way: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem) -> _Bounds:
+        u = problem.unknowns
+        one_way = np.array([v.mean in (v.low, v.high) for v in u], dtype=bool)
+        return cls(np.array([v.low for v in u]), np.array([v.high for v in u]), np.array([*map(scale_of, u)]), one_way)
+
+
+def _entries(problem: Problem, variant: Variant) -> int:
+    candidate = problem.machine.candidates[variant.candidate]
+    return 1 if is_amplitude(candidate) else len(candidate.at)
+
+
+def _unknowns(problem: Problem, effect: Effect) -> list[Unknown]:
+    """An effect's size and, if it has any, its shape; an amplitude of several parameters moves them all by its first."""
+    candidate = problem.machine.candidates[effect.variant.candidate]
+    found = []
+    for place, (at, v) in enumerate(zip(candidate.at, candidate.mechanism.parameters, strict=True)):
+        name = f"{candidate.name}.{v.name}"
+        if place == 0:
+            null, size = float(candidate.null[0]), abs(typical(candidate))
+            low, high = min(v.low, null), max(v.high, null)
+            found.append(Unknown(name, "mechanism", at, low, high, null, effect.sd, size))
+        elif not is_amplitude(candidate):
+            spread = (v.high - v.low) / 2.0
+            mean = float(candidate.null[place])
+            found.append(Unknown(name, "mechanism", at, v.low, v.high, mean, spread, spread / 3.0))
+    return found
+
+
+def _start(whole: Problem, z: Array, effects: Sequence[Effect]) -> tuple[Array, list[int]]:
+    """The unknowns with the effects as proposed, and where their sizes stand."""
+    at, firsts, parts = len(z), [], [z]
+    for effect in effects:
+        n = _entries(whole, effect.variant)
+        candidate = whole.machine.candidates[effect.variant.candidate]
+        parts.append(np.array([candidate.null[0] + effect.size, *(effect.variant.shape if n > 1 else ())]))
+        firsts.append(at)
+        at += n
+    return np.concatenate(parts), firsts
+
+
+def _posterior(products: Products, mean: Array, ground: Ground, s: Array) -> tuple[Reduced, Learnt, Array, Array]:
+    """The discrepancy's form without the unknowns, what is learnt of it, the unknowns' covariance and their step."""
+    G, b, _ = products.over()
+    n = len(mean)
+    inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
+    learnt = learn(inner.G, inner.b, ground.group, s)
+    block = n + np.arange(len(ground.group))
+    precision = 1.0 / np.maximum(learnt.s[ground.group], 1e-4) ** 2
+    outer = eliminated(G, b, block, np.zeros(len(block)), precision)
+    cov = cho_solve(cho_factor(outer.G + np.eye(n) * (1.0 + 1e-9)), np.eye(n))
+    return inner, learnt, cov, cov @ (outer.b + mean)
+
+
+def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground, s: Array) -> Array:
+    """The step, or as much of it as makes the fit better; all of a tiny one."""
+    d = np.maximum(s[ground.group], 1e-4)
+    some = np.flatnonzero(d**2 * np.diag(ground.FF.sum(axis=0)) > 1e-3)
+    d = d[some]
+    inner = np.eye(len(some)) + d[:, None] * ground.FF[:, some[:, None], some].sum(axis=0) * d
+    factor = cho_factor(inner) if len(some) else None
+    scale = np.array([scale_of(u) for u in problem.unknowns])
+
+    def cost(at: Array) -> float:
+        residuals = problem.residuals(at)
+        if any(np.isnan(r[np.isfinite(t.means)]).any() for r, t in zip(residuals, problem.tracks, strict=True)):
+            return np.inf
+        total, right = float(np.sum(((at - problem.z0) / scale) ** 2)), np.zeros(len(some))
+        for r, residual in enumerate(residuals):
+            white = ground.whitened(r, np.empty((*residual.shape, 0)), residual)[:, 0]
+            total += float(white @ white)
+            right += ground.white[r][:, some].T @ white
+        return total - (float((d * right) @ cho_solve(factor, d * right)) if len(some) else 0.0)
+
+    here = cost(z)
+    for _ in range(HALVINGS):
+        if cost(moved) < here:
+            return moved
+        moved = z + SHORTENED * (moved - z)
+    return moved

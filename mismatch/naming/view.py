@@ -1,0 +1,138 @@
+"""Everything linearised around one fit: columns of unknowns, candidates and discrepancy, and their Gram matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twinbench.mismatch.fit import Problem, Unknown, parallel
+from twinbench.mismatch.machine import Candidate
+from twinbench.mismatch.naming.course import Acts, Course, together
+from twinbench.mismatch.naming.discrepancy import Discrepancy
+from twinbench.mismatch.picture import Variant, switched, typical
+from twinbench.physics.simulator import Array
+
+NUDGED = 0.01
+"""Step of a difference quotient in an unknown, in scales of it."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Columns around a fit, per recording (B, ny, K), in the outputs' units; residuals (B, ny) likewise.
+
+    The columns are per prior standard deviation of an unknown, or per typical size of a candidate, or per cent of
+    discrepancy.
+    """
+
+    problem: Problem
+    z: Array
+    courses: tuple[Course, ...]
+    residuals: tuple[Array, ...]
+
+    @classmethod
+    def around(cls, problem: Problem, z: Array) -> View:
+        """A view of a fit; its unknowns stand at z (K,), each in its own unit."""
+        every = range(len(problem.tracks))
+        courses = parallel([lambda r=r: Course(problem, r, z) for r in every])
+        return cls(problem, z, tuple(courses), tuple(problem.residuals(z)))
+
+    def unknowns(self) -> list[Array]:
+        """Columns of the problem's unknowns, (B, ny, K) per recording, per prior sd."""
+        return parallel([lambda r=r: self._unknowns_of(r) for r in range(len(self.courses))])
+
+    def _unknowns_of(self, r: int) -> Array:
+        course, unknowns = self.courses[r], self.problem.unknowns
+        acts, start = course.none(len(unknowns)), np.zeros((len(course.active), len(unknowns)))
+        direct = np.zeros((*self.residuals[r].shape, len(unknowns)))
+        for k, u in enumerate(unknowns):
+            if u.kind == "start" and u.recording == r:
+                start[u.at, k] = scale_of(u)
+            elif u.kind == "start" or (u.kind == "drift" and u.recording != r):
+                continue
+            else:
+                step = NUDGED * u.scale * (-1.0 if self.z[k] + NUDGED * u.scale > u.high else 1.0)
+                theta = course.setting.theta.copy()
+                theta[u.at] += step
+                fault = self._fault_at(u.at)
+                if fault is not None and fault.acts_on_output:
+                    direct[:, :, k] = self._of_sensor(course, r, theta, self.problem.since[r:r+1])[:, :, -1] / step * scale_of(u)
+                    continue
+                one = course.of_input(theta, step) if fault is not None else course.of_parameters(theta, step, self._since(r, u))
+                if u.kind == "drift":
+                    one = one.times(self._hat(r, k)[:, None])
+                acts.rates[:, :, k], acts.reads[:, :, k] = (part[:, :, 0] * scale_of(u) for part in one)
+        return course.columns(acts, start) + direct
+
+    def _fault_at(self, at: int) -> Candidate | None:
+        """The fault of a sensor or an input that a parameter belongs to, if any."""
+        for candidate in self.problem.machine.candidates:
+            if at in candidate.at:
+                return candidate if candidate.acts_on_output or candidate.acts_on_input else None
+        return None
+
+    def _since(self, r: int, unknown: Unknown) -> float:
+        """When what an unknown is about begins in a recording."""
+        return self.problem.since[r] if unknown.kind == "mechanism" and self.problem.since else -np.inf
+
+    def _hat(self, r: int, k: int) -> Array:
+        """(S,) share of a drift's knot along a course."""
+        u, time_s = self.problem.unknowns[k], self.courses[r].track.time_s
+        n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.problem.unknowns)
+        return np.interp(self.courses[r].grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
+
+    def of_variants(self, variants: Sequence[Variant], probes: Array, since_s: Sequence[float] = ()) -> list[Array]:
+        """Columns of absent candidates, (B, ny, V (1 + T)) per recording and per typical size.
+
+        Args:
+            probes: (V,) share of the typical size that each is tried with.
+            since_s: T times; each variant also as it would be from then on.
+        """
+        def of(r: int) -> Array:
+            course = self.courses[r]
+            late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
+            acts, direct = [], []
+            for v, probe in zip(variants, probes, strict=True):
+                candidate, theta, step = self._tried(course, v, probe)
+                if candidate.acts_on_output:
+                    acts.append(course.none(late.shape[1]))
+                    direct.append(self._of_sensor(course, r, theta, since_s) / probe * np.sign(step))
+                else:
+                    one = course.of_candidate(candidate, theta, step)
+                    unit = typical(candidate)
+                    acts.append(Acts(one.rates * unit, one.reads * unit).times(late))
+                    direct.append(np.zeros((*self.residuals[r].shape, late.shape[1])))
+            return course.columns(together(acts)) + np.concatenate(direct, axis=2)
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
+
+    def _tried(self, course: Course, variant: Variant, probe: float) -> tuple[Candidate, Array, float]:
+        candidate = self.problem.machine.candidates[variant.candidate]
+        step, first = probe * typical(candidate), candidate.mechanism.parameters[0]
+        if not first.low <= candidate.null[0] + step <= first.high:
+            step = -step
+        return candidate, switched(self.problem.machine, course.setting.theta, variant, step), step
+
+    def _of_sensor(self, course: Course, r: int, theta: Array, since_s: Sequence[float]) -> Array:
+        """What a faulty sensor changes of the block means, from the beginning and from each time on."""
+        clean = self.problem.clean(r, self.z)
+        machine, track = course.machine, course.track
+        base = machine.read(track, course.setting.theta, clean, course.setting.since_s)
+        changed = [machine.read(track, theta, clean, s) - base for s in (-np.inf, *since_s)]
+        return np.nan_to_num(np.stack(changed, axis=-1))
+
+    def of_discrepancy(self, d: Discrepancy, ports: Sequence[int]) -> list[Array]:
+        """Columns of the random functions at some ports, (B, ny, P R) per recording."""
+        def of(r: int) -> Array:
+            course = self.courses[r]
+            functions = d.functions(course)
+            return course.columns(together([d.acts(course, p, functions) for p in ports]))
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
+
+
+def scale_of(unknown: object) -> float:
+    """Prior standard deviation of an unknown, its unit of columns; a hundred scales where it has none."""
+    sd = getattr(unknown, "sd")  # noqa: B009
+    return float(sd) if np.isfinite(sd) else 100.0 * float(getattr(unknown, "scale"))  # noqa: B009
