@@ -16,7 +16,7 @@ from twinbench.proof.concealed.changes import series_with_fault
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, clock
 from twinbench.proof.concealed.severity import Yardstick
-from twinbench.proof.concealed.tangent import NUDGE
+from twinbench.proof.concealed.tangent import SMALL_SHARE
 
 FEATURES = 24
 """Random frequencies of the ripple, each with sine and cosine: enough for a function of two arguments."""
@@ -70,8 +70,8 @@ class Linear:
         weights, which = np.ones((len(self._u(take)), len(moved))), np.arange(len(moved))
         if rippled:
             usual = self.yardstick.p[machine.at(machine.rippled)]
-            moved.append(self._moved(**{machine.rippled: usual * (1.0 + NUDGE)}))
-            share.append(NUDGE)
+            moved.append(self._moved(**{machine.rippled: usual * (1.0 + SMALL_SHARE)}))
+            share.append(SMALL_SHARE)
             weights = np.concatenate([weights, self._features(take)], axis=1)
             which = np.concatenate([which, np.full(2 * FEATURES, len(which))])
         if not moved:

@@ -24,7 +24,7 @@ import numpy as np
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.integrate import Parameters, Steps, run
 from twinbench.proof.concealed.machine import Machine
-from twinbench.proof.concealed.tangent import NUDGE, Tangent
+from twinbench.proof.concealed.tangent import SMALL_SHARE, Tangent
 
 THIN = 4
 SEVERITY_STEPS, SEVERITY_TOLERANCE = 8, 0.03
@@ -172,9 +172,9 @@ class Yardstick:
         machine, moved = self.machine, []
         for name in machine.calibrate:
             moved.append(self.p.copy())
-            moved[-1][machine.at(name)] += NUDGE * self.step(name)
+            moved[-1][machine.at(name)] += SMALL_SHARE * self.step(name)
         count = len(moved)
-        forces = tangent.forces(np.array(moved), np.full(count, NUDGE))
+        forces = tangent.forces(np.array(moved), np.full(count, SMALL_SHARE))
         return tangent.driven(forces, np.arange(count), np.ones((len(tangent.states), count)), settled=0)
 
     def _by_starts(self, tangent: Tangent) -> Array:

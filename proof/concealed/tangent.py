@@ -14,7 +14,7 @@ from twinbench.proof.concealed.integrate import LAW, Equations, Steps
 _VECTOR, _MATRIX = types.Array(types.float64, 1, "C"), types.Array(types.float64, 2, "C")
 _CUBE = types.Array(types.float64, 3, "C")
 _FUNCTION = types.FunctionType(LAW)
-NUDGE = 1e-6
+SMALL_SHARE = 1e-6
 """Share of a typical change that finite differences take: far above rounding, far below what bends."""
 
 
@@ -160,7 +160,7 @@ class Tangent:
         self._equations, self._steps, self._u = equations, steps, np.ascontiguousarray(u)
         self.states, self._ys = np.empty((samples, n)), np.empty((samples, ny))
         ahead, reads = np.empty((samples, n, n + nu)), np.empty((samples, ny, n + nu))
-        by_x, by_u = NUDGE * (np.abs(x0) + 1.0), NUDGE * (np.abs(u).max(axis=0) + 1.0)
+        by_x, by_u = SMALL_SHARE * (np.abs(x0) + 1.0), SMALL_SHARE * (np.abs(u).max(axis=0) + 1.0)
         law, reading, _ = equations
         _linearise(law, reading, *steps, self._u, x0, by_x, by_u, p, self.states, self._ys, ahead, reads)
         self._ahead, self._reads = ahead[:, :, :n].copy(), reads[:, :, :n].copy()
