@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2, norm
 
-from twinbench.mismatch.noise import Whitener
+from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.tracks import LOST, Track, lost
 from twinbench.physics.simulator import Array, Simulator
@@ -71,17 +71,18 @@ def _spikes(taken: Sequence[Spike], readings: int) -> str:
 
 
 def residual_tests(
-    tracks: Sequence[Track], residuals: Sequence[Array], whitener: Whitener, floor: Array, simulator: Simulator
+    tracks: Sequence[Track], residuals: Sequence[Array], noise: SensorNoise, floor: Array, simulator: Simulator
 ) -> list[Test]:
     """Level against the noise floor, whiteness (Ljung-Box) and correlation with inputs, Holm-corrected.
 
     Args:
         residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        noise: of the sensors, which whitens them.
         floor: (ny,) noise of block means by second differences, in the outputs' units.
     """
     found: list[Test] = []
     for track, residual in zip(tracks, residuals, strict=True):
-        white = whitener(residual)
+        white = np.where(np.isfinite(residual), noise.whitened(residual[:, :, None])[:, :, 0], np.nan)
         for c, variable in enumerate(simulator.outputs):
             e = white[:, c][np.isfinite(white[:, c])]
             if len(e) < 2 * LAGS:

@@ -12,7 +12,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, typical
+from twinbench.mismatch.variants import Variant, typical
 from twinbench.physics.simulator import Array
 
 FIRST_PROBE = 0.05

@@ -12,7 +12,7 @@ from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, is_amplitude, typical
+from twinbench.mismatch.variants import Variant, is_amplitude, typical
 from twinbench.physics.simulator import Array
 
 SETTLED = 1.0

@@ -11,7 +11,7 @@ from twinbench.mismatch.fit import Problem, Unknown, parallel
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.course import Acts, Course, together
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.picture import Variant, switched, typical
+from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
 NUDGED = 0.01
