@@ -50,6 +50,7 @@ class Settled:
         log: evidence in nats, its prior in it; comparable between hypotheses.
         sizes: (E,) of each effect from absence, in its first parameter's unit, and their posterior ``sds``.
         learnt: the discrepancy beside it.
+        at: (K,) posterior mean of the unknowns within their bounds, each in its own unit; z is where the columns are.
         cov: (K, K) posterior covariance of the unknowns, in prior sds.
         products: of the columns there, and the unknowns' prior ``mean`` (K,) from there, in prior sds.
         turns: linearisations that it took.
@@ -63,6 +64,7 @@ class Settled:
     sizes: Array
     sds: Array
     learnt: Learnt
+    at: Array
     cov: Array
     products: Products
     mean: Array
@@ -125,7 +127,7 @@ def settled(problem: Problem, z: Array, effects: Sequence[Effect], ground: Groun
         log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
         if best is None or log > best.log:
             best = Settled(
-                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, cov, products, mean, turn
+                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, moved, cov, products, mean, turn
             )
         if turn > 1 and abs(log - last) < SETTLED:
             break
