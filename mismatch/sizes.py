@@ -67,8 +67,8 @@ def parameters(d: Diagnosis) -> tuple[Value, ...]:
     found = []
     for k, u in enumerate(accepted.problem.unknowns):
         if u.kind == "parameter":
-            v, value, sd = d.simulator.parameters[u.at], float(accepted.z[k]), _scale(accepted, k)
-            numbers = [(float(h.z[k]), float(s[k] * sd)) for h, s in zip(every, spreads, strict=True)]
+            v, value, sd = d.simulator.parameters[u.at], float(accepted.at[k]), _scale(accepted, k)
+            numbers = [(float(h.at[k]), float(s[k] * sd)) for h, s in zip(every, spreads, strict=True)]
             low, high = Mixture.of(every, numbers).interval(v.low, v.high)
             found.append(Value(v.name, value, min(low, value), max(high, value), v.unit, v.nominal, v.says))
     return tuple(found)
@@ -92,11 +92,11 @@ def force(d: Diagnosis, place: int) -> Value | None:
     if of is None or unit is None:
         return None
     at, cov = chosen.entries(place).start, covariance(chosen)
-    x, mass = float(chosen.z[at]), of.parameter.nominal
+    x, mass = float(chosen.at[at]), of.parameter.nominal
     variance = mass**2 * cov[at, at]
     for k, u in enumerate(chosen.problem.unknowns):
         if u.kind == "parameter" and u.at == of.at:
-            mass = float(chosen.z[k])
+            mass = float(chosen.at[k])
             variance = mass**2 * cov[at, at] + x**2 * cov[k, k] + 2.0 * mass * x * cov[k, at]
     value, spread = unit[0] * mass * x, Z90 * abs(unit[0]) * float(np.sqrt(max(variance, 0.0)))
     says = f"as a {of.word}, with {of.parameter.name} at {number(mass)} {spoken(of.parameter.unit)}"
@@ -119,10 +119,10 @@ def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
     at, n = hypothesis.entries(place).start, len(candidate.at)
     if not is_amplitude(candidate):
         return [
-            (float(hypothesis.z[k]), float(np.sqrt(hypothesis.cov[k, k])) * _scale(hypothesis, k))
+            (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * _scale(hypothesis, k))
             for k in range(at, at + n)
         ]
-    size, sd = float(hypothesis.z[at] - candidate.null[0]), float(hypothesis.sds[place])
+    size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
     per_size = (candidate.typical - candidate.null) / typical(candidate)
     return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, per_size, strict=True)]
 

@@ -36,7 +36,7 @@ def proved(chosen: Settled, claims: Sequence[Claim], fit: Calibration, floor: Ar
         floor: (ny,) noise of block means, in the outputs' units.
     """
     before = Fit(fit.problem, fit.z)
-    mended = Fit(chosen.problem, chosen.z) if any(c.names for c in claims) else None
+    mended = Fit(chosen.problem, chosen.at) if any(c.names for c in claims) else None
     held_before = held_out(*before, fit.held, fit.own, fit.held_first) if fit.held else None
     held_after, worse, refused = None, (), ""
     if mended is not None and held_before is not None:

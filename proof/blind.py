@@ -67,7 +67,7 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
 
     from twinbench.mismatch.model import whole_catalogue
     from twinbench.mismatch.recordings import read_recordings
-    from twinbench.proof.twins import simulator_of
+    from twinbench.proof.twins import left, simulator_of
 
     case = json.loads((folder / "case.json").read_text())
     simulator = simulator_of(case["simulator"], case.get("network", {}))
@@ -76,12 +76,12 @@ def answer(folder: Path, engine: str) -> dict[str, Any]:
     recordings = read_recordings([folder / f"{name}.csv" for name in names], simulator)
     fitted, held_out = recordings[: len(case["train"])], recordings[len(case["train"]) :]
     period_s = float(fitted[0].time_s[1] - fitted[0].time_s[0])
-    catalogue = [m for m in whole_catalogue(simulator, (), period_s) if not {m.name, m.contains} & set(case["without"])]
+    catalogue = left(whole_catalogue(simulator, (), period_s), case["without"])
     if "only" in case:  # the oracle is told
-        catalogue = [m for m in catalogue if m.name in case["only"]]
+        catalogue = tuple(m for m in catalogue if m.name in case["only"])
     module, _, function = engine.partition(":")
     run = getattr(importlib.import_module(module), function)
-    verdict = run(simulator, fitted, hold_out=held_out, catalogue=tuple(catalogue))
+    verdict = run(simulator, fitted, hold_out=held_out, catalogue=catalogue)
     return dict(verdict if isinstance(verdict, dict) else verdict.to_dict())
 
 

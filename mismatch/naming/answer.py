@@ -10,7 +10,7 @@ import numpy as np
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, eliminated, learn
-from twinbench.mismatch.naming.name import Naming, without
+from twinbench.mismatch.naming.name import Naming
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.settle import Effect, Settled
 from twinbench.physics.simulator import Array, Port
@@ -108,7 +108,7 @@ def _found(naming: Naming, chosen: Settled, i: int) -> Found:
     machine = chosen.problem.machine
     name = name_of(machine, chosen.effects[i])
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
-    painter = without(naming, chosen, i)
+    painter = naming.without(chosen, i)
     shown = painter.picture()
     alike = frozenset({name, *_alike(shown, painter.cosines())})
     logs = {name: chosen.log}

@@ -12,7 +12,7 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Candidate, Setting
 from twinbench.mismatch.naming import tangent
 from twinbench.mismatch.tracks import Grid, Track
-from twinbench.physics.simulator import Array, Term
+from twinbench.physics.simulator import Array
 
 WHISPER = 1e-9
 """Share of its typical size at which a mechanism's own states move, and nothing else does."""
@@ -82,6 +82,7 @@ class Course:
             self._Yx,
             self._Yf,
         )
+        self._memories: dict[tuple[str, tuple[float, ...]], Array] = {}
         self._base = self._acting(self.setting.theta, self.u, self.middles)
 
     @property
@@ -108,29 +109,57 @@ class Course:
         s, n, ny = self.sizes
         return Acts(np.zeros((s, n, many)), np.zeros((s, ny, many)))
 
-    def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
+    def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf, read: bool = True) -> Acts:
         """What other parameters do, per unit of a step; one change.
 
         Args:
             theta: (n_theta,) the parameters after the step.
             step: in the changed parameter's unit.
             since_s: time from which they hold, on the recording's clock.
+            read: may they change what a sensor reads of a state?
         """
-        return self._difference(self._acting(theta, self.u, self.middles), self._base, step, since_s)
+        return self._difference(self._acting(theta, self.u, self.middles, read), self._base, step, since_s)
 
     def of_candidate(self, candidate: Candidate, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
         """As ``of_parameters``, for a candidate that is absent: its own states and faulty inputs follow the course."""
-        machine, setting = self.machine, self.setting
         if candidate.acts_on_input:
             return self.of_input(theta, step)
-        if not (isinstance(candidate.mechanism, Term) and candidate.mechanism.states):
-            return self.of_parameters(theta, step, since_s)
-        quiet = theta.copy()
-        quiet[candidate.at[0]] = candidate.null[0] + WHISPER * (theta[candidate.at[0]] - candidate.null[0])
-        middles = self._middles(quiet, self._varying, self._values)
-        return self._difference(
-            self._acting(theta, self.u, middles), self._acting(setting.theta, self.u, middles), step, since_s
-        )
+        read = candidate.mechanism.port.place not in ("balance", "flux")
+        if not self.machine.own_states(candidate):
+            return self.of_parameters(theta, step, since_s, read)
+        ahead = self._acting(theta, self.u, self._remembered(candidate, theta), read)
+        return self._difference(ahead, self._base, step, since_s)
+
+    def _remembered(self, candidate: Candidate, theta: Array) -> Array:
+        """The middles with an absent candidate's own states as they go along the course; each is run once."""
+        key = candidate.name, tuple(theta[list(candidate.at[1:])])
+        if key not in self._memories:
+            quiet = theta.copy()
+            quiet[candidate.at[0]] = candidate.null[0] + WHISPER * (theta[candidate.at[0]] - candidate.null[0])
+            own = self.machine.own_states(candidate)
+            self._memories[key] = self._middles(quiet, self._varying, self._values)[:, own.start : own.stop]
+        middles, own = self.middles.copy(), self.machine.own_states(candidate)
+        middles[:, own.start : own.stop] = self._memories[key]
+        return middles
+
+    def remember(self, several: Sequence[tuple[Candidate, Array]]) -> None:
+        """Run the own states of several absent candidates at once, each with the shape that its parameters say."""
+        todo = [(c, theta) for c, theta in several if self.machine.own_states(c)]
+        todo = [(c, theta) for c, theta in todo if (c.name, tuple(theta[list(c.at[1:])])) not in self._memories]
+        while todo:
+            quiet, now, later = self.setting.theta.copy(), {}, []
+            for c, theta in todo:
+                if c.name in now:
+                    later.append((c, theta))
+                    continue
+                now[c.name] = c, theta
+                quiet[list(c.at)] = theta[list(c.at)]
+                quiet[c.at[0]] = c.null[0] + WHISPER * (theta[c.at[0]] - c.null[0])
+            middles = self._middles(quiet, self._varying, self._values)
+            for c, theta in now.values():
+                own = self.machine.own_states(c)
+                self._memories[c.name, tuple(theta[list(c.at[1:])])] = middles[:, own.start : own.stop].copy()
+            todo = later
 
     def of_input(self, theta: Array, step: float) -> Acts:
         """As ``of_parameters``, for those of a faulty input, since when it is faulty."""
@@ -166,8 +195,9 @@ class Course:
         )
         return np.asarray(0.5 * (nodes[:-1] + nodes[1:]))
 
-    def _acting(self, theta: Array, u: Array, middles: Array) -> Acts:
-        rates, reads = np.empty((self.sizes[0], self.sizes[1])), np.empty((self.sizes[0], self.sizes[2]))
+    def _acting(self, theta: Array, u: Array, middles: Array, read: bool = True) -> Acts:
+        rates = np.empty((self.sizes[0], self.sizes[1]))
+        reads = np.empty((self.sizes[0], self.sizes[2])) if read else self._base.reads[:, :, 0]
         varying, values = self._plain
         self.machine.loop(tangent.acting)(
             *self.machine.equations,
@@ -177,6 +207,7 @@ class Course:
             varying,
             np.ascontiguousarray(values),
             self.active,
+            read,
             rates,
             reads,
         )

@@ -37,16 +37,18 @@ class Naming:
     Attributes:
         null: nothing is missing.
         hypotheses: sets at their own fixed points, likeliest first; ``null`` among them.
-        picture: all candidates around the calibrated simulator.
+        painter, picture: all candidates around the calibrated simulator.
         reduced, rivalled: those of which each effect was left out, or replaced by others.
     """
 
     ground: Ground
+    painter: Painter
     picture: Picture
     null: Settled
     hypotheses: list[Settled] = field(default_factory=list)
     reduced: list[Settled] = field(default_factory=list)
     rivalled: list[Settled] = field(default_factory=list)
+    _without: dict[tuple[int, int], Painter] = field(default_factory=dict)
 
     @property
     def best(self) -> Settled:
@@ -57,6 +59,24 @@ class Naming:
         """Has a hypothesis of these candidates been weighed?"""
         wanted = {e.variant.candidate for e in effects}
         return any({e.variant.candidate for e in h.effects} == wanted for h in self.hypotheses)
+
+    def without(self, hypothesis: Settled, effect: int) -> Painter:
+        """A hypothesis less one effect, with all that could stand in its place; made once."""
+        key = id(hypothesis), effect
+        if key not in self._without:
+            machine = hypothesis.problem.machine
+            rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
+            there = {machine.candidates[c].family for c in rest}
+            out = hypothesis.effects[effect].variant.candidate
+            others = [
+                v
+                for v in self.painter.listed
+                if v.candidate != out and machine.candidates[v.candidate].family not in there
+            ]
+            view = View.around(hypothesis.problem, hypothesis.z)
+            entries = hypothesis.entries(effect)
+            self._without[key] = Painter(view, self.ground, others, entries, self.painter.probes)
+        return self._without[key]
 
     def add(self, hypothesis: Settled) -> None:
         """Keep a hypothesis in its place."""
@@ -78,7 +98,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     shown = with_late(painter)
     progress(0.4)
     null = settled(problem, z, (), ground, ground.s)
-    found = Naming(ground, shown, null, [null])
+    found = Naming(ground, painter, shown, null, [null])
     contenders = _contenders(shown)
     for k, scored in enumerate(contenders):
         found.add(settled(_since(problem, shown, scored), z, _effects(shown, scored), ground, scored.learnt.s))
@@ -138,8 +158,8 @@ def _fuller(found: Naming) -> bool:
         return False
     machine = best.problem.machine
     there = {machine.candidates[e.variant.candidate].family for e in best.effects}
-    others = [v for v in variants(machine.candidates) if machine.candidates[v.candidate].family not in there]
-    shown = Painter(View.around(best.problem, best.z), found.ground, others).picture()
+    others = [v for v in found.painter.listed if machine.candidates[v.candidate].family not in there]
+    shown = Painter(View.around(best.problem, best.z), found.ground, others, probes=found.painter.probes).picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
     tried = 0
     for i in np.argsort(-gains):
@@ -161,7 +181,7 @@ def _rivalled(found: Naming) -> bool:
     found.rivalled.append(best)
     for i in range(len(best.effects)):
         rest = [e for k, e in enumerate(best.now) if k != i]
-        shown = without(found, best, i).picture()
+        shown = found.without(best, i).picture()
         gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
         tried = 0
         for k in np.argsort(-gains):
@@ -172,16 +192,6 @@ def _rivalled(found: Naming) -> bool:
                 tried += 1
                 found.add(settled(best.bare, best.own, other, found.ground, best.learnt.s))
     return found.best is not best
-
-
-def without(found: Naming, hypothesis: Settled, effect: int) -> Painter:
-    """A hypothesis less one effect, with all that could stand in its place."""
-    machine = hypothesis.problem.machine
-    there = {machine.candidates[e.variant.candidate].family for k, e in enumerate(hypothesis.effects) if k != effect}
-    others = [v for v in variants(machine.candidates) if machine.candidates[v.candidate].family not in there]
-    others = [v for v in others if v.candidate != hypothesis.effects[effect].variant.candidate]
-    view = View.around(hypothesis.problem, hypothesis.z)
-    return Painter(view, found.ground, others, hypothesis.entries(effect))
 
 
 def common_fluxes(view: View) -> Array:

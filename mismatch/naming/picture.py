@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,10 +57,16 @@ class Painter:
     Args:
         listed: the variants in every picture.
         without: unknowns (an effect's) that are taken out of the view, as if they were at their prior's mean.
+        probes: share of its typical size that each variant is tried with; found out if left out.
     """
 
     def __init__(
-        self, view: View, ground: Ground, listed: Sequence[Variant], without: slice = slice(0, 0)
+        self,
+        view: View,
+        ground: Ground,
+        listed: Sequence[Variant],
+        without: slice = slice(0, 0),
+        probes: Mapping[Variant, float] | None = None,
     ) -> None:
         mean = np.array([(u.mean - z) / scale_of(u) for u, z in zip(view.problem.unknowns, view.z, strict=True)])
         whole, out = view.unknowns(), np.arange(len(mean))[without]
@@ -71,8 +77,12 @@ class Painter:
         self._own = [np.delete(columns, out, axis=2) for columns in whole]
         self._mean = np.delete(mean, out)
         self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
-        shows = self._shows(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE)))[0]
-        self._probes = np.clip(SHOWS / np.maximum(shows, 1e-12), LEAST_PROBE, MOST_PROBE)
+        if probes is None:
+            shows = self._shows(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE)))[0]
+            tried = np.clip(SHOWS / np.maximum(shows, 1e-12), LEAST_PROBE, MOST_PROBE)
+            probes = dict(zip(self.listed, map(float, tried), strict=True))
+        self.probes = probes
+        self._probes = np.array([probes[v] for v in self.listed])
         self._columns = view.of_variants(self.listed, self._probes)
 
     def picture(self, since_s: Sequence[float] = (), late: Sequence[int] = (), grid: int = 0) -> Picture:

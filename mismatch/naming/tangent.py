@@ -190,13 +190,13 @@ def columns(E, G, Yx, Yf, rates, reads, start, out):  # type: ignore[no-untyped-
 
 
 @njit(
-    types.void(FUNCTION, FUNCTION, MATRIX, MATRIX, VECTOR, INDICES, MATRIX, INDICES, MATRIX, MATRIX),
+    types.void(FUNCTION, FUNCTION, MATRIX, MATRIX, VECTOR, INDICES, MATRIX, INDICES, types.boolean, MATRIX, MATRIX),
     cache=True,
     error_model="numpy",
     nogil=True,
 )
-def acting(rhs, output, u, middles, theta, varying, values, active, rates, reads):  # type: ignore[no-untyped-def]
-    """Rates (S, na) of the active states and readings (S, ny) at the middles of stretches."""
+def acting(rhs, output, u, middles, theta, varying, values, active, read, rates, reads):  # type: ignore[no-untyped-def]
+    """Rates (S, na) of the active states and, if they are to be ``read``, readings (S, ny) at the middles."""
     theta = theta.copy()
     for k in range(u.shape[0]):
         for j in range(varying.size):
@@ -204,6 +204,7 @@ def acting(rhs, output, u, middles, theta, varying, values, active, rates, reads
         dx = rhs(middles[k], u[k], theta)
         for i in range(active.size):
             rates[k, i] = dx[active[i]]
-        y = output(middles[k], u[k], theta)
-        for i in range(reads.shape[1]):
-            reads[k, i] = y[i]
+        if read:
+            y = output(middles[k], u[k], theta)
+            for i in range(reads.shape[1]):
+                reads[k, i] = y[i]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,6 +30,7 @@ class View:
     z: Array
     courses: tuple[Course, ...]
     residuals: tuple[Array, ...]
+    _cleans: dict[int, Array] = field(default_factory=dict)
 
     @classmethod
     def around(cls, problem: Problem, z: Array) -> View:
@@ -93,6 +94,7 @@ class View:
             course = self.courses[r]
             late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
             acts, direct = [], []
+            course.remember([self._tried(course, v, probe)[:2] for v, probe in zip(variants, probes, strict=True)])
             for v, probe in zip(variants, probes, strict=True):
                 candidate, theta, step = self._tried(course, v, probe)
                 if candidate.acts_on_output:
@@ -116,11 +118,17 @@ class View:
 
     def _of_sensor(self, course: Course, r: int, theta: Array, since_s: Sequence[float]) -> Array:
         """What a faulty sensor changes of the block means, from the beginning and from each time on."""
-        clean = self.problem.clean(r, self.z)
+        clean = self._clean(r)
         machine, track = course.machine, course.track
         base = machine.read(track, course.setting.theta, clean, course.setting.since_s)
         changed = [machine.read(track, theta, clean, s) - base for s in (-np.inf, *since_s)]
         return np.nan_to_num(np.stack(changed, axis=-1))
+
+    def _clean(self, r: int) -> Array:
+        """What sound sensors would read, (B, ny); run once per recording."""
+        if r not in self._cleans:
+            self._cleans[r] = self.problem.clean(r, self.z)
+        return self._cleans[r]
 
     def of_discrepancy(self, d: Discrepancy, ports: Sequence[int]) -> list[Array]:
         """Columns of the random functions at some ports, (B, ny, P R) per recording."""

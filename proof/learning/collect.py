@@ -18,7 +18,7 @@ from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.proof.concealed.generate import Case, Item, draw, write
 from twinbench.proof.concealed.outcome import UNKNOWN
-from twinbench.proof.twins import simulator_of
+from twinbench.proof.twins import left, simulator_of
 
 
 def collected(item: Item, seed: int, out: Path) -> dict[str, Any]:
@@ -81,9 +81,8 @@ def _answer(case: Case) -> Answer:
         recordings = read_recordings([Path(given) / f"{name}.csv" for name in names], simulator)
     n = len(public["train"])
     period_s = float(recordings[0].time_s[1] - recordings[0].time_s[0])
-    without = set(public["without"])
-    catalogue = [m for m in whole_catalogue(simulator, (), period_s) if not {m.name, m.contains} & without]
-    return weighed(Asked(simulator, recordings[:n], recordings[n:], tuple(catalogue))).answer
+    catalogue = left(whole_catalogue(simulator, (), period_s), public["without"])
+    return weighed(Asked(simulator, recordings[:n], recordings[n:], catalogue)).answer
 
 
 def _finding(found: Found, case: Case, answer: Answer) -> dict[str, Any]:
