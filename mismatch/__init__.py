@@ -12,9 +12,9 @@ from typing import Unpack
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked, Progress, silent
+from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.joining import AUTO
 from twinbench.mismatch.told import Knowledge, Told
-from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.verdict import Verdict, conclude
 from twinbench.mismatch.walk import examine
 from twinbench.physics.simulator import Mechanism, Series, Simulator

@@ -178,7 +178,9 @@ def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
     elif found.alike:
         said.append(f"{each[0]}, or, which no recording of these channels can tell, {' or '.join(each[1:])}")
     else:
-        said.append(f"one of {listed([f'{name} (probability {probable(claim.found.weights[name])})' for name in found.names])}")
+        said.append(
+            f"one of {listed([f'{name} (probability {probable(claim.found.weights[name])})' for name in found.names])}"
+        )
     if len(each) > 1:
         said.append(f"the model is mended with {claim.found.name}: {by_name[claim.found.name].says}")
     first, *others = found.parameters
