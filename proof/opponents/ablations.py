@@ -1,14 +1,28 @@
-"""The engine with one guard left out at a time; ``mismatch.guards`` says what each is for."""
+"""The engine with one thing left out at a time: to see what each is for."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable, Sequence
+from typing import Any
 
-from twinbench.mismatch import ablated
-from twinbench.mismatch.guards import Guards
+from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked, Progress, silent
+from twinbench.mismatch.verdict import Verdict, conclude
+from twinbench.mismatch.walk import examine
+from twinbench.physics.simulator import Mechanism, Simulator
 
-no_projection = partial(ablated, Guards(projection=False))
-no_whitening = partial(ablated, Guards(whitening=False))
-no_held_out_gate = partial(ablated, Guards(held_out_gate=False))
-no_pairs = partial(ablated, Guards(pairs=False))
-no_nominal_null = partial(ablated, Guards(nominal_null=False))
+Engine = Callable[..., Verdict]
+
+
+def _without(**switches: Any) -> Engine:
+    def diagnose(
+        simulator: Simulator,
+        recordings: Sequence[Recording],
+        hold_out: Sequence[Recording] = (),
+        catalogue: Sequence[Mechanism] | None = None,
+        progress: Progress = silent,
+    ) -> Verdict:
+        return conclude(examine(Asked(simulator, recordings, hold_out, catalogue), progress, **switches))
+
+    return diagnose
+
