@@ -5,13 +5,16 @@ from __future__ import annotations
 from twinbench.mismatch.asked import Asked, Progress, forward, silent
 from twinbench.mismatch.checks import audit, residual_tests
 from twinbench.mismatch.diagnosis import Diagnosis, Fit
-from twinbench.mismatch.naming.decision import decided
+from twinbench.mismatch.naming.decision import Rule, decided
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.stage_prove import proved
 
 
-def examine(asked: Asked, progress: Progress = silent) -> Diagnosis:
+def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None) -> Diagnosis:
     """The stages one after the other.
+
+    Args:
+        rule: by which is decided what is said; the learnt one if left out.
 
     Raises:
         BadInput: a recording that is too short, or a simulator that diverges.
@@ -21,7 +24,7 @@ def examine(asked: Asked, progress: Progress = silent) -> Diagnosis:
     tracks, held, simulator = fit.tracks, fit.held, asked.simulator
 
     progress("prove", 0.0)
-    found = proved(answer.chosen, decided(answer), fit, seen.floor)
+    found = proved(answer.chosen, decided(answer, rule), fit, seen.floor)
     before, noise = Fit(fit.problem, fit.z), answer.naming.ground.noise
     tests = residual_tests(tracks, before.residuals, noise, seen.floor, simulator)
     progress("prove", 1.0)

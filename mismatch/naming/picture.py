@@ -36,6 +36,7 @@ class Picture:
         units: (V,) prior sd of each size, in the first parameter's unit.
         sets: their evidence.
         log: what makes the sets' evidence comparable with that of other views, nats.
+        excess: mean square that the unknowns leave, in noise variances, less one.
     """
 
     variants: tuple[Variant, ...]
@@ -44,6 +45,7 @@ class Picture:
     units: Array
     sets: Sets
     log: float
+    excess: float
 
     @property
     def names(self) -> list[str]:
@@ -119,7 +121,7 @@ class Painter:
             s=self.ground.s,
             since=np.array(since),
         )
-        return Picture(tuple(self.listed[i] for i in which), np.array(since), tuple(candidates), sd * typicals, sets, -0.5 * q)
+        return Picture(tuple(self.listed[i] for i in which), np.array(since), tuple(candidates), sd * typicals, sets, -0.5 * q, excess)
 
     def cosines(self) -> Array:
         """(V,) squared cosines of each listed column with what was taken out of the view, the unknowns apart.
