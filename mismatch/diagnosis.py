@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twinbench.mismatch.checks import Test
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.joining import Joined
@@ -14,6 +13,7 @@ from twinbench.mismatch.naming.answer import Answer
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse
+from twinbench.mismatch.residual_tests import Test
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.stuck import Stuck
 from twinbench.mismatch.tracks import Track
@@ -48,7 +48,7 @@ class Diagnosis:
         answer: all hypotheses weighed, and the chosen one.
         claims: what is said of it.
         mended: the simulator with the chosen effects; None where none is named.
-        worse: held-out outputs that the chosen effects spoil beyond chance; none is named then, and ``refused`` says so.
+        worse: held-out outputs that the chosen effects spoil beyond chance; then none is named, as ``refused`` says.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
     """

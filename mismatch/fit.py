@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.common.jobs import cores
 from twinbench.mismatch.machine import Machine, Setting
@@ -200,14 +199,6 @@ class Problem:
             total += float(np.nansum(self.white(residual) ** 2))
         return total
 
-    def recording_cost(self, r: int, z: Array) -> float:
-        """Whitened sum of squares of one recording.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-        """
-        return float(np.nansum(self.white(self.residual(r, z)) ** 2))
-
     def _prior(self, z: Array) -> Array:
         return np.array([(v - u.mean) / u.sd for v, u in zip(z, self.unknowns, strict=True)])
 
@@ -278,37 +269,6 @@ class Problem:
         for whole, fresh in zip(out, self.columns(z, residuals, which), strict=True):
             whole[:, :, which] = self.white(fresh)
         return out
-
-    def projected(
-        self, z: Array, residuals: Sequence[Array], nuisance: Sequence[Array], columns: Sequence[Array]
-    ) -> tuple[Array, Array]:
-        """Normal matrix (V, V) and right-hand side (V,) of further columns, what the unknowns can imitate taken out.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
-            nuisance: whitened columns of the unknowns, per recording (B, ny, K).
-            columns: whitened further columns, (B, ny, V).
-        """
-        precision = np.array([u.sd**-2 for u in self.unknowns])
-        G_nn, b_n = np.diag(precision), precision * (self.z0 - z)
-        n = columns[0].shape[-1]
-        G_nc, G, b = np.zeros((len(z), n)), np.zeros((n, n)), np.zeros(n)
-        for residual, J, C in zip(residuals, nuisance, columns, strict=True):
-            r = self.white(residual)
-            seen = np.isfinite(r) & np.isfinite(J).all(axis=-1) & np.isfinite(C).any(axis=-1)
-            # One candidate that diverges must not take the others' rows with it.
-            c, j = np.nan_to_num(C[seen]), J[seen]
-            G_nn += j.T @ j
-            G_nc += j.T @ c
-            G += c.T @ c
-            b_n += j.T @ r[seen]
-            b += c.T @ r[seen]
-        # Unknowns in their own scales: prior-free ones of any unit must not spoil the factorisation.
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(G_nn), 1e-300))
-        factor = cho_factor(G_nn * np.outer(scale, scale) + 1e-10 * np.eye(len(z)))
-        solved = scale[:, None] * cho_solve(factor, scale[:, None] * G_nc)
-        return G - G_nc.T @ solved, b - solved.T @ b_n
 
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]

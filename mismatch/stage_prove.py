@@ -38,12 +38,12 @@ def proved(chosen: Settled, claims: Sequence[Claim], fit: Calibration, floor: Ar
     before = Fit(fit.problem, fit.z)
     mended = Fit(chosen.problem, chosen.at) if any(c.names for c in claims) else None
     held_before = held_out(*before, fit.held, fit.own, fit.held_first) if fit.held else None
-    held_after, worse, refused = None, (), ""
+    held_after: Held | None = None
+    worse: tuple[Worse, ...] = ()
     if mended is not None and held_before is not None:
         held_after = held_out(*mended, fit.held, fit.own, held_before)
         worse = worse_outputs(held_before, held_after, fit.problem.machine.simulator.outputs)
     if worse:
-        refused = f"it makes the held-out errors of {listed([_spoilt(w) for w in worse])}"
         claims, mended, held_after = [replace(c, names=()) for c in claims], None, None
     last, held_last = mended or before, held_after or held_before
     outputs = fit.problem.machine.simulator.outputs
@@ -53,7 +53,7 @@ def proved(chosen: Settled, claims: Sequence[Claim], fit: Calibration, floor: Ar
         held_before,
         held_after,
         worse,
-        refused,
+        f"it makes the held-out errors of {listed([_spoilt(w) for w in worse])}" if worse else "",
         told_followed(fit.held, held_last.residuals, outputs, True)
         if held_last
         else told_followed(fit.tracks, last.residuals, outputs, False),

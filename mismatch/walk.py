@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from twinbench.mismatch.asked import Asked, Progress, forward, silent
-from twinbench.mismatch.checks import audit, residual_tests
+from twinbench.mismatch.checks import audit
 from twinbench.mismatch.diagnosis import Diagnosis, Fit
 from twinbench.mismatch.naming.decision import Rule, decided
 from twinbench.mismatch.naming.weighed import weighed
+from twinbench.mismatch.residual_tests import residual_tests
 from twinbench.mismatch.stage_prove import proved
 
 

@@ -141,7 +141,7 @@ def _calibrated(simulator: Simulator, mechanism: Mechanism) -> bool:
 
 
 def told(
-    found: Diagnosis, says: str, findings: Sequence[Mapping[str, Any]] = (), after: Array | None = None
+    found: Plain, says: str, findings: Sequence[Mapping[str, Any]] = (), after: Array | None = None
 ) -> dict[str, Any]:
     """A verdict like ``Verdict.to_dict()``, as far as a judge reads it.
 

@@ -104,7 +104,8 @@ def _next(best: Picked, listed: Sequence[Variant]) -> list[tuple[Variant, float]
         return []
     view = View.around(problem, z)
     both = zip(view.unknowns(), view.of_variants(some, np.full(len(some), PROBE_SIZE)), strict=True)
-    columns = np.concatenate([problem.white(np.concatenate(pair, axis=2)).reshape(-1, len(z) + len(some)) for pair in both])
+    white = [problem.white(np.concatenate(pair, axis=2)) for pair in both]
+    columns = np.concatenate([w.reshape(-1, len(z) + len(some)) for w in white])
     left = np.concatenate([problem.white(r).ravel() for r in view.residuals])
     seen = np.isfinite(left)
     J, C, e = np.nan_to_num(columns[seen, : len(z)]), np.nan_to_num(columns[seen, len(z) :]), left[seen]
