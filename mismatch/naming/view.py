@@ -90,6 +90,9 @@ class View:
             probes: (V,) share of the typical size that each is tried with.
             since_s: T times; each variant also as it would be from then on.
         """
+        if not variants:
+            return [np.zeros((*r.shape, 0)) for r in self.residuals]
+
         def of(r: int) -> Array:
             course = self.courses[r]
             late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
