@@ -121,7 +121,15 @@ class Painter:
             s=self.ground.s,
             since=np.array(since),
         )
-        return Picture(tuple(self.listed[i] for i in which), np.array(since), tuple(candidates), sd * typicals, sets, -0.5 * q, excess)
+        return Picture(
+            tuple(self.listed[i] for i in which),
+            np.array(since),
+            tuple(candidates),
+            sd * typicals,
+            sets,
+            -0.5 * q,
+            excess,
+        )
 
     def cosines(self) -> Array:
         """(V,) squared cosines of each listed column with what was taken out of the view, the unknowns apart.
@@ -129,7 +137,10 @@ class Painter:
         Where a size can have one sign only, a column of the other sign is none.
         """
         n, v = self._own[0].shape[2], len(self.listed)
-        both = [np.concatenate((j, c, x[:, :, :1]), axis=2) for j, c, x in zip(self._own, self._columns, self.removed, strict=True)]
+        both = [
+            np.concatenate((j, c, x[:, :, :1]), axis=2)
+            for j, c, x in zip(self._own, self._columns, self.removed, strict=True)
+        ]
         G, b, _ = self.ground.products(self.view, both).over()
         G, b = G[: n + v + 1, : n + v + 1], b[: n + v + 1]
         reduced = eliminated(G, b, np.arange(n), self._mean, np.ones(n)).G

@@ -173,7 +173,7 @@ def _entries(problem: Problem, variant: Variant) -> int:
 
 
 def _unknowns(problem: Problem, effect: Effect) -> list[Unknown]:
-    """An effect's size and, if it has any, its shape; an amplitude of several parameters moves them all by its first."""
+    """An effect's size and its shape, if it has one; of an amplitude the first parameter moves all the others."""
     candidate = problem.machine.candidates[effect.variant.candidate]
     found = []
     for place, (at, v) in enumerate(zip(candidate.at, candidate.mechanism.parameters, strict=True)):
