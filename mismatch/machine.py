@@ -45,12 +45,14 @@ class Candidate:
         at: positions of its parameters, the size first.
         null: (n_parameters,) their values when the simulator is as it came, each in its unit.
         typical: (n_parameters,) their values when the mechanism is plainly there, each in its unit.
+        odds: that it is there against its absence, as a user told; None if nobody did.
     """
 
     mechanism: Mechanism
     at: tuple[int, ...]
     null: Array
     typical: Array
+    odds: float | None = None
 
     @property
     def name(self) -> str:

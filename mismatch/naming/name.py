@@ -16,7 +16,7 @@ from twinbench.mismatch.naming.picture import Painter, Picture
 from twinbench.mismatch.naming.sets import Scored
 from twinbench.mismatch.naming.settle import Effect, Settled, misfit, settled
 from twinbench.mismatch.naming.view import View
-from twinbench.mismatch.picture import Variant, variants
+from twinbench.mismatch.variants import Variant, variants
 from twinbench.mismatch.visited import moved
 from twinbench.physics.simulator import Array
 
@@ -99,7 +99,9 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     view = View.around(problem, z)
-    ground = Ground.learnt(view, discrepancy(view.courses, typical_rates(moved(problem, z)), _fluxes(view)), floor)
+    ground = Ground.learnt(
+        view, discrepancy(view.courses, typical_rates(moved(problem, z)), common_fluxes(view)), floor
+    )
     progress(0.2)
     painter = Painter(view, ground, variants(problem.machine.candidates))
     shown = with_late(painter)
@@ -223,7 +225,7 @@ def _rivalled(found: Naming) -> bool:
     return found.best is not best
 
 
-def _fluxes(view: View) -> Array:
+def common_fluxes(view: View) -> Array:
     """(nf,) what each flux commonly is, in its unit."""
     simulator, course = view.problem.machine.simulator, view.courses[0]
     if simulator.flux is None:

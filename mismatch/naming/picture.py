@@ -12,7 +12,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, typical
+from twinbench.mismatch.variants import Variant, typical
 from twinbench.physics.simulator import Array
 
 FIRST_PROBE = 0.05
@@ -154,9 +154,10 @@ class Painter:
         return np.asarray(reduced[:v, v] ** 2 / (squares[:v] * squares[v]))
 
     def _prior(self, candidates: Sequence[Candidate]) -> Array:
-        names = [c.name for c in candidates]
-        listed = names[: len(self.listed)]
-        return np.array([-np.log(len(set(listed))) - np.log(listed.count(n)) for n in names])
+        listed = [c.name for c in candidates][: len(self.listed)]
+        common = 1.0 / max(len(set(listed)), 1)
+        odds = np.array([common if c.odds is None else c.odds for c in candidates])
+        return np.log(odds) - np.log([listed.count(c.name) for c in candidates])
 
     def _shows(self, columns: Sequence[Array]) -> tuple[Array, Reduced, Array, float, float]:
         """How strongly each column shows beside the unknowns, in noise sds (V,); the form without the unknowns.

@@ -12,8 +12,8 @@ from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, is_amplitude, typical
 from twinbench.mismatch.solve import NEARLY, solve
+from twinbench.mismatch.variants import Variant, is_amplitude, typical
 from twinbench.physics.simulator import Array, Series
 
 SETTLED = 1.0
@@ -53,6 +53,7 @@ class Settled:
         log: evidence in nats, its prior in it; comparable between hypotheses.
         sizes: (E,) of each effect from absence, in its first parameter's unit, and their posterior ``sds``.
         learnt: the discrepancy beside it.
+        at: (K,) where its unknowns are, each in its own unit: the posterior mean, if the step there could be made.
         cov: (K, K) posterior covariance of the unknowns, in prior sds.
         products: of the columns there, and the prior ``mean`` (K + W,) of the unknowns and of what wanders, from there,
             in prior sds.
@@ -67,6 +68,7 @@ class Settled:
     sizes: Array
     sds: Array
     learnt: Learnt
+    at: Array
     cov: Array
     products: Products
     mean: Array
@@ -141,15 +143,15 @@ def settled(
         cov, step = cov[: len(z), : len(z)], step[: len(z)]
         s = learnt.s
         moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
-        sizes, sds = (moved - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
+        at = moved if promised < SETTLED else z
+        sizes, sds = (at - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
         log = inner.log + learnt.log - 0.5 * products.over()[2] + sum(e.prior for e in effects)
         log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
         if promised > SETTLED:
             log -= promised
-            sizes = (z - whole.z0)[firsts]
         if best is None or log > best.log:
             best = Settled(
-                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, cov, products, mean, turn
+                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, mean, turn
             )
         if promised < SETTLED:
             break

@@ -11,7 +11,7 @@ from twinbench.mismatch.fit import Problem, Unknown, parallel
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.course import Acts, Course, together
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.picture import Variant, switched, typical
+from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
 WANDERS = 0.05
@@ -121,6 +121,8 @@ class View:
             probes: (V,) share of the typical size that each is tried with.
             since_s: T times; each variant also as it would be from then on.
         """
+        if not variants:
+            return [np.zeros((*r.shape, 0)) for r in self.residuals]
 
         def of(r: int) -> Array:
             course = self.courses[r]
