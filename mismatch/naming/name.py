@@ -25,7 +25,7 @@ SINGLES, SETS = 8, 4
 wrong by tens of nats."""
 NEAR = 12.0
 """Nats that such a set may lie behind the best in the picture."""
-FAR, FAR_SINGLES = 3.0, 16
+FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
 SHARPENED, SIDES = 3, 6
@@ -108,7 +108,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     progress(0.4)
     null = settled(problem, z, (), ground, ground.s)
     found = Naming(ground, painter, shown, null, [shown.variants[i] for i in likeliest_forms(shown)], [null])
-    found.far = shown.excess > FAR
+    found.far = shown.excess > FAR_OFF
     contenders = _contenders(shown, found.far)
     for k, scored in enumerate(contenders):
         found.settle(_since(problem, shown, scored), z, _effects(shown, scored), scored.learnt.s)

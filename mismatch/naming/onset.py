@@ -10,7 +10,7 @@ WATCHED = 6
 """Effects that are tried for a later beginning: the likeliest from the beginning on, then those that show most."""
 STARTS = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 """Shares of a recording after which an effect may have begun; also at its beginning, but for the first's."""
-LITTLE = 0.15
+LEFT_SHARE = 0.15
 """Share of the discrepancy with nothing named that is left beside an effect which explains most of it."""
 FINER, CLOSER = 12, 9.0
 """Times tried to either side of the best one; the second time so many times closer together."""
@@ -43,7 +43,7 @@ def with_late(painter: Painter) -> Picture:
 
 def likeliest_forms(shown: Picture) -> list[int]:
     """Of each candidate the variant, from the beginning on, that explains most: the others' shapes follow in a fit."""
-    gains = np.where(shown.since == -np.inf, shown.sets.quick((), np.maximum(LITTLE * shown.sets.s, 1e-3)), -np.inf)
+    gains = np.where(shown.since == -np.inf, shown.sets.quick((), np.maximum(LEFT_SHARE * shown.sets.s, 1e-3)), -np.inf)
     found: dict[str, int] = {}
     for i in np.argsort(-gains):
         if shown.since[i] == -np.inf:
@@ -54,7 +54,7 @@ def likeliest_forms(shown: Picture) -> list[int]:
 def _likeliest(shown: Picture) -> list[int]:
     sets = shown.sets
     order = [i for s in sorted(sets.known.values(), key=lambda s: -s.log) for i in s.key]
-    order += list(np.argsort(-sets.quick((), np.maximum(LITTLE * sets.s, 1e-3))))
+    order += list(np.argsort(-sets.quick((), np.maximum(LEFT_SHARE * sets.s, 1e-3))))
     found: dict[str, int] = {}
     for i in order:
         if len(found) < WATCHED:
