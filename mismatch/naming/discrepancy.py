@@ -7,7 +7,7 @@ in the directions that the machine really moved in; the few functions that make 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ FUNCTIONS = 40
 """Functions that stand for the covariance at most; twice as many change nothing that is found."""
 ENOUGH_OF_IT = 0.98
 """Share of the covariance that they have to make up."""
+MAIN = 10
+"""Combinations of the functions by which the size of an effect may differ from place to place."""
 MOVED = 0.05
 """Share of a standard spread below which the machine did not move in a direction."""
 PER_CENT = 0.01
@@ -39,6 +41,7 @@ class Discrepancy:
         points: (R, D) where the functions are anchored.
         root: (R, R) Cholesky factor of their covariance.
         width2: square of the unit of length.
+        main: (R, M) the combinations of the functions that vary most along the courses.
     """
 
     ports: tuple[Port, ...]
@@ -49,6 +52,7 @@ class Discrepancy:
     points: Array
     root: Array
     width2: float
+    main: Array
 
     def functions(self, course: Course) -> Array:
         """(S, R) the functions along a course, each of prior variance one together with the others."""
@@ -81,9 +85,12 @@ def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discr
     at = scaled @ turn
     width2 = float(np.mean(np.sum(at**2, axis=1))) / 2.0 / 2.0
     points = _anchors(at[:: max(1, len(at) // _SEEN)], width2)
-    root = np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points)))
+    root = np.asarray(np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points))), dtype=float)
     ports, units = _ports(simulator, rates, fluxes)
-    return Discrepancy(ports, units, centre, spread, turn, points, root, width2)
+    made = Discrepancy(ports, units, centre, spread, turn, points, root, width2, np.eye(len(points)))
+    along = np.concatenate([made.functions(c) for c in courses])
+    main = np.linalg.svd(along[:: max(1, len(along) // _SEEN)], full_matrices=False)[2][:MAIN].T
+    return replace(made, main=main)
 
 
 def _visited(course: Course) -> Array:
@@ -104,7 +111,8 @@ def _kernel(a: Array, b: Array, width2: float) -> Array:
 
 def _anchors(at: Array, width2: float) -> Array:
     """Points that leave the least of the covariance over the visited ones, one after the other (pivoted Cholesky)."""
-    left, rows, chosen = np.ones(len(at)), np.zeros((0, len(at))), []
+    left, rows = np.ones(len(at)), np.zeros((0, len(at)))
+    chosen: list[int] = []
     while len(chosen) < FUNCTIONS and left.sum() > (1.0 - ENOUGH_OF_IT) * len(at):
         i = int(np.argmax(left))
         row = (_kernel(at[i : i + 1], at, width2)[0] - rows[:, i] @ rows) / np.sqrt(left[i])

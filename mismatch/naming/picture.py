@@ -60,6 +60,7 @@ class Painter:
         listed: the variants in every picture.
         without: unknowns (an effect's) that are taken out of the view, as if they were at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
+        wanders: positions among the unknowns of sizes that may differ from place to place.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Painter:
         listed: Sequence[Variant],
         without: slice = slice(0, 0),
         probes: Mapping[Variant, float] | None = None,
+        wanders: Sequence[int] = (),
     ) -> None:
         mean = np.array([(u.mean - z) / scale_of(u) for u, z in zip(view.problem.unknowns, view.z, strict=True)])
         whole, out = view.unknowns(), np.arange(len(mean))[without]
@@ -78,6 +80,10 @@ class Painter:
         self.view, self.ground, self.listed = replace(view, residuals=tuple(residuals)), ground, tuple(listed)
         self._own = [np.delete(columns, out, axis=2) for columns in whole]
         self._mean = np.delete(mean, out)
+        if wanders:
+            wandering = view.wandering(ground.discrepancy, wanders)
+            self._own = [np.concatenate((j, w), axis=2) for j, w in zip(self._own, wandering, strict=True)]
+            self._mean = np.concatenate((self._mean, np.zeros(wandering[0].shape[2])))
         self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
             shows = self._shows(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE)))[0]
@@ -121,7 +127,15 @@ class Painter:
             s=self.ground.s,
             since=np.array(since),
         )
-        return Picture(tuple(self.listed[i] for i in which), np.array(since), tuple(candidates), sd * typicals, sets, -0.5 * q, excess)
+        return Picture(
+            tuple(self.listed[i] for i in which),
+            np.array(since),
+            tuple(candidates),
+            sd * typicals,
+            sets,
+            -0.5 * q,
+            excess,
+        )
 
     def cosines(self) -> Array:
         """(V,) squared cosines of each listed column with what was taken out of the view, the unknowns apart.
@@ -129,7 +143,10 @@ class Painter:
         Where a size can have one sign only, a column of the other sign is none.
         """
         n, v = self._own[0].shape[2], len(self.listed)
-        both = [np.concatenate((j, c, x[:, :, :1]), axis=2) for j, c, x in zip(self._own, self._columns, self.removed, strict=True)]
+        both = [
+            np.concatenate((j, c, x[:, :, :1]), axis=2)
+            for j, c, x in zip(self._own, self._columns, self.removed, strict=True)
+        ]
         G, b, _ = self.ground.products(self.view, both).over()
         G, b = G[: n + v + 1, : n + v + 1], b[: n + v + 1]
         reduced = eliminated(G, b, np.arange(n), self._mean, np.ones(n)).G

@@ -14,6 +14,8 @@ from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
+WANDERS = 0.05
+"""Prior sd of how much an effect's size differs from place to place, as a share of it: no catalogue's form is exact."""
 NUDGED = 0.01
 """Step of a difference quotient in an unknown, in scales of it."""
 
@@ -58,9 +60,15 @@ class View:
                 theta[u.at] += step
                 fault = self._fault_at(u.at)
                 if fault is not None and fault.acts_on_output:
-                    direct[:, :, k] = self._of_sensor(course, r, theta, self.problem.since[r:r+1])[:, :, -1] / step * scale_of(u)
+                    direct[:, :, k] = (
+                        self._of_sensor(course, r, theta, self.problem.since[r : r + 1])[:, :, -1] / step * scale_of(u)
+                    )
                     continue
-                one = course.of_input(theta, step) if fault is not None else course.of_parameters(theta, step, self._since(r, u))
+                one = (
+                    course.of_input(theta, step)
+                    if fault is not None
+                    else course.of_parameters(theta, step, self._since(r, u))
+                )
                 if u.kind == "drift":
                     one = one.times(self._hat(r, k)[:, None])
                 acts.rates[:, :, k], acts.reads[:, :, k] = (part[:, :, 0] * scale_of(u) for part in one)
@@ -82,6 +90,29 @@ class View:
         u, time_s = self.problem.unknowns[k], self.courses[r].track.time_s
         n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.problem.unknowns)
         return np.interp(self.courses[r].grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
+
+    def wandering(self, d: Discrepancy, sizes: Sequence[int]) -> list[Array]:
+        """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.
+
+        Args:
+            sizes: E positions of the sizes among the unknowns.
+        """
+
+        def of(r: int) -> Array:
+            course = self.courses[r]
+            functions = d.functions(course) @ d.main
+            acts = [course.none(0)]
+            for k in sizes:
+                u = self.problem.unknowns[k]
+                step = NUDGED * u.scale * (-1.0 if self.z[k] + NUDGED * u.scale > u.high else 1.0)
+                theta = course.setting.theta.copy()
+                theta[u.at] += step
+                one = course.of_parameters(theta, step, self._since(r, u))
+                share = WANDERS * (self.z[k] - u.mean)
+                acts.append(Acts(one.rates * share, one.reads * share).times(functions))
+            return course.columns(together(acts))
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
 
     def of_variants(self, variants: Sequence[Variant], probes: Array, since_s: Sequence[float] = ()) -> list[Array]:
         """Columns of absent candidates, (B, ny, V (1 + T)) per recording and per typical size.
@@ -135,6 +166,7 @@ class View:
 
     def of_discrepancy(self, d: Discrepancy, ports: Sequence[int]) -> list[Array]:
         """Columns of the random functions at some ports, (B, ny, P R) per recording."""
+
         def of(r: int) -> Array:
             course = self.courses[r]
             functions = d.functions(course)

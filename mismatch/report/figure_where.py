@@ -24,7 +24,7 @@ DRAWN_PIECES = 24
 BINS = 8
 """Bins of an input, equally full."""
 MOST_PANELS = 6
-WIDE = 8.0
+WIDE_AXIS = 8.0
 """Errors above so many times the noise are drawn on a logarithmic scale."""
 BEFORE_POINTS = BEFORE | {"marker": "s", "markersize": 4, "markerfacecolor": PAPER}
 AFTER_POINTS = AFTER | {"marker": "o", "markersize": 4}
@@ -154,7 +154,7 @@ def _level_axis(panels: np.ndarray) -> None:
     """The shared scale of panels: from zero, or logarithmic where the noise would be too small to see."""
     ends = np.array([end for axes in panels for end in (axes.dataLim.y0, axes.dataLim.y1)])
     ends = ends[np.isfinite(ends)]
-    if len(ends) and ends.max() > WIDE:
+    if len(ends) and ends.max() > WIDE_AXIS:
         log_axis(panels[0], ends)
     else:
         panels[0].set_ylim(0.0, 1.1 * max(1.1, *ends))

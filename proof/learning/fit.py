@@ -12,7 +12,7 @@ from scipy.special import expit
 from twinbench.mismatch.naming.decision import FEATURES, features
 from twinbench.physics.simulator import Array
 
-RIDGE = 1.0
+SHRINKAGE = 1.0
 """Penalty on the weights of standardised features, in squares of each: as of one case."""
 WRONG_NAMES = 0.01
 """Promised rate of wrong names among all verdicts; half of what may be, since reported cases are others."""
@@ -65,8 +65,8 @@ def logistic(x: Array, y: np.ndarray) -> Array:
     def loss(w: Array) -> tuple[float, Array]:
         margin = sign * (z @ w)
         slope = -z.T @ (sign * expit(-margin))
-        slope[1:] += RIDGE * w[1:]
-        return float(np.logaddexp(0.0, -margin).sum() + 0.5 * RIDGE * np.sum(w[1:] ** 2)), slope
+        slope[1:] += SHRINKAGE * w[1:]
+        return float(np.logaddexp(0.0, -margin).sum() + 0.5 * SHRINKAGE * np.sum(w[1:] ** 2)), slope
 
     bounds = [(None, None)] + [(0.0, None)] * x.shape[1]
     w = minimize(loss, np.zeros(z.shape[1]), jac=True, bounds=bounds, method="L-BFGS-B").x
