@@ -102,7 +102,8 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
     """What a claim says of an effect of the chosen hypothesis."""
     assert claim.found is not None
     kind_of = {c.name: PHYSICS if c.mechanism.kind == "physics" else SENSOR for c in d.machine.candidates}
-    kinds = {kind_of[name] for name in claim.names}
+    # Names that are one thing are of the likeliest's kind.
+    kinds = {kind_of[name] for name in (claim.names[:1] if claim.alike else claim.names)}
     found = Finding(
         kind=kinds.pop() if len(kinds) == 1 else UNEXPLAINED,
         says="",

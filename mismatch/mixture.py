@@ -17,7 +17,7 @@ Z90 = 1.645
 """Standard deviations to either side that hold 90 % of a Gaussian."""
 INTERVAL = 0.9
 """Probability that every interval holds."""
-FAR = 12.0
+NEGLIGIBLE = 12.0
 """Nats behind the likeliest from which a hypothesis adds nothing."""
 
 
@@ -57,7 +57,7 @@ def weights(hypotheses: Sequence[Settled]) -> Array:
 def near(hypotheses: Sequence[Settled]) -> list[Settled]:
     """Those that are not far behind the likeliest of them."""
     best = max(h.log for h in hypotheses)
-    return [h for h in hypotheses if h.log > best - FAR]
+    return [h for h in hypotheses if h.log > best - NEGLIGIBLE]
 
 
 def covariance(hypothesis: Settled) -> Array:

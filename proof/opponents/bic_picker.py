@@ -28,7 +28,7 @@ REFITS_EACH_STEP = 8
 MOST_TERMS = 4
 LAGS_OF_NOISE = 3
 """Past residuals that the noise's autoregression looks at."""
-WIDE = 5.0
+PRIOR_WIDTH = 5.0
 """Prior standard deviation of a size, in typical ones."""
 
 
@@ -130,7 +130,7 @@ def _with(best: Picked, variant: Variant, size: float) -> Picked:
     added = []
     for place, (at, v, value) in enumerate(zip(candidate.at, candidate.mechanism.parameters, values, strict=True)):
         scale = abs(typical(candidate)) if place == 0 else (v.high - v.low) / 6.0
-        sd = WIDE * scale if place == 0 or is_amplitude(candidate) else (v.high - v.low) / 2.0
+        sd = PRIOR_WIDTH * scale if place == 0 or is_amplitude(candidate) else (v.high - v.low) / 2.0
         low, high = min(v.low, value), max(v.high, value)
         added.append(Unknown(f"{candidate.name}.{v.name}", "mechanism", at, low, high, value, sd, scale))
     problem = replace(best.problem, unknowns=(*best.problem.unknowns, *added))
