@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import logsumexp
 
 from twinbench.mismatch.naming.answer import PLAIN, SAME
 from twinbench.mismatch.naming.decision import CREDIBLE
@@ -24,10 +23,12 @@ WANTED = 0.9
 """Probability of being named that a size is stated for."""
 LEAST_SHOWN, MOST_SHOWN = 0.003, 10.0
 """Sizes between which that one is looked for, in noise sds: below, no recording shows it; above, no column holds."""
-SIMULATED = 200
-"""Draws of readings: a probability of .9 is known to 2 points."""
-CLOSE = 1.1
+SIMULATED = 100
+"""Draws of readings: a probability of .9 is known to 3 points."""
+CLOSE = 1.2
 """Factor to which that size is found; so many draws know it no better."""
+LIKE = 0.05
+"""Squared cosine with an effect below which another is no rival of it: that gets a twentieth of its evidence."""
 RAISED = 3.0
 """Factor by which the discrepancy at a port may grow to explain an effect instead."""
 
@@ -91,11 +92,13 @@ def _power(shown: Picture, draws: Draws, i: int, rows: int) -> Power:
         return draws.named(place, level / per_sd)
 
     found = [named(level) if level <= most else np.nan for level in SHOWN]
+    tried = [(LEAST_SHOWN, 0.0), *((v, p) for v, p in zip(SHOWN, found, strict=True) if v <= most)]
+    if max(p for _, p in tried) < WANTED:
+        tried.append((most, named(most)))
     shows = None
-    if named(most) >= WANTED:
-        seldom = [level for level, p in zip(SHOWN, found, strict=True) if p < WANTED]
-        often = [level for level, p in zip(SHOWN, found, strict=True) if p >= WANTED]
-        low, shows = max(seldom, default=LEAST_SHOWN), min(often, default=most)
+    enough = next((k for k, (_, p) in enumerate(tried) if p >= WANTED), 0)
+    if enough:
+        low, shows = tried[enough - 1][0], tried[enough][0]
         while shows > CLOSE * low:
             middle = float(np.sqrt(low * shows))
             low, shows = (low, middle) if named(middle) >= WANTED else (middle, shows)
@@ -109,24 +112,30 @@ class _Beside(NamedTuple):
     Attributes:
         C: (V, V) products of the effects' columns, in their prior sds.
         right: (D, V) of them with the readings.
-        lean: (F, V) of them with the discrepancy, each column in posterior sds; ``white`` (D, F) of the readings.
+        white: (D,) square of what the readings show of the discrepancy, ``lean`` (D, V) its product with what a
+            column shows of it, ``own`` (V,) the square of that.
         log: evidence of nothing, less what the readings contribute, nats.
     """
 
     C: Array
     right: Array
-    lean: Array
     white: Array
+    lean: Array
+    own: Array
     log: float
 
-    def logs(self, i: int, size: float, bounded: np.ndarray) -> Array:
-        """(D, 1 + V) evidence of nothing and of each effect where effect i has a size, in prior sds."""
-        nothing = self.log + 0.5 * np.sum((self.white + size * self.lean[:, i]) ** 2, axis=1)
-        right = self.right + size * self.C[i]
-        variance = 1.0 / (np.diag(self.C) + 1.0)
+    def nothing(self, i: int, size: float) -> Array:
+        """(D,) evidence of nothing where effect i has a size, in prior sds."""
+        return self.log + 0.5 * (self.white + 2.0 * size * self.lean[:, i] + size**2 * self.own[i])
+
+    def gains(self, i: int, size: float, widened: float, some: np.ndarray, bounded: np.ndarray) -> Array:
+        """(D, W) evidence over that of some effects (W,), those bounded (W,) of one sign, with wider priors."""
+        right = self.right[:, some] + size * self.C[i, some]
+        variance = 1.0 / (self.C[some, some] + widened**-2.0)
         mean = variance * right
-        gains = 0.5 * np.log(variance) + 0.5 * mean * right + one_sided(mean, np.sqrt(variance), bounded)
-        return np.column_stack((nothing, nothing[:, None] + gains))
+        found = 0.5 * (mean * right + np.log(variance) - 2.0 * np.log(widened))
+        found[:, bounded] += one_sided(mean[:, bounded], np.sqrt(variance[bounded]), np.True_)
+        return found
 
 
 class Draws:
@@ -142,7 +151,7 @@ class Draws:
     def __init__(self, sets: Sets, usable: Sequence[int], names: Sequence[str], s: Array) -> None:
         order = np.argsort(names, kind="stable")
         self.usable = [usable[k] for k in order]
-        self.names, self._starts = np.unique([names[k] for k in order], return_index=True)
+        self.names = np.unique([names[k] for k in order])
         self._of = np.searchsorted(self.names, [names[k] for k in order])
         self._prior, self._bounded = sets.prior[self.usable], sets.bounded[self.usable]
         v, functions = len(self.usable), sets.many + np.arange(len(sets.group))
@@ -165,13 +174,20 @@ class Draws:
     def named(self, i: int, size: float) -> float:
         """Share of draws in which effect i, of a size in prior sds, is named, alone or together with what is alike."""
         first, *raised = self._beside
-        instead = max(raised, key=lambda b: b.log + 0.5 * float(np.sum((size * b.lean[:, i]) ** 2)), default=first)
-        logs = np.maximum(*(b.logs(i, size, self._bounded) for b in (first, instead)))
-        each = np.maximum.reduceat(logs[:, 1:] + self._prior, self._starts, axis=1)
-        mine = np.isin(self.names, [self.names[self._of[i]], *self.alike(i)])
-        best, total = each[:, mine].max(axis=1), logsumexp(each, axis=1)
-        sure = logsumexp(each[:, mine], axis=1) - total >= np.log(CREDIBLE)
-        return float(np.mean(sure & (best - logs[:, 0] > PLAIN)))
+        instead = max(raised, key=lambda b: b.log + 0.5 * size**2 * b.own[i], default=first)
+        norms = np.sqrt(np.diag(self._unexplained))
+        widened = max(1.0, size * norms[i] / norms.max())  # a prior reaches to what there is to explain
+        squares = np.diag(first.C)
+        some = np.flatnonzero(first.C[i] ** 2 >= LIKE * squares[i] * squares)
+        bounded, both = self._bounded[some], (first, instead)
+        nothing = [b.nothing(i, size) for b in both]
+        logs = [n[:, None] + b.gains(i, size, widened, some, bounded) for n, b in zip(nothing, both, strict=True)]
+        names, starts = np.unique(self._of[some], return_index=True)
+        each = np.maximum.reduceat(np.maximum(*logs) + self._prior[some], starts, axis=1)
+        mine = np.isin(self.names[names], [self.names[self._of[i]], *self.alike(i)])
+        weights = np.exp(each - each.max(axis=1, keepdims=True))
+        sure = weights[:, mine].sum(axis=1) >= CREDIBLE * weights.sum(axis=1)
+        return float(np.mean(sure & (each[:, mine].max(axis=1) - np.maximum(*nothing) > PLAIN)))
 
 
 def _beside(G: Array, seen: Array, group: np.ndarray, s: Array) -> _Beside:
@@ -183,4 +199,6 @@ def _beside(G: Array, seen: Array, group: np.ndarray, s: Array) -> _Beside:
     lean = solve_triangular(L, d[:, None] * G[at, :v], lower=True)
     white = solve_triangular(L, d[:, None] * seen[:, at].T, lower=True).T
     log = -float(np.log(np.diag(L)).sum()) - 0.5 * float(np.sum((s / DISCREPANCY_PCT) ** 2))
-    return _Beside(G[:v, :v] - lean.T @ lean, seen[:, :v] - white @ lean, lean, white, log)
+    both = white @ lean
+    squares, own = np.sum(white**2, axis=1), np.sum(lean**2, axis=0)
+    return _Beside(G[:v, :v] - lean.T @ lean, seen[:, :v] - both, squares, both, own, log)
