@@ -1,16 +1,49 @@
-"""What is said of each finding: a name, a set of names, or a place alone."""
+"""What is said of each finding: a name, a set of names, or a place alone, by a rule that was learnt.
+
+Cases with known truth are free, so the rule is learnt from many of them (``proof.learning``): a logistic regression on
+what speaks for a finding gives the probability that its name is right, and that its set holds the right name. A name
+is said from the probability on at which the promised rate of wrong names was kept on machines that were left out.
+"""
 
 from __future__ import annotations
 
+import functools
+import json
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from twinbench.mismatch.naming.answer import Answer, Found
 from twinbench.physics.simulator import Port
 
+RULE = Path(__file__).with_name("decision.json")
+"""The learnt weights, with where they come from."""
 CREDIBLE = 0.95
-"""Probability with which a set of names holds the right one."""
-LARGEST_SET = 5
-"""Names that a set may hold and still say something; beyond, the place is said."""
+"""Probability with which the names of a set should hold the right one."""
+LARGEST_SET = 3
+"""Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
+FEATURES = (
+    "against_nothing", "against_rival", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy",
+    "sds", "shows", "weight", "alone", "followed", "inside", "from_the_beginning", "physics",
+)  # fmt: skip
+"""What speaks for a finding; each the more, the larger."""
+MOST_NATS = 50.0
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A learnt rule.
+
+    Attributes:
+        name, holds: weights by feature, and "constant": for the name, and for the set.
+        say_name, say_set: least probability with which each is said.
+    """
+
+    name: Mapping[str, float]
+    holds: Mapping[str, float]
+    say_name: float
+    say_set: float
 
 
 @dataclass(frozen=True)
@@ -33,18 +66,74 @@ class Claim:
     found: Found | None
 
 
-def decided(answer: Answer) -> tuple[Claim, ...]:
-    """What is said of an answer; nothing where nothing is missing."""
+@functools.cache
+def learnt_rule() -> Rule:
+    """The rule that was learnt last."""
+    read = json.loads(RULE.read_text())
+    return Rule(read["name"], read["holds"], float(read["say_name"]), float(read["say_set"]))
+
+
+def features(evidence: Mapping[str, float], weight: float) -> dict[str, float]:
+    """What speaks for a finding, on scales on which it counts evenly.
+
+    Args:
+        evidence: of a ``Found``.
+        weight: probability of its name, those alike counted in, among all that could stand in its place.
+    """
+    found = {
+        "against_nothing": _nats(evidence["against_nothing"]),
+        "against_rival": _nats(evidence["against_rival"]),
+        "against_unnamed": _nats(evidence["against_unnamed"]),
+        "least_recording": _nats(evidence["least_recording"]),
+        "nothing_beside": _nats(-evidence["unnamed_beside"]),
+        "little_discrepancy": -math.log(evidence["discrepancy"] + 0.1),
+        "sds": math.log(evidence["sds"] + 0.1),
+        "shows": math.log(evidence["shows"] + 0.01),
+        "weight": math.log((weight + 1e-3) / (1.0 - weight + 1e-3)),
+        "alone": 1.0 - evidence["effects"],
+        "followed": -max(evidence["left"], 0.0),
+        "inside": -evidence["at_bound"],
+        "from_the_beginning": -evidence["late"],
+        "physics": -evidence["fault"],
+    }
+    return {name: found[name] for name in FEATURES}
+
+
+def _nats(value: float) -> float:
+    value = min(max(value, -MOST_NATS), MOST_NATS)
+    return math.copysign(math.log1p(abs(value) / 3.0), value)
+
+
+def probability(weights: Mapping[str, float], values: Mapping[str, float]) -> float:
+    """Of a logistic regression."""
+    return 1.0 / (1.0 + math.exp(-(weights["constant"] + sum(weights[name] * v for name, v in values.items()))))
+
+
+def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
+    """What is said of an answer; nothing where nothing is missing.
+
+    Args:
+        rule: the learnt one if left out.
+    """
+    rule = rule or learnt_rule()
     machine = answer.chosen.problem.machine
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
-    claims = []
-    for found in answer.found:
-        names = found.credible(CREDIBLE)
-        alike = set(names) <= found.alike
-        probability = sum(found.weights[n] for n in names)
-        if len(names) > LARGEST_SET:
-            names = ()
-        claims.append(Claim(names, alike, probability, port_of[found.name], found))
+    claims = [_claim(found, port_of[found.name], rule) for found in answer.found]
     if answer.left and answer.left[0].log > 0.0:
-        claims.append(Claim((), False, 0.5, answer.left[0].port, None))
+        odds = math.exp(min(answer.left[0].log, MOST_NATS))
+        claims.append(Claim((), False, odds / (1.0 + odds), answer.left[0].port, None))
     return tuple(claims)
+
+
+def _claim(found: Found, port: Port, rule: Rule) -> Claim:
+    values = features(found.evidence, sum(p for n, p in found.weights.items() if n in found.alike))
+    right = probability(rule.name, values)
+    if right >= rule.say_name:
+        names = (found.name, *(n for n in found.weights if n in found.alike and n != found.name))
+        return Claim(names, len(names) > 1, right, port, found)
+    holds = probability(rule.holds, values)
+    names = found.credible(CREDIBLE)
+    things = len({n for n in names if n not in found.alike}) + bool(set(names) & found.alike)
+    if holds >= rule.say_set and things <= LARGEST_SET:
+        return Claim(names, set(names) <= found.alike, holds, port, found)
+    return Claim((), False, 1.0 - right, port, found)

@@ -81,7 +81,7 @@ def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discr
     at = scaled @ turn
     width2 = float(np.mean(np.sum(at**2, axis=1))) / 2.0 / 2.0
     points = _anchors(at[:: max(1, len(at) // _SEEN)], width2)
-    root = np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points)))
+    root = np.asarray(np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points))), dtype=float)
     ports, units = _ports(simulator, rates, fluxes)
     return Discrepancy(ports, units, centre, spread, turn, points, root, width2)
 
@@ -104,7 +104,8 @@ def _kernel(a: Array, b: Array, width2: float) -> Array:
 
 def _anchors(at: Array, width2: float) -> Array:
     """Points that leave the least of the covariance over the visited ones, one after the other (pivoted Cholesky)."""
-    left, rows, chosen = np.ones(len(at)), np.zeros((0, len(at))), []
+    left, rows = np.ones(len(at)), np.zeros((0, len(at)))
+    chosen: list[int] = []
     while len(chosen) < FUNCTIONS and left.sum() > (1.0 - ENOUGH_OF_IT) * len(at):
         i = int(np.argmax(left))
         row = (_kernel(at[i : i + 1], at, width2)[0] - rows[:, i] @ rows) / np.sqrt(left[i])

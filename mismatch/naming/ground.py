@@ -165,7 +165,6 @@ class Ground:
         return Products(own, cross, self.FF)
 
 
-
 def _mean(view: View) -> Array:
     """(K,) prior mean of the unknowns from where they stand, in prior sds."""
     return np.array([(u.mean - v) / scale_of(u) for u, v in zip(view.problem.unknowns, view.z, strict=True)])

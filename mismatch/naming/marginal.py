@@ -15,7 +15,7 @@ DISCREPANCY_PCT = 0.7
 """Prior sd of the discrepancy, in per cent of what commonly acts at its port."""
 LEARNT = 0.1
 """Nats that a round of learning must gain to be followed by another."""
-ROUNDS = 15
+LEARNING_ROUNDS = 15
 UNTOLD = 1e-3
 """Information (prior variance over noise variance) below which a function is left out: half of it in nats is lost."""
 _HAIR, _LEAST = 1e-10, 1e-4
@@ -32,7 +32,7 @@ class Reduced(NamedTuple):
     log: float
 
 
-def eliminated(G: Array, b: Array, block: Array, mean: Array, precision: Array) -> Reduced:
+def eliminated(G: Array, b: Array, block: np.ndarray, mean: Array, precision: Array) -> Reduced:
     """Integrate out some unknowns with a Gaussian prior.
 
     Args:
@@ -69,7 +69,7 @@ class Learnt(NamedTuple):
     weights: Array
 
 
-def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, rounds: int = ROUNDS) -> Learnt:
+def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, rounds: int = LEARNING_ROUNDS) -> Learnt:
     """The discrepancy's size at each port by the highest evidence (MacKay's fixed point under a half-normal prior).
 
     Args:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,6 +25,9 @@ SINGLES, SETS = 8, 4
 wrong by tens of nats."""
 NEAR = 12.0
 """Nats that such a set may lie behind the best in the picture."""
+FAR, FAR_SINGLES = 3.0, 16
+"""Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
+little then, and so many single effects are fitted."""
 MOST_EFFECTS = 3
 ADDED = 3
 """Further effects that are tried beside the best set, each time."""
@@ -38,6 +41,7 @@ class Naming:
         null: nothing is missing.
         hypotheses: sets at their own fixed points, likeliest first; ``null`` among them.
         painter, picture: all candidates around the calibrated simulator.
+        far: is the calibrated machine far off?
         reduced, rivalled: those of which each effect was left out, or replaced by others.
     """
 
@@ -48,6 +52,7 @@ class Naming:
     hypotheses: list[Settled] = field(default_factory=list)
     reduced: list[Settled] = field(default_factory=list)
     rivalled: list[Settled] = field(default_factory=list)
+    far: bool = False
     _without: dict[tuple[int, int], Painter] = field(default_factory=dict)
 
     @property
@@ -78,9 +83,9 @@ class Naming:
             self._without[key] = Painter(view, self.ground, others, entries, self.painter.probes)
         return self._without[key]
 
-    def add(self, hypothesis: Settled) -> None:
-        """Keep a hypothesis in its place."""
-        self.hypotheses.append(hypothesis)
+    def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
+        """Bring a hypothesis to its fixed point and keep it in its place; arguments as of ``settled``."""
+        self.hypotheses.append(settled(problem, z, effects, self.ground, s, self.far))
         self.hypotheses.sort(key=lambda s: -s.log)
 
 
@@ -99,9 +104,10 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     progress(0.4)
     null = settled(problem, z, (), ground, ground.s)
     found = Naming(ground, painter, shown, null, [null])
-    contenders = _contenders(shown)
+    found.far = shown.excess > FAR
+    contenders = _contenders(shown, found.far)
     for k, scored in enumerate(contenders):
-        found.add(settled(_since(problem, shown, scored), z, _effects(shown, scored), ground, scored.learnt.s))
+        found.settle(_since(problem, shown, scored), z, _effects(shown, scored), scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
     while _plainer(found) or _fuller(found) or _rivalled(found):
         pass
@@ -121,20 +127,22 @@ def _since(problem: Problem, shown: Picture, scored: Scored) -> Problem:
     return replace(problem, since=(since,) * len(problem.tracks)) if since > -np.inf else problem
 
 
-def _contenders(shown: Picture) -> list[Scored]:
+def _contenders(shown: Picture, far: bool) -> list[Scored]:
     """Sets that are near in the picture, and single ones even where they are not; none where nothing is the best."""
     known = sorted(shown.sets.known.values(), key=lambda s: -s.log)
     best, nothing = known[0], shown.sets.score(())
     if best is nothing:
         return []
+    many, near = (FAR_SINGLES, np.inf) if far else (SINGLES, NEAR)
     singles: dict[object, Scored] = {}
     several: dict[object, Scored] = {}
     for s in known:
         late = bool(s.key and shown.since[s.key[0]] > -np.inf)
-        group = late, tuple(sorted(shown.names[i] for i in s.key))
-        if len(s.key) == 1 and len(singles) < SINGLES and s.log > nothing.log - NEAR:
-            singles.setdefault(group, s)
-        elif len(s.key) > 1 and len(several) < SETS and s.log > best.log - NEAR:
+        group: object = late, tuple(sorted(shown.names[i] for i in s.key))
+        if len(s.key) == 1 and len(singles) < many and s.log > nothing.log - near:
+            # From far off the shape that looks best says nothing either.
+            singles.setdefault((group, shown.variants[s.key[0]].shape) if far else group, s)
+        elif len(s.key) > 1 and len(several) < SETS and s.log > best.log - NEAR and not far:
             several.setdefault(group, s)
     return [*singles.values(), *several.values()]
 
@@ -147,7 +155,7 @@ def _plainer(found: Naming) -> bool:
     found.reduced.append(best)
     for i in range(len(best.effects)):
         fewer = [e for k, e in enumerate(best.now) if k != i]
-        found.add(settled(best.bare, best.own, fewer, found.ground, best.learnt.s))
+        found.settle(best.bare, best.own, fewer, best.learnt.s)
     return found.best is not best
 
 
@@ -169,7 +177,7 @@ def _fuller(found: Naming) -> bool:
         more = [*best.now, *_effects(shown, scored)]
         if not found.knows(more):
             tried += 1
-            found.add(settled(best.bare, best.own, more, found.ground, best.learnt.s))
+            found.settle(best.bare, best.own, more, best.learnt.s)
     return found.best is not best
 
 
@@ -190,7 +198,7 @@ def _rivalled(found: Naming) -> bool:
             other = [*rest, *_effects(shown, shown.sets.score((int(k),)))]
             if not found.knows(other):
                 tried += 1
-                found.add(settled(best.bare, best.own, other, found.ground, best.learnt.s))
+                found.settle(best.bare, best.own, other, best.learnt.s)
     return found.best is not best
 
 
@@ -201,4 +209,6 @@ def _fluxes(view: View) -> Array:
         return np.empty(0)
     theta, n = course.setting.theta[: len(simulator.parameters)], len(simulator.states)
     some = range(0, len(course.u), max(1, len(course.u) // 100))
-    return np.sqrt(np.mean([np.square(simulator.flux(course.middles[k, :n], course.u[k], theta)) for k in some], axis=0))
+    return np.sqrt(
+        np.mean([np.square(simulator.flux(course.middles[k, :n], course.u[k], theta)) for k in some], axis=0)
+    )

@@ -15,7 +15,7 @@ FINER, CLOSER = 12, 9.0
 
 
 def with_late(painter: Painter) -> Picture:
-    """The picture, searched, with all effects as they would be had they begun at the likeliest time, if there is one."""
+    """The picture, searched; if a time is likely at which effects began, then with all as begun at that time too."""
     shown = painter.picture()
     shown.sets.search()
     likeliest = _likeliest(shown)

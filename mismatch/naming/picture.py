@@ -36,6 +36,7 @@ class Picture:
         units: (V,) prior sd of each size, in the first parameter's unit.
         sets: their evidence.
         log: what makes the sets' evidence comparable with that of other views, nats.
+        excess: mean square that the unknowns leave, in noise variances, less one.
     """
 
     variants: tuple[Variant, ...]
@@ -44,6 +45,7 @@ class Picture:
     units: Array
     sets: Sets
     log: float
+    excess: float
 
     @property
     def names(self) -> list[str]:
@@ -119,7 +121,15 @@ class Painter:
             s=self.ground.s,
             since=np.array(since),
         )
-        return Picture(tuple(self.listed[i] for i in which), np.array(since), tuple(candidates), sd * typicals, sets, -0.5 * q)
+        return Picture(
+            tuple(self.listed[i] for i in which),
+            np.array(since),
+            tuple(candidates),
+            sd * typicals,
+            sets,
+            -0.5 * q,
+            excess,
+        )
 
     def cosines(self) -> Array:
         """(V,) squared cosines of each listed column with what was taken out of the view, the unknowns apart.
@@ -127,7 +137,10 @@ class Painter:
         Where a size can have one sign only, a column of the other sign is none.
         """
         n, v = self._own[0].shape[2], len(self.listed)
-        both = [np.concatenate((j, c, x[:, :, :1]), axis=2) for j, c, x in zip(self._own, self._columns, self.removed, strict=True)]
+        both = [
+            np.concatenate((j, c, x[:, :, :1]), axis=2)
+            for j, c, x in zip(self._own, self._columns, self.removed, strict=True)
+        ]
         G, b, _ = self.ground.products(self.view, both).over()
         G, b = G[: n + v + 1, : n + v + 1], b[: n + v + 1]
         reduced = eliminated(G, b, np.arange(n), self._mean, np.ones(n)).G

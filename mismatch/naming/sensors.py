@@ -76,7 +76,11 @@ def _most_likely(series: Sequence[Array], floor: float, start: tuple[float, floa
             return 1e12
         return sum(_surprise(c, white, coloured, np.exp(-1.0 / memory)) for c in columns)
 
-    first = np.log(np.clip(start, [1e-6 * floor**2, 1e-6 * floor**2, 2.0 * SHORTEST_MEMORY], [np.inf, np.inf, 0.9 * LONGEST_MEMORY]))
+    first = np.log(
+        np.clip(
+            start, [1e-6 * floor**2, 1e-6 * floor**2, 2.0 * SHORTEST_MEMORY], [np.inf, np.inf, 0.9 * LONGEST_MEMORY]
+        )
+    )
     options = {"maxfev": _EVALUATIONS, "xatol": 0.02, "fatol": 0.1}
     return np.asarray(np.exp(minimize(minus_log_likelihood, first, method="Nelder-Mead", options=options).x))
 

@@ -13,12 +13,15 @@ from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.view import View, scale_of
 from twinbench.mismatch.picture import Variant, is_amplitude, typical
+from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.physics.simulator import Array
 
 SETTLED = 1.0
 """Nats by which the evidence may still move."""
-TURNS, HALVINGS = 6, 4
+TURNS, SHORTENINGS = 8, 5
 """Linearisations of one hypothesis at most, and how often one step is shortened."""
+FAR_ROUNDS = 12
+"""Jacobians of a fit without discrepancy, from far off."""
 SHORTENED = 0.4
 """What is left of a step that is too long."""
 
@@ -101,36 +104,49 @@ class Settled:
         return self.problem.since[0] if self.effects and self.problem.since else -np.inf
 
 
-def settled(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground, s: Array) -> Settled:
+def settled(
+    problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground, s: Array, far: bool = False
+) -> Settled:
     """Linearise, move to the posterior mean, and again.
+
+    The evidence is that of a Gaussian around where the hypothesis stands (Laplace): what a step promises counts only
+    once it was made.
 
     Args:
         problem: with no effect in it; its unknowns stand at z (K,).
         s: (P,) discrepancy to begin with, per cent.
+        far: is the calibrated machine so far off that the discrepancy would take all steps? Then the hypothesis is
+            first fitted without one.
     """
     whole = replace(problem, unknowns=(*problem.unknowns, *(u for e in effects for u in _unknowns(problem, e))))
     bounds = _Bounds.of(whole)
     z, firsts = _start(whole, z, effects)
     z = np.clip(z, bounds.low, bounds.high)
+    if far:
+        z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
-    last = -np.inf
     for turn in range(1, TURNS + 1):
         view = View.around(whole, z)
         products, mean = ground.products(view, view.unknowns()), (whole.z0 - z) / bounds.scale
-        inner, learnt, cov, step = _posterior(products, mean, ground, s)
+        inner, learnt, cov, step, promised = _posterior(products, mean, ground, s)
         s = learnt.s
         moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
         sizes, sds = (moved - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
         log = inner.log + learnt.log - 0.5 * products.over()[2] + sum(e.prior for e in effects)
         log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
+        if promised > SETTLED:
+            log -= promised
+            sizes = (z - whole.z0)[firsts]
         if best is None or log > best.log:
             best = Settled(
                 tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, cov, products, mean, turn
             )
-        if turn > 1 and abs(log - last) < SETTLED:
+        if promised < SETTLED:
             break
-        last = log
-        z = _as_far_as_it_helps(whole, z, moved, ground, s)
+        ahead = _as_far_as_it_helps(whole, z, moved, ground, s)
+        if ahead is None:
+            break
+        z = ahead
     assert best is not None
     return best
 
@@ -157,7 +173,7 @@ def _entries(problem: Problem, variant: Variant) -> int:
 
 
 def _unknowns(problem: Problem, effect: Effect) -> list[Unknown]:
-    """An effect's size and, if it has any, its shape; an amplitude of several parameters moves them all by its first."""
+    """An effect's size and its shape, if it has one; of an amplitude the first parameter moves all the others."""
     candidate = problem.machine.candidates[effect.variant.candidate]
     found = []
     for place, (at, v) in enumerate(zip(candidate.at, candidate.mechanism.parameters, strict=True)):
@@ -185,8 +201,13 @@ def _start(whole: Problem, z: Array, effects: Sequence[Effect]) -> tuple[Array, 
     return np.concatenate(parts), firsts
 
 
-def _posterior(products: Products, mean: Array, ground: Ground, s: Array) -> tuple[Reduced, Learnt, Array, Array]:
-    """The discrepancy's form without the unknowns, what is learnt of it, the unknowns' covariance and their step."""
+def _posterior(
+    products: Products, mean: Array, ground: Ground, s: Array
+) -> tuple[Reduced, Learnt, Array, Array, float]:
+    """The discrepancy's form without the unknowns, what is learnt of it, the unknowns' covariance and their step.
+
+    Last the nats that the step promises.
+    """
     G, b, _ = products.over()
     n = len(mean)
     inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
@@ -195,11 +216,12 @@ def _posterior(products: Products, mean: Array, ground: Ground, s: Array) -> tup
     precision = 1.0 / np.maximum(learnt.s[ground.group], 1e-4) ** 2
     outer = eliminated(G, b, block, np.zeros(len(block)), precision)
     cov = cho_solve(cho_factor(outer.G + np.eye(n) * (1.0 + 1e-9)), np.eye(n))
-    return inner, learnt, cov, cov @ (outer.b + mean)
+    step = cov @ (outer.b + mean)
+    return inner, learnt, cov, step, 0.5 * float(step @ (outer.b + mean))
 
 
-def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground, s: Array) -> Array:
-    """The step, or as much of it as makes the fit better; all of a tiny one."""
+def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground, s: Array) -> Array | None:
+    """The step, or as much of it as makes the fit better; None if nothing does."""
     d = np.maximum(s[ground.group], 1e-4)
     some = np.flatnonzero(d**2 * np.diag(ground.FF.sum(axis=0)) > 1e-3)
     d = d[some]
@@ -219,8 +241,8 @@ def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground
         return total - (float((d * right) @ cho_solve(factor, d * right)) if len(some) else 0.0)
 
     here = cost(z)
-    for _ in range(HALVINGS):
+    for _ in range(SHORTENINGS):
         if cost(moved) < here:
             return moved
         moved = z + SHORTENED * (moved - z)
-    return moved
+    return None

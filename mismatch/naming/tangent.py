@@ -15,7 +15,7 @@ from twinbench.physics.integrate import INDICES, MATRIX
 from twinbench.physics.jit import FUNCTION, VECTOR
 
 CUBE = types.Array(types.float64, 3, "C")
-SMALL = 0.5
+SUMMED_BELOW = 0.5
 """Norm up to which the exponential's series is summed; larger matrices are halved until they are as small.
 Six terms then leave a relative error of 1e-6; more would change nothing."""
 TERMS = 7
@@ -44,7 +44,7 @@ def _exponential(A, h, E, G, X, term, spare):  # type: ignore[no-untyped-def]
             row += abs(A[i, j])
         norm = max(norm, row)
     doublings = 0
-    while norm * h > SMALL and doublings < 60:
+    while norm * h > SUMMED_BELOW and doublings < 60:
         h *= 0.5
         doublings += 1
     for i in range(n):
@@ -76,9 +76,7 @@ def _exponential(A, h, E, G, X, term, spare):  # type: ignore[no-untyped-def]
 
 
 @njit(
-    types.void(
-        FUNCTION, MATRIX, VECTOR, VECTOR, VECTOR, INDICES, MATRIX, types.float64, MATRIX, VECTOR, MATRIX
-    ),
+    types.void(FUNCTION, MATRIX, VECTOR, VECTOR, VECTOR, INDICES, MATRIX, types.float64, MATRIX, VECTOR, MATRIX),
     cache=True,
     error_model="numpy",
     nogil=True,

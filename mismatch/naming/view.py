@@ -58,9 +58,15 @@ class View:
                 theta[u.at] += step
                 fault = self._fault_at(u.at)
                 if fault is not None and fault.acts_on_output:
-                    direct[:, :, k] = self._of_sensor(course, r, theta, self.problem.since[r:r+1])[:, :, -1] / step * scale_of(u)
+                    direct[:, :, k] = (
+                        self._of_sensor(course, r, theta, self.problem.since[r : r + 1])[:, :, -1] / step * scale_of(u)
+                    )
                     continue
-                one = course.of_input(theta, step) if fault is not None else course.of_parameters(theta, step, self._since(r, u))
+                one = (
+                    course.of_input(theta, step)
+                    if fault is not None
+                    else course.of_parameters(theta, step, self._since(r, u))
+                )
                 if u.kind == "drift":
                     one = one.times(self._hat(r, k)[:, None])
                 acts.rates[:, :, k], acts.reads[:, :, k] = (part[:, :, 0] * scale_of(u) for part in one)
@@ -90,6 +96,7 @@ class View:
             probes: (V,) share of the typical size that each is tried with.
             since_s: T times; each variant also as it would be from then on.
         """
+
         def of(r: int) -> Array:
             course = self.courses[r]
             late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
@@ -132,6 +139,7 @@ class View:
 
     def of_discrepancy(self, d: Discrepancy, ports: Sequence[int]) -> list[Array]:
         """Columns of the random functions at some ports, (B, ny, P R) per recording."""
+
         def of(r: int) -> Array:
             course = self.courses[r]
             functions = d.functions(course)

@@ -35,7 +35,7 @@ _TINY = 1e-12
 
 @dataclass(frozen=True)
 class Picture:
-    """What is left of each candidate's column when all that is no mechanism has been projected out.
+    """What is left of each candidate's column in the training recordings, all that is no mechanism projected out.
 
     Attributes:
         names: of the candidates, foreign ones among them.
@@ -73,7 +73,9 @@ def picture(yardstick: Yardstick, there: Mapping[str, float], background_pct: fl
     sds = [_UNIFORM_SD] * len(machine.calibrate) + [_PHASE_SD] * (2 if machine.ambient else 0)
     sds += [feature_sd] * (2 * FEATURES if ripple else 0)
     gram, raw = np.zeros((len(listed) + len(sds),) * 2), np.zeros(len(listed))
-    for i in range(len(yardstick.takes)):
+    for i, take in enumerate(yardstick.takes):
+        if take.held_out:  # no engine may learn from it
+            continue
         own = np.stack([column[i] for column in columns])
         starts = linear.starts(i)
         part = _gram(machine, np.concatenate([own, linear.nuisances(i, ripple > 0.0), starts]))

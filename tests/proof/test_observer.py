@@ -98,12 +98,13 @@ def test_the_ripple_is_there_to_be_projected_out_where_there_is_one() -> None:
 
 
 def test_the_distance_from_none_is_what_a_fit_of_all_nuisances_at_once_leaves() -> None:
-    """By whitened least squares over all recordings together, starts and parameters one below the other."""
+    """By whitened least squares over the training recordings together, starts and parameters one below the other."""
     machine = replace(SHORT["two_tanks"], ambient=0.0)
     yardstick, size = measured(machine), 0.01
     view = picture(yardstick, {"leak@h1_cm": size}, 0.0, -np.inf)
     made = change_of(yardstick, named(machine, "leak@h1_cm")).of(size)
-    linear, takes, K = Linear(yardstick, -np.inf), len(yardstick.takes), len(machine.calibrate)
+    training = [i for i, take in enumerate(yardstick.takes) if not take.held_out]
+    linear, takes, K = Linear(yardstick, -np.inf), len(training), len(machine.calibrate)
     nx = len(yardstick.starts[0])
 
     def white(columns: np.ndarray) -> np.ndarray:
@@ -114,10 +115,10 @@ def test_the_distance_from_none_is_what_a_fit_of_all_nuisances_at_once_leaves() 
         return np.concatenate(channels, axis=-1).T
 
     rows, target = [], []
-    for i in range(takes):
+    for k, i in enumerate(training):
         own = white(yardstick.parameters[i])
         block = np.zeros((len(own), K + takes * nx))
-        block[:, :K], block[:, K + i * nx : K + (i + 1) * nx] = own, white(linear.starts(i))
+        block[:, :K], block[:, K + k * nx : K + (k + 1) * nx] = own, white(linear.starts(i))
         rows.append(block)
         target.append(white((made[i] - yardstick.base[i]).T[None])[:, 0])
     prior = np.diag([np.sqrt(3.0)] * K + [1.0 / 50.0] * (takes * nx))

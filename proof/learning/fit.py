@@ -1,0 +1,151 @@
+"""The decision learnt from collected cases: weights, thresholds, and how they do on machines that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import expit
+
+from twinbench.mismatch.naming.decision import FEATURES, features
+from twinbench.physics.simulator import Array
+
+SHRINKAGE = 1.0
+"""Penalty on the weights of standardised features, in squares of each: as of one case."""
+WRONG_NAMES = 0.01
+"""Promised rate of wrong names among all verdicts; half of what may be, since reported cases are others."""
+WRONG_SETS = 0.07
+"""Promised rate, among sets that are said, of those that do not hold the right name."""
+
+
+class Findings(NamedTuple):
+    """All findings of some cases.
+
+    Attributes:
+        x: (n, F) features.
+        right, holds: (n,) bool, is the name right, and does the set hold the right one?
+        group: (n,) the machine's name.
+        case: (n,) which case.
+    """
+
+    x: Array
+    right: np.ndarray
+    holds: np.ndarray
+    group: np.ndarray
+    case: np.ndarray
+
+
+def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
+    """Read off collected rows."""
+    found = [(i, row, f) for i, row in enumerate(rows) for f in row.get("findings", ())]
+    weights = [sum(p for n, p in f["weights"].items() if n in f["alike"]) for _, _, f in found]
+    x = [list(features(f["evidence"], w).values()) for (_, _, f), w in zip(found, weights, strict=True)]
+    return Findings(
+        np.array(x),
+        np.array([f["right"] for *_, f in found]),
+        np.array([f["holds"][1] for *_, f in found]),
+        np.array([row["machine"] for _, row, _ in found]),
+        np.array([i for i, *_ in found]),
+    )
+
+
+def logistic(x: Array, y: np.ndarray) -> Array:
+    """Constant and weights (1 + F,) of a ridge logistic regression in which nothing that speaks for speaks against.
+
+    Args:
+        x: (n, F) features.
+        y: (n,) bool.
+    """
+    mean, spread = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
+    z = np.column_stack((np.ones(len(x)), (x - mean) / spread))
+    sign = np.where(y, 1.0, -1.0)
+
+    def loss(w: Array) -> tuple[float, Array]:
+        margin = sign * (z @ w)
+        slope = -z.T @ (sign * expit(-margin))
+        slope[1:] += SHRINKAGE * w[1:]
+        return float(np.logaddexp(0.0, -margin).sum() + 0.5 * SHRINKAGE * np.sum(w[1:] ** 2)), slope
+
+    bounds = [(None, None)] + [(0.0, None)] * x.shape[1]
+    w = minimize(loss, np.zeros(z.shape[1]), jac=True, bounds=bounds, method="L-BFGS-B").x
+    return np.concatenate(([w[0] - np.sum(w[1:] * mean / spread)], w[1:] / spread))
+
+
+def left_out(found: Findings, y: np.ndarray) -> Array:
+    """(n,) probabilities, each by a rule that was learnt on all machines but the finding's own.
+
+    Args:
+        y: (n,) bool.
+    """
+    p = np.empty(len(y))
+    for machine in np.unique(found.group):
+        mine = found.group == machine
+        w = logistic(found.x[~mine], y[~mine])
+        p[mine] = expit(w[0] + found.x[mine] @ w[1:])
+    return p
+
+
+def least_probability(p: Array, wrong: np.ndarray, trials: int, rate: float) -> float:
+    """The least probability from which on what is said is wrong in no more than a rate of the trials.
+
+    Conformal risk control (Angelopoulos et al. 2022): one more wrong one is counted than was seen.
+
+    Args:
+        p: (n,) probabilities.
+        wrong: (n,) bool.
+        trials: cases, or what ``rate`` is a rate of.
+    """
+    for t in np.unique(np.concatenate((p, [0.5]))):
+        if t >= 0.5 and (np.sum(wrong & (p >= t)) + 1.0) / (trials + 1.0) <= rate:
+            return float(t)
+    return float(np.nextafter(p.max(initial=0.5), 1.0))
+
+
+def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """The rule as ``decision.json`` holds it, without provenance, and how it does on machines left out."""
+    rows = [row for row in rows if "failed" not in row]
+    found = findings(rows)
+    p, q = left_out(found, found.right), left_out(found, found.holds)
+    say_name = least_probability(p, ~found.right, len(rows), WRONG_NAMES)
+    sets = p < say_name
+    say_set = 1.0
+    for t in np.unique(np.concatenate(([0.5], q[sets]))):
+        said = sets & (q >= t)
+        if t >= 0.5 and said.any() and (np.sum(~found.holds[said]) + 1.0) / (said.sum() + 1.0) <= WRONG_SETS:
+            say_set = float(t)
+            break
+    named = p >= say_name
+    return {
+        "name": _weights(logistic(found.x, found.right)),
+        "holds": _weights(logistic(found.x, found.holds)),
+        "say_name": say_name,
+        "say_set": say_set,
+        "left_out": {
+            "cases": len(rows),
+            "findings": len(p),
+            "machines": len(np.unique(found.group)),
+            "right": int(found.right.sum()),
+            "named": int(named.sum()),
+            "named_wrong": int((named & ~found.right).sum()),
+            "sets": int((sets & (q >= say_set)).sum()),
+            "sets_without_it": int((sets & (q >= say_set) & ~found.holds).sum()),
+            "reliability_error": reliability_error(p, found.right),
+        },
+    }
+
+
+def reliability_error(p: Array, y: np.ndarray, bins: int = 10) -> float:
+    """Mean difference of stated and seen rates over bins of equal size.
+
+    Args:
+        p: (n,) stated probabilities.
+        y: (n,) bool.
+    """
+    order = np.array_split(np.argsort(p), bins)
+    return float(np.sum([len(i) * abs(p[i].mean() - y[i].mean()) for i in order if len(i)]) / len(p))
+
+
+def _weights(w: Array) -> dict[str, float]:
+    return {"constant": float(w[0])} | {name: float(v) for name, v in zip(FEATURES, w[1:], strict=True)}
