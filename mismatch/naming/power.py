@@ -134,7 +134,7 @@ class _Beside(NamedTuple):
         variance = 1.0 / (self.C[some, some] + widened**-2.0)
         mean = variance * right
         found = 0.5 * (mean * right + np.log(variance) - 2.0 * np.log(widened))
-        found[:, bounded] += one_sided(mean[:, bounded], np.sqrt(variance[bounded]), np.True_)
+        found[:, bounded] += one_sided(mean[:, bounded], np.sqrt(variance[bounded]), bounded[bounded])
         return found
 
 
