@@ -11,9 +11,13 @@ from twinbench.mismatch.followed import Followed, strangers, told_followed
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse, held_out, worse_outputs
+from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.stage_calibrate import Calibration
 from twinbench.mismatch.words import listed, number
 from twinbench.physics.simulator import Array
+
+REFITTED = 6
+"""Jacobians of a fit that begins where the hypothesis stands, twice."""
 
 
 class Proved(NamedTuple):
@@ -36,7 +40,7 @@ def proved(chosen: Settled, claims: Sequence[Claim], fit: Calibration, floor: Ar
         floor: (ny,) noise of block means, in the outputs' units.
     """
     before = Fit(fit.problem, fit.z)
-    mended = Fit(chosen.problem, chosen.at) if any(c.names for c in claims) else None
+    mended = _mended(chosen) if any(c.names for c in claims) else None
     held_before = held_out(*before, fit.held, fit.own, fit.held_first) if fit.held else None
     held_after: Held | None = None
     worse: tuple[Worse, ...] = ()
@@ -59,6 +63,13 @@ def proved(chosen: Settled, claims: Sequence[Claim], fit: Calibration, floor: Ar
         else told_followed(fit.tracks, last.residuals, outputs, False),
         strangers(last.residuals, held_last.residuals, outputs, floor) if held_last else (),
     )
+
+
+def _mended(chosen: Settled) -> Fit:
+    """The chosen effects fitted by forward runs: what a discrepancy explained is left to what a simulator can do."""
+    z, _ = solve(chosen.problem, chosen.at, REFITTED, share=NEARLY)
+    problem = chosen.problem.refined(z)
+    return Fit(problem, solve(problem, z, REFITTED, share=NEARLY)[0])
 
 
 def _spoilt(w: Worse) -> str:

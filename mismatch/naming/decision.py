@@ -25,7 +25,7 @@ LARGEST_SET = 3
 """Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
 FEATURES = (
     "against_nothing", "against_rival", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy",
-    "sds", "shows", "weight", "alone", "followed", "inside", "from_the_beginning", "physics",
+    "sds", "shows", "weight", "alone", "inside", "from_the_beginning", "physics",
 )  # fmt: skip
 """What speaks for a finding; each the more, the larger."""
 MOST_NATS = 50.0
@@ -91,7 +91,6 @@ def features(evidence: Mapping[str, float], weight: float) -> dict[str, float]:
         "shows": math.log(evidence["shows"] + 0.01),
         "weight": math.log((weight + 1e-3) / (1.0 - weight + 1e-3)),
         "alone": 1.0 - evidence["effects"],
-        "followed": -max(evidence["left"], 0.0),
         "inside": -evidence["at_bound"],
         "from_the_beginning": -evidence["late"],
         "physics": -evidence["fault"],

@@ -1,0 +1,343 @@
+"""Does an answer hold on the user's own case? All of it is linear algebra around the hypothesis that was chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+
+from twinbench.mismatch.naming.answer import PLAIN, Answer, name_of
+from twinbench.mismatch.naming.decision import CREDIBLE
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
+from twinbench.mismatch.naming.name import SINGLES
+from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
+from twinbench.mismatch.naming.power import RAISED, Power, power
+from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
+from twinbench.mismatch.naming.settle import Effect, Settled
+from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.variants import Variant, typical
+from twinbench.mismatch.words import count
+from twinbench.physics.simulator import Array
+
+DECOYS = 20
+"""Things that are certainly not there: one that is named stands for a rate of false names of 5 %."""
+ALIEN = 0.5
+"""Squared cosine with what may be there from which a shifted column is no decoy."""
+SPLITS, HALVED_PIECES = 5, 8
+"""Times that the recordings are parted in two halves, each recording in so many pieces of time."""
+REACH = 30.0
+"""Nats behind on all pieces from which a hypothesis is no rival on half of them: by chance it is ahead there once in
+ten thousand halves."""
+_LEAST_PCT = 1e-3  # a discrepancy is never smaller; as in the search
+
+
+@dataclass(frozen=True)
+class SelfCheck:
+    """What an answer is worth on the recordings that it comes from.
+
+    Attributes:
+        decoys_named: how many of ``decoys`` effects at the wrong time would have been named.
+        named_again: in how many of ``halves`` halves of the recordings the same is the likeliest.
+        power: for each candidate that is not named, the size at which it would have been.
+    """
+
+    decoys_named: int
+    decoys: int
+    named_again: int
+    halves: int
+    power: tuple[Power, ...]
+
+    @property
+    def says(self) -> tuple[str, ...]:
+        """One sentence each."""
+        decoys = f"Of {self.decoys} effects that are certainly not there, {count(self.decoys_named)} would be named."
+        if self.decoys_named:
+            decoys = f"{decoys[:-1]}: the noise or the discrepancy is not right here."
+        again = f"In {self.named_again} of {self.halves} halves of the recordings the same is the likeliest."
+        return decoys, again, *(p.says for p in self.power)
+
+
+class Rival(NamedTuple):
+    """A hypothesis among columns.
+
+    Attributes:
+        names: of its effects; ``key``, the positions of their columns.
+        s: (P,) the discrepancy beside it, per cent.
+        log: its evidence at its own fixed point, nats; NaN if it was never brought there.
+    """
+
+    names: tuple[str, ...]
+    key: Key
+    s: Array
+    log: float
+
+
+def checked(answer: Answer) -> SelfCheck:
+    """The decoys, the halves and the sizes of an answer; the same whenever it is asked."""
+    naming, chosen, rng = answer.naming, answer.chosen, np.random.default_rng(0)
+    candidates = chosen.problem.machine.candidates
+    there = {candidates[e.variant.candidate].family for e in chosen.effects}
+    others = [v for v in naming.painter.listed if candidates[v.candidate].family not in there]
+    view = View.around(chosen.problem, chosen.z)
+    shown = Painter(view, naming.ground, others, probes=naming.painter.probes).picture()
+    columns = Columns(view, chosen)
+    effects = [columns.of_effect(i) for i in range(len(chosen.effects))]
+    several = [chosen, *(h for h in naming.hypotheses if h is not chosen and h.log > chosen.log - REACH)]
+    rivals = [*columns.of_hypotheses(several, effects), *columns.of_more(shown, effects)]
+    tried = columns.of_decoys(shown, naming.painter.probes, rng)
+    pieces = Pieces.of(columns, naming.ground)
+    sets = pieces.sets()
+    decoys = unlike(sets, tried)
+    said = [{*f.credible(CREDIBLE), *f.alike} for f in answer.found]
+    ahead = nearer(pieces, rivals)
+    again = [is_said(likeliest(pieces, rivals, half, ahead), said) for half in pieces.halves(rng)]
+    rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
+    return SelfCheck(
+        decoys_named=len(named_decoys(sets, effects, decoys)),
+        decoys=len(decoys),
+        named_again=sum(again),
+        halves=len(again),
+        power=power(shown, rows, chosen.learnt.s),
+    )
+
+
+class Columns:
+    """Columns that sets are made of, in prior sds, around a hypothesis less its effects.
+
+    Attributes:
+        prior, bounded: of V columns, as of ``Sets``.
+        mean: (N,) prior mean of the unknowns that are no effect's, from where they stand, in prior sds.
+        residuals: (B, ny) per recording, in the outputs' units, as if the effects were absent.
+    """
+
+    def __init__(self, view: View, chosen: Settled) -> None:
+        self.view, self.chosen = view, chosen
+        self.prior: list[float] = []
+        self.bounded: list[bool] = []
+        some = zip(view.problem.unknowns, view.z, strict=True)
+        self._means = np.array([(u.mean - z) / scale_of(u) for u, z in some])
+        self.mean = self._means[: chosen.first]
+        self.residuals = [r.copy() for r in view.residuals]
+        self._unknowns = view.unknowns()
+        self._parts = [[u[:, :, : chosen.first]] for u in self._unknowns]
+
+    def of(self, r: int) -> Array:
+        """(B, ny, N + V) of a recording, in the outputs' units: unknowns first."""
+        return np.concatenate(self._parts[r], axis=2)
+
+    def of_effect(self, i: int) -> Key:
+        """An effect of the hypothesis: its size, and what shapes it comes with it."""
+        effect, at = self.chosen.effects[i], self.chosen.entries(i)
+        shapes = at.stop - at.start - 1
+        turn = np.array([np.sign(self.chosen.sizes[i]) or 1.0] + [1.0] * shapes)
+        for residual, u in zip(self.residuals, self._unknowns, strict=True):
+            residual -= u[:, :, at.start] * self._means[at.start]
+        one = one_way(self.chosen.problem.machine.candidates[effect.variant.candidate])
+        columns = [u[:, :, at] * turn for u in self._unknowns]
+        return self._add(columns, [effect.prior] + [0.0] * shapes, [one] + [False] * shapes)
+
+    def of_hypotheses(self, several: Sequence[Settled], own: Sequence[Key]) -> list[Rival]:
+        """What each hypothesis is made of: its effects, each as it stands there.
+
+        Args:
+            own: positions of the chosen hypothesis's effects.
+        """
+        machine, since_s = self.chosen.problem.machine, self.chosen.since_s
+        known = {(e.variant.candidate, since_s): key for e, key in zip(self.chosen.effects, own, strict=True)}
+        new: dict[tuple[Variant, float], Effect] = {}
+        for h in several:
+            new |= {(e.variant, h.since_s): e for e in h.now if (e.variant.candidate, h.since_s) not in known}
+        made: dict[tuple[Variant, float], Key] = {}
+        for late in {since for _, since in new}:
+            effects = [e for (_, since), e in new.items() if since == late]
+            made |= {(e.variant, late): (k,) for e, k in zip(effects, self._of(effects, late), strict=True)}
+        found = []
+        for h in several:
+            parts = [known.get((e.variant.candidate, h.since_s)) or made[e.variant, h.since_s] for e in h.now]
+            found.append(Rival(tuple(name_of(machine, e) for e in h.now), _joined(parts), h.learnt.s, h.log))
+        return found
+
+    def of_more(self, shown: Picture, own: Sequence[Key]) -> list[Rival]:
+        """The chosen hypothesis with one effect more: those of a picture around it that add most."""
+        names = tuple(name_of(self.chosen.problem.machine, e) for e in self.chosen.effects)
+        gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_PCT))
+        best: dict[str, int] = {}
+        for i in np.argsort(-gains):
+            if np.isfinite(gains[i]) and shown.since[i] == -np.inf and len(best) < SINGLES:
+                best.setdefault(shown.names[i], int(i))
+        prior, units = shown.sets.prior, shown.units
+        effects = [Effect(shown.variants[i], float(units[i]), float(units[i]), float(prior[i])) for i in best.values()]
+        keys = self._of(effects, -np.inf)
+        s = self.chosen.learnt.s
+        return [Rival((*names, n), _joined([*own, (k,)]), s, np.nan) for n, k in zip(best, keys, strict=True)]
+
+    def of_decoys(self, shown: Picture, probes: Mapping[Variant, float], rng: np.random.Generator) -> Key:
+        """Twice as many as are wanted: columns of candidates, moved on by a quarter to three quarters of a recording.
+
+        What leaves it at its end comes in at its beginning.
+
+        Args:
+            probes: share of its typical size that each variant is tried with.
+        """
+        there = np.flatnonzero(shown.sets.usable & (shown.since == -np.inf))
+        if not len(there):
+            return ()
+        some = np.resize(rng.permutation(there), 2 * DECOYS)
+        variants = [shown.variants[i] for i in some]
+        units = shown.units[some] / [abs(typical(shown.candidates[i])) for i in some]
+        columns = self.view.of_variants(variants, np.array([probes[v] for v in variants]))
+        moved = []
+        for c in columns:
+            shifts = (rng.uniform(0.25, 0.75, len(some)) * len(c)).astype(int)
+            moved.append(np.stack([np.roll(c[:, :, k], s, axis=0) * units[k] for k, s in enumerate(shifts)], axis=2))
+        return self._add(moved, shown.sets.prior[some], shown.sets.bounded[some])
+
+    def _of(self, effects: Sequence[Effect], since_s: float) -> Key:
+        """Effects that are absent here, one column each, from a time on."""
+        if not effects:
+            return ()
+        candidates = [self.chosen.problem.machine.candidates[e.variant.candidate] for e in effects]
+        plain = np.array([abs(typical(c)) for c in candidates])
+        probes = np.maximum(np.abs([e.size for e in effects]) / plain, LEAST_PROBE)
+        times = [since_s] if since_s > -np.inf else []
+        columns = self.view.of_variants([e.variant for e in effects], probes, times)
+        units, step = np.array([e.sd for e in effects]) / plain, 1 + len(times)
+        last = [c[:, :, step - 1 :: step] * units for c in columns]
+        return self._add(last, [e.prior for e in effects], [one_way(c) for c in candidates])
+
+    def _add(self, columns: Sequence[Array], prior: Iterable[float], bounded: Iterable[bool]) -> Key:
+        first = len(self.prior)
+        for parts, c in zip(self._parts, columns, strict=True):
+            parts.append(c)
+        self.prior += map(float, prior)
+        self.bounded += map(bool, bounded)
+        return tuple(range(first, len(self.prior)))
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """Products of whitened columns, per recording and piece of time.
+
+    Attributes:
+        products: (R, P, K, K) of N unknowns, V columns that sets are made of, F functions of the discrepancy, and
+            residuals.
+        mean: (N,) prior mean of the unknowns, in prior sds.
+        prior, bounded: (V,) as of ``Sets``.
+        group, s: (F,) port of each function, and (P,) the discrepancy beside the chosen hypothesis, per cent.
+    """
+
+    products: Array
+    mean: Array
+    prior: Array
+    bounded: np.ndarray
+    group: np.ndarray
+    s: Array
+
+    @classmethod
+    def of(cls, columns: Columns, ground: Ground) -> Pieces:
+        """Whiten, and multiply piece by piece; functions of which nothing shows are left out."""
+        s = columns.chosen.learnt.s
+        largest = RAISED * np.maximum(s, ground.s)[ground.group]
+        some = np.flatnonzero(largest**2 * np.diag(ground.FF.sum(axis=0)) > UNTOLD)
+        products = []
+        for r, residual in enumerate(columns.residuals):
+            white = ground.whitened(r, columns.of(r), residual)
+            white = np.concatenate((white[:, :-1], ground.white[r][:, some], white[:, -1:]), axis=1)
+            products.append([part.T @ part for part in np.array_split(white, HALVED_PIECES)])
+        prior, bounded = np.array(columns.prior), np.array(columns.bounded, dtype=bool)
+        return cls(np.array(products), columns.mean, prior, bounded, ground.group[some], s)
+
+    def _reduced(self, G: Array) -> Reduced:
+        n = len(self.mean)
+        return eliminated(G[:-1, :-1], G[:-1, -1], np.arange(n), self.mean, np.ones(n))
+
+    def sets(self) -> Sets:
+        """Evidence on all of them, the discrepancy's size to be learnt."""
+        G, n, v = self.products.sum(axis=(0, 1)), len(self.mean), len(self.prior)
+        reduced, always = self._reduced(G), np.full(v, -np.inf)
+        usable = np.diag(reduced.G)[:v] > PARAMETER * np.diag(G)[n : n + v]
+        return Sets(reduced, self.group, self.prior, self.bounded, np.arange(v), usable, self.s, always)
+
+    def halves(self, rng: np.random.Generator) -> Iterator[np.ndarray]:
+        """Halves (R, P) bool: half of each recording's pieces, then the other half."""
+        for _ in range(SPLITS):
+            first = np.array([rng.permutation(HALVED_PIECES) < HALVED_PIECES // 2 for _ in self.products])
+            yield first
+            yield ~first
+
+    def logs(self, which: np.ndarray, rivals: Sequence[Rival]) -> Array:
+        """(K,) evidence of each on some pieces, (R, P) bool, nats; the discrepancy as large as on all of them."""
+        reduced = self._reduced(self.products[which].sum(axis=0))
+        return np.array([self._log(reduced, r) for r in rivals])
+
+    def _log(self, reduced: Reduced, rival: Rival) -> float:
+        key, v = list(rival.key), len(self.prior)
+        precision = 1.0 / np.maximum(rival.s[self.group], _LEAST_PCT) ** 2
+        telling = np.flatnonzero(np.diag(reduced.G)[v:] > UNTOLD * precision)
+        some, k = np.array([*key, *(v + telling)], dtype=int), len(key)
+        G, b = reduced.G[np.ix_(some, some)], reduced.b[some]
+        beside = eliminated(G, b, k + np.arange(len(telling)), np.zeros(len(telling)), precision[telling])
+        cov = np.linalg.inv(beside.G + np.eye(k))
+        mean = cov @ beside.b
+        log = beside.log - 0.5 * float(np.sum((rival.s / DISCREPANCY_PCT) ** 2)) + float(self.prior[key].sum())
+        log += 0.5 * float(beside.b @ mean) + 0.5 * float(np.linalg.slogdet(cov)[1])
+        return log + float(one_sided(mean, np.sqrt(np.diag(cov)), self.bounded[key]).sum())
+
+
+def unlike(sets: Sets, tried: Key) -> Key:
+    """Columns, the last of a view, that are no parameter and like nothing that may be there; as many as are wanted."""
+    at, known = np.array(tried, dtype=int), np.arange(sets.many - len(tried))
+    squares = np.maximum(np.diag(sets.reduced.G), 1e-300)
+    like = sets.reduced.G[np.ix_(at, known)] ** 2 / np.outer(squares[at], squares[known])
+    return tuple(int(d) for d in at[sets.usable[at] & (like.max(axis=1, initial=0.0) < ALIEN)][:DECOYS])
+
+
+def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key) -> set[int]:
+    """Decoys that would be named beside the effects, or in the place of one."""
+    best, found = sets.score(_joined(effects)), set()
+    for out in (None, *range(len(effects))):
+        rest = sets.score(_joined(key for i, key in enumerate(effects) if i != out))
+        wanted = best.log + (PLAIN if out is None else 0.0)
+        gains = np.maximum(*(sets.quick(rest.key, np.maximum(rest.learnt.s * f, _LEAST_PCT)) for f in (1.0, 0.15)))
+        near = [d for d in decoys if rest.log + gains[d] > wanted - PLAIN]
+        found |= {d for d in near if sets.score((*rest.key, d)).log > wanted}
+    return found
+
+
+def nearer(pieces: Pieces, rivals: Sequence[Rival]) -> Array:
+    """(K,) nats by which each is likelier at its own fixed point than it looks from the first's.
+
+    One that was never brought there counts as the first does.
+    """
+    every = np.ones(pieces.products.shape[:2], dtype=bool)
+    found = np.array([r.log for r in rivals]) - pieces.logs(every, rivals)
+    return np.where(np.isnan(found), found[0], found)
+
+
+def likeliest(pieces: Pieces, rivals: Sequence[Rival], half: np.ndarray, ahead: Array) -> tuple[str, ...]:
+    """Names of the likeliest hypothesis in a half.
+
+    One with more effects than the first has to be twenty times likelier, as in the answer.
+
+    Args:
+        half: (R, P) bool.
+        ahead: (K,) nats that each is likelier than it looks, on all pieces; on half of them half as many.
+    """
+    logs = pieces.logs(half, rivals) + 0.5 * ahead
+    logs -= PLAIN * np.array([len(r.names) > len(rivals[0].names) for r in rivals])
+    return rivals[int(np.argmax(logs))].names
+
+
+def is_said(names: tuple[str, ...], said: Sequence[set[str]]) -> bool:
+    """Are these, one for one, among what was said of each effect?"""
+    return len(names) == len(said) and any(
+        all(n in some for n, some in zip(order, said, strict=True)) for order in permutations(names)
+    )
+
+
+def _joined(keys: Iterable[Key]) -> Key:
+    return tuple(k for key in keys for k in key)
