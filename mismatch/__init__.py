@@ -12,14 +12,14 @@ from typing import Unpack
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked, Progress, silent
-from twinbench.mismatch.guards import Guards
+from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.joining import AUTO
 from twinbench.mismatch.told import Knowledge, Told
-from twinbench.mismatch.verdict import Finding, Verdict, conclude
+from twinbench.mismatch.verdict import Verdict, conclude
 from twinbench.mismatch.walk import examine
 from twinbench.physics.simulator import Mechanism, Series, Simulator
 
-__all__ = ["Finding", "Guards", "Verdict", "ablated", "diagnose"]
+__all__ = ["Finding", "Verdict", "diagnose"]
 
 
 def diagnose(
@@ -39,8 +39,8 @@ def diagnose(
         recordings: of the machine, to learn from: channels are the simulator's inputs, then its outputs, in their
             units, as ``read_recordings`` gives them.
         hold_out: recordings of another operating regime. No parameter is learnt from them, but how each starts and
-            drifts is, and they choose among explanations. Without any, the last recording is held out, or the last
-            30 % of the only one.
+            drifts is, and they choose nothing: they may refuse what was found. Without any, the last recording is
+            held out, or the last 30 % of the only one.
         catalogue: what may be missing; everything that we know of if left out.
         progress: told the stage's name and the share of it that is done.
         faults: of sensors and inputs that are known, of nominal size: those that a ``model.toml`` holds.
@@ -57,15 +57,3 @@ def diagnose(
     """
     asked = Asked(simulator, recordings, hold_out, catalogue, faults, inputs, Told(**told))
     return conclude(examine(asked, progress))
-
-
-def ablated(
-    guards: Guards,
-    simulator: Simulator,
-    recordings: Sequence[Recording],
-    hold_out: Sequence[Recording] = (),
-    catalogue: Sequence[Mechanism] | None = None,
-    progress: Progress = silent,
-) -> Verdict:
-    """As ``diagnose``, but with only these guards against naming what is not there: to see what each is for."""
-    return conclude(examine(Asked(simulator, recordings, hold_out, catalogue), progress, guards))

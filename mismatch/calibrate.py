@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from twinbench.mismatch.explanation import rewhitened
 from twinbench.mismatch.fit import KNOT_EVERY_S, KNOTS_LEAST, Problem, Unknown
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.noise import Whitener, noise_floor
+from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
@@ -28,14 +28,21 @@ def calibrated(
         advance: told the share that is done.
     """
     unknowns = (*shared_unknowns(machine.simulator), *own_unknowns(machine.simulator, tracks))
-    problem = Problem(machine, tracks, unknowns, Whitener(np.zeros((len(floor), 0)), floor))
+    problem = Problem(machine, tracks, unknowns, floor)
     z, _ = solve(problem, problem.z0, 12, share=NEARLY, advance=lambda share: advance(0.6 * share))
     # What blocks leave out depends on where the fit is.
     problem = problem.refined(z)
     z, _ = solve(problem, z, 4, share=NEARLY, advance=lambda share: advance(0.6 + 0.2 * share))
-    # The colour of the noise is learnt last: learnt on the misfit, it would take the misfit for noise.
-    problem = rewhitened(problem.refined(z), z, floor, 0)
+    # What errors are to be expected is learnt last: an output that is far off must not decide for the others.
+    problem = problem.refined(z)
+    problem = replace(problem, sd=np.maximum(_rms(problem.residuals(z)), floor))
     return problem, *solve(problem, z, 4, advance=lambda share: advance(0.8 + 0.2 * share))
+
+
+def _rms(residuals: Sequence[Array]) -> Array:
+    """(ny,) over all recordings; nothing where nothing was measured."""
+    squares = np.concatenate([np.square(r) for r in residuals])
+    return np.array([np.sqrt(np.mean(c[np.isfinite(c)])) if np.isfinite(c).any() else 0.0 for c in squares.T])
 
 
 def is_parameter(simulator: Simulator, mechanism: Mechanism) -> bool:

@@ -1,32 +1,17 @@
-"""Before and after a fit: are the recordings fit to learn from, and is what is left nothing but noise?"""
+"""Before a fit: are the recordings fit to learn from?"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2, norm
 
-from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.tracks import LOST, Track, lost
-from twinbench.physics.simulator import Array, Simulator
+from twinbench.physics.simulator import Simulator
 
-LAGS = 20
 MOST_SPIKES_NAMED = 3
 """Spikes that a remark names; the verdict's file holds all."""
-
-
-class Test(NamedTuple):
-    """One test of whitened residuals; ``p`` after Holm's correction over its family."""
-
-    what: str  # "level", "whiteness" or "input"
-    recording: str
-    channel: str
-    statistic: float
-    p: float
-    says: str
 
 
 def audit(tracks: Sequence[Track], simulator: Simulator) -> list[str]:
@@ -68,47 +53,6 @@ def _spikes(taken: Sequence[Spike], readings: int) -> str:
     more = f" and {len(taken) - MOST_SPIKES_NAMED} more" if len(taken) > MOST_SPIKES_NAMED else ""
     what = "one reading was" if len(taken) == 1 else f"{len(taken)} of {readings} readings were"
     return f"{what} taken out as spikes, which the simulator does not follow: {first}{more}"
-
-
-def residual_tests(
-    tracks: Sequence[Track], residuals: Sequence[Array], whitener: Whitener, floor: Array, simulator: Simulator
-) -> list[Test]:
-    """Level against the noise floor, whiteness (Ljung-Box) and correlation with inputs, Holm-corrected.
-
-    Args:
-        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
-        floor: (ny,) noise of block means by second differences, in the outputs' units.
-    """
-    found: list[Test] = []
-    for track, residual in zip(tracks, residuals, strict=True):
-        white = whitener(residual)
-        for c, variable in enumerate(simulator.outputs):
-            e = white[:, c][np.isfinite(white[:, c])]
-            if len(e) < 2 * LAGS:
-                continue
-            ratio = float(np.nanmean(residual[:, c] ** 2) / max(floor[c], 1e-300) ** 2)
-            rho = np.array([np.mean(e[k:] * e[:-k]) for k in range(1, LAGS + 1)]) / np.mean(e**2)
-            box = float(len(e) * np.sum(rho**2))
-            found.append(
-                Test(
-                    "whiteness",
-                    track.name,
-                    variable.name,
-                    box,
-                    float(chi2.sf(box, LAGS)),
-                    f"residual of {variable.name} is autocorrelated; its variance is {ratio:.3g} times the noise floor",
-                )
-            )
-            for i, source in enumerate(simulator.inputs):
-                u = np.array([track.u[k, i] for k in track.starts])[np.isfinite(white[:, c])]
-                if np.ptp(u) == 0.0:
-                    continue
-                r = float(np.corrcoef(u, e)[0, 1])
-                p = float(2.0 * norm.sf(abs(r) * np.sqrt(len(e))))
-                found.append(
-                    Test("input", track.name, variable.name, r, p, f"residual of {variable.name} follows {source.name}")
-                )
-    return [test._replace(p=p) for test, p in zip(found, holm([t.p for t in found]), strict=True)]
 
 
 def holm(p: Sequence[float]) -> list[float]:

@@ -3,47 +3,54 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from twinbench.mismatch.checks import Test
-from twinbench.mismatch.explanation import Explanation
+from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.joining import Joined
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.picture import Picture
-from twinbench.mismatch.proof import BorneOut, Gain, Held, Worse
-from twinbench.mismatch.rivals import Rivals
+from twinbench.mismatch.naming.answer import Answer
+from twinbench.mismatch.naming.decision import Claim
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.proof import Held, Worse
+from twinbench.mismatch.residual_tests import Test
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.stuck import Stuck
 from twinbench.mismatch.tracks import Track
-from twinbench.mismatch.transfer import Transfer
 from twinbench.physics.simulator import Array, Simulator
+
+
+class Fit(NamedTuple):
+    """A problem and where its unknowns stand, z (K,), each in its own unit."""
+
+    problem: Problem
+    z: Array
+
+    @property
+    def residuals(self) -> list[Array]:
+        """Block means measured minus simulated, (B, ny) per recording, in the outputs' units."""
+        return self.problem.residuals(self.z)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """Everything that the walk found, for words, tables and figures.
 
-    The fields stand in the order of the stages: what was seen, what was fitted, what the held-out recordings say.
+    The fields stand in the order of the stages: what was seen, what was fitted, what was weighed, what the held-out
+    recordings say.
 
     Attributes:
         floor: (ny,) noise of block means, in the outputs' units.
-        before: the calibrated original model and its fit.
-        chosen: the explanation that was accepted, or None.
-        tried: explanations fitted in full on the way, best first.
-        rivals: for each effect of ``chosen``, what these data cannot tell from it.
-        threshold: gain that noise alone reaches in one of a hundred recordings, or the least gain.
-        share: what was gained on held-out recordings; None without any.
-        there: is what ``best`` adds to the outputs in the held-out readings.
-        transferred: do many sizes together hold on the held-out recordings; None if they are few.
-        worse: held-out outputs that ``best`` spoils beyond chance; it is refused then.
+        joined: how inputs go between samples.
         stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
         spikes: readings that were taken out, of all recordings.
-        joined: how inputs go between samples.
-        fitted: everything that was fitted in full under the final noise.
-        losses: units that each set of names among it lies behind ``best``, on fitted recordings and, where it is near,
-            on those held out too; no effect at all is the empty set.
-        weighed_on_held_out: explanations that the held-out recordings were used to choose among.
-        followed: how much of each output the accepted simulator explains, or the calibrated one.
+        before: the calibrated simulator.
+        answer: all hypotheses weighed, and the chosen one.
+        claims: what is said of it.
+        mended: the simulator with the chosen effects; None where none is named.
+        worse: held-out outputs that the chosen effects spoil beyond chance; then none is named, as ``refused`` says.
+        followed: how much of each output the mended simulator explains, or the calibrated one.
+        strange: why errors on held-out recordings are other than those where it learnt, output by output.
     """
 
     simulator: Simulator
@@ -57,28 +64,32 @@ class Diagnosis:
     spikes: tuple[Spike, ...]
     remarks: list[str]
 
-    before: Explanation
-    best: Explanation | None
-    chosen: Explanation | None
-    tried: list[Explanation]
-    fitted: list[Explanation]
-    shown: Picture
-    threshold: float
+    before: Fit
     tests: list[Test]
-    rivals: list[Rivals]
-    losses: dict[frozenset[str], float]
+
+    answer: Answer
+    claims: tuple[Claim, ...]
+    mended: Fit | None
 
     held_before: Held | None
     held_after: Held | None
-    share: Gain | None
-    there: BorneOut | None
-    transferred: Transfer | None
     worse: tuple[Worse, ...]
     refused: str
-    weighed_on_held_out: int
     followed: tuple[Followed, ...]
+    strange: tuple[str, ...]
+
+    @property
+    def accepted(self) -> Settled:
+        """The hypothesis that is told: the chosen one, or that nothing is missing."""
+        return self.answer.chosen if self.mended is not None else self.answer.naming.null
 
     @property
     def unfollowed(self) -> tuple[Followed, ...]:
         """Outputs that do something which the simulator explains nothing of."""
         return tuple(f for f in self.followed if not f.follows)
+
+    @property
+    def noise_sd(self) -> Array:
+        """(ny,) standard deviation of the sensors' noise in block means, in the outputs' units."""
+        noise = self.answer.naming.ground.noise
+        return (noise.white + noise.coloured) ** 0.5

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinbench.mismatch.limits import knees
+from twinbench.mismatch.limits import knees, upper_limit
 from twinbench.mismatch.place import bracketed
 from twinbench.mismatch.reversal import Turned
 from twinbench.mismatch.series import delay_reading, delay_steps, held, lag_reading, lag_steps, stuck_from
@@ -171,7 +171,5 @@ class _Channel:
 
 
 def _limit(v: Variable) -> Variable:
-    """Where a channel saturates: within two scales of its nominal value, typically half a scale above."""
-    low, high = max(v.low, v.nominal - 2.0 * v.scale), min(v.high, v.nominal + 2.0 * v.scale)
-    typical = min(v.nominal + 0.5 * v.scale, high)
+    low, high, typical = upper_limit(v)
     return Variable(f"limit_{v.name}", v.unit, low, high, typical, v.scale, f"highest value of {v.name}")

@@ -2,47 +2,27 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from twinbench.mismatch import evidence
+from twinbench.mismatch.began import Onset, begins, told_onsets
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.evidence import Onset
-from twinbench.mismatch.explanation import Explanation, residual_chi2
-from twinbench.mismatch.force import as_force, inertia
-from twinbench.mismatch.locate import Located, regime
-from twinbench.mismatch.words import digits_worth, interval, listed, number, sentence, spoken, with_unit
-from twinbench.physics.simulator import Array, Mechanism, Port, Simulator, Term
+from twinbench.mismatch.naming.answer import Unnamed
+from twinbench.mismatch.naming.decision import Claim
+from twinbench.mismatch.regime import regime
+from twinbench.mismatch.sizes import Value, force, formula, sizes
+from twinbench.mismatch.words import listed, number, sentence, with_unit
+from twinbench.physics.simulator import Port, Simulator
 
-Z90 = 1.645
-KINDS = {"physics": "missing physics"}
-SURE, NEARLY_SURE = 0.9, 0.99
-"""Probability from which a name counts as sure, and above which probabilities are not told apart: the weights are not
-known so well."""
-LARGEST_SET = 3
-"""Things that a set may hold names for and still say something."""
-
-
-@dataclass(frozen=True)
-class Value:
-    """A number with its 90 % interval; ``before`` for what a parameter was, ``says`` for what it is."""
-
-    name: str
-    value: float
-    low: float
-    high: float
-    unit: str
-    before: float | None = None
-    says: str = ""
-
-    def words(self, of: str = "") -> str:
-        """How large it is and, after what the interval is ``of``, how sure that is."""
-        digits = digits_worth(self.value, self.low, self.high)
-        return f"{with_unit(self.value, self.unit, digits)} ({of}{interval(self.low, self.high, digits)})"
+PHYSICS, SENSOR, UNEXPLAINED = "missing physics", "sensor fault", "unexplained"
+"""Kinds of findings: of the machine, of a sensor or an input, and what has no name or one of either kind."""
+NEARLY_SURE = 0.99
+"""Probability above which probabilities are not told apart: they are not known so well."""
+SELDOM = 0.01
+"""Probability below which a port or a name is not told."""
 
 
 @dataclass(frozen=True)
@@ -50,35 +30,37 @@ class Finding:
     """One thing that is wrong. Fields as in ``verdict.json``.
 
     Attributes:
-        mechanism: its name; None where nothing, or too much, would fit.
-        probability: of the name, over everything that was fitted; None where it was weighed against nothing.
-        indistinguishable_from: other names that a set of few holds.
-        candidates: all names that cannot be told apart, its own first.
+        mechanism: its name, the likeliest where several fit; None where none does.
+        indistinguishable_from: the other names that it may have.
+        alike: are these one thing, which no recording of these channels tells apart?
+        probability: that what is said is right; None of what was not weighed.
+        weights: probability of each name in its place, likeliest first.
         since_s: when it began, on the recordings' clock; None where it began in none of them.
         onsets: where it is, recording by recording, if not everywhere.
         force: its size as a force, where the port is a balance of forces.
     """
 
     kind: str
-    mechanism: str | None
-    term: str
-    probability: float | None
-    indistinguishable_from: tuple[str, ...]
-    candidates: tuple[str, ...]
-    port: Port | None
-    ports: tuple[tuple[Port, float], ...]
-    since_s: float | None
-    onsets: tuple[Onset, ...]
-    intervals_s: tuple[tuple[float, float], ...]
-    regime: str
-    parameters: tuple[Value, ...]
-    force: Value | None
     says: str
+    mechanism: str | None = None
+    term: str = ""
+    probability: float | None = None
+    indistinguishable_from: tuple[str, ...] = ()
+    alike: bool = False
+    weights: Mapping[str, float] = field(default_factory=dict)
+    port: Port | None = None
+    ports: tuple[tuple[Port, float], ...] = ()
+    since_s: float | None = None
+    onsets: tuple[Onset, ...] = ()
+    intervals_s: tuple[tuple[float, float], ...] = ()
+    regime: str = ""
+    parameters: tuple[Value, ...] = ()
+    force: Value | None = None
 
     @property
-    def is_sure(self) -> bool:
-        """Is it a single name that everything else that was fitted leaves probable?"""
-        return len(self.candidates) == 1 and self.probability is not None and self.probability >= SURE
+    def names(self) -> tuple[str, ...]:
+        """All names that it may have, likeliest first."""
+        return (self.mechanism, *self.indistinguishable_from) if self.mechanism is not None else ()
 
     def to_dict(self) -> dict[str, Any]:
         """Its part of ``verdict.json``."""
@@ -87,37 +69,17 @@ class Finding:
             "port": str(self.port or ""),
             "ports": [{"port": str(port), "probability": p} for port, p in self.ports],
             "onsets": [o._asdict() for o in self.onsets],
-            "parameters": {v.name: plain(v) for v in self.parameters},
-            "force": plain(self.force) if self.force else None,
+            "parameters": {v.name: v.plain for v in self.parameters},
+            "force": self.force.plain if self.force else None,
         }
 
 
-UNNAMED = Finding(
-    kind="unexplained",
-    mechanism=None,
-    term="",
-    probability=None,
-    indistinguishable_from=(),
-    candidates=(),
-    port=None,
-    ports=(),
-    since_s=None,
-    onsets=(),
-    intervals_s=(),
-    regime="",
-    parameters=(),
-    force=None,
-    says="",
-)
-"""What is wrong and has no name."""
+def findings(d: Diagnosis) -> tuple[Finding, ...]:
+    """Sensors that stand still, then what the claims say."""
+    return (*_stuck(d), *(_claimed(d, claim) if claim.found else _beside(d, claim) for claim in d.claims))
 
 
-def plain(value: Value) -> dict[str, Any]:
-    """A value as JSON has it."""
-    return {"value": value.value, "low": value.low, "high": value.high, "unit": value.unit}
-
-
-def stuck(d: Diagnosis) -> Iterator[Finding]:
+def _stuck(d: Diagnosis) -> Iterator[Finding]:
     """Sensors that stand still, one finding per channel."""
     for c in sorted({s.channel for s in d.stuck}):
         v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
@@ -131,144 +93,117 @@ def stuck(d: Diagnosis) -> Iterator[Finding]:
         )
         says = f"the sensor of {v.name} stands still ({name}, at {port}): {where}; its readings there were set aside"
         times = tuple((s.since_s, s.until_s) for s in stretches)
-        yield replace(
-            UNNAMED,
-            kind="sensor fault",
-            mechanism=name,
-            candidates=(name,),
-            port=port,
-            ports=((port, 1.0),),
-            since_s=times[0][0],
-            intervals_s=times,
-            says=sentence(says),
+        yield Finding(
+            SENSOR, sentence(says), name, port=port, ports=((port, 1.0),), since_s=times[0][0], intervals_s=times
         )
 
 
-def named(d: Diagnosis, located: Located | None) -> Iterator[Finding]:
-    """The effects of the accepted explanation."""
-    assert d.chosen is not None
-    ports = located.ports if located is not None else ()
-    covariance = uncertainty(d.chosen)
-    at, where = d.chosen.first, regime(d)
-    onsets, weights = evidence.onsets(d), evidence.probabilities(d)
-    began = [o.since_s for o in onsets if o.since_s is not None]
-    since_s = min(began) if began else None
+def _claimed(d: Diagnosis, claim: Claim) -> Finding:
+    """What a claim says of an effect of the chosen hypothesis."""
+    assert claim.found is not None
+    kind_of = {c.name: PHYSICS if c.mechanism.kind == "physics" else SENSOR for c in d.machine.candidates}
+    # Names that are one thing are of the likeliest's kind.
+    kinds = {kind_of[name] for name in (claim.names[:1] if claim.alike else claim.names)}
+    found = Finding(
+        kind=kinds.pop() if len(kinds) == 1 else UNEXPLAINED,
+        says="",
+        probability=claim.probability,
+        alike=claim.alike and len(claim.names) > 1,
+        weights={name: p for name, p in claim.found.weights.items() if p > SELDOM},
+        port=claim.port,
+        ports=_ports_of(d, claim.found.weights),
+    )
+    if not claim.names:
+        return replace(found, says=_unnamed_says(d, claim))
+    mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
+    values = sizes(d, claim.found.place)
+    since_s = d.answer.chosen.since_s
     until_s = max(float(t.time_s[-1]) for t in d.tracks)
-    for variant in d.chosen.chosen:
-        candidate = d.machine.candidates[variant.candidate]
-        mechanism, n = candidate.mechanism, len(candidate.at)
-        values = _values(mechanism, d.chosen.z[at : at + n], covariance[at : at + n, at : at + n])
-        groups = evidence.candidates_for(d, mechanism.name)
-        names = tuple(name for group in groups for name in group)
-        single = len(groups) <= LARGEST_SET
-        found = Finding(
-            kind=KINDS.get(mechanism.kind, "sensor fault"),
-            mechanism=mechanism.name if single else None,
-            term=formula(mechanism, values),
-            probability=weights[mechanism.name] if single else None,
-            indistinguishable_from=names[1:] if single else (),
-            candidates=names,
-            port=mechanism.port,
-            ports=ports,
-            since_s=since_s,
-            onsets=onsets,
-            intervals_s=() if since_s is None else ((since_s, until_s),),
-            regime=where,
-            parameters=values,
-            force=_force(d, mechanism, at, covariance),
-            says="",
-        )
-        yield replace(found, says=_says(d.simulator, mechanism, found))
-        at += n
+    found = replace(
+        found,
+        mechanism=claim.names[0],
+        indistinguishable_from=claim.names[1:],
+        term=formula(mechanism, values),
+        since_s=since_s if np.isfinite(since_s) else None,
+        onsets=told_onsets(since_s, d.tracks),
+        intervals_s=((since_s, until_s),) if np.isfinite(since_s) else (),
+        regime=regime(d),
+        parameters=values,
+        force=force(d, claim.found.place),
+    )
+    return replace(found, says=_says(d, found, claim))
 
 
-def _says(simulator: Simulator, mechanism: Mechanism, found: Finding) -> str:
-    said, known, names = [], variable_names(simulator), found.candidates
-    if found.mechanism is not None:
-        said.append(f"{mechanism.says} ({mechanism.name}, at {mechanism.port})")
+def _beside(d: Diagnosis, claim: Claim) -> Finding:
+    """Something that nothing in the catalogue explains, beside what is named or alone."""
+    left = d.answer.left
+    raw = np.exp(np.array([u.log for u in left]) - max(u.log for u in left))
+    ports = tuple((u.port, float(p)) for u, p in zip(left, raw / raw.sum(), strict=True) if p / raw.sum() > SELDOM)
+    return Finding(UNEXPLAINED, _unnamed_says(d, claim), probability=claim.probability, port=claim.port, ports=ports)
+
+
+def _ports_of(d: Diagnosis, weights: Mapping[str, float]) -> tuple[tuple[Port, float], ...]:
+    """Ports by the probability of the names that act there, likeliest first."""
+    port_of = {c.name: c.mechanism.port for c in d.machine.candidates}
+    found: dict[Port, float] = {}
+    for name, p in weights.items():
+        found[port_of[name]] = found.get(port_of[name], 0.0) + p
+    return tuple((port, p) for port, p in sorted(found.items(), key=lambda item: -item[1]) if p > SELDOM)
+
+
+def _unnamed_says(d: Diagnosis, claim: Claim) -> str:
+    """Something at a port: how large, if that was weighed, and what was refused, if anything."""
+    beside = "something else" if claim.found is None and d.mended is not None else "something"
+    says = f"{beside} acts at {claim.port} that these recordings cannot name"
+    if claim.found is None:
+        (here,) = (u for u in d.answer.left if u.port == claim.port)
+        return sentence(f"{says}: {unnamed_size(here)}")
+    if d.refused:
+        return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
+    likely = [f"{name} ({probable(p)})" for name, p in list(claim.found.weights.items())[:3]]
+    return sentence(f"{says}; the likeliest of {len(claim.found.weights)} names are {listed(likely)}")
+
+
+def unnamed_size(u: Unnamed) -> str:
+    """How large something unnamed is, in words."""
+    return f"about {number(u.size_pct, 2)} % of what commonly acts there"
+
+
+def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
+    said, known = [], variable_names(d.simulator)
+    by_name = {c.name: c.mechanism for c in d.machine.candidates}
+    each = [f"{by_name[name].says} ({name}, at {by_name[name].port})" for name in found.names]
+    assert claim.found is not None
+    if len(each) == 1:
+        said.append(each[0])
+    elif found.alike:
+        said.append(f"{each[0]}, or, which no recording of these channels can tell, {' or '.join(each[1:])}")
     else:
-        said += [
-            f"something acts at {mechanism.port}, and these recordings cannot tell which of {len(names)} candidates it "
-            f"is: {listed(names)}",
-            f"the model is mended with {mechanism.name}: {mechanism.says}",
-        ]
+        said.append(
+            f"one of {listed([f'{name} (probability {probable(claim.found.weights[name])})' for name in found.names])}"
+        )
+    if len(each) > 1:
+        said.append(f"the model is mended with {claim.found.name}: {by_name[claim.found.name].says}")
     first, *others = found.parameters
-    sizes = [f"{first.says or first.name} {first.words('90 % interval ')}"]
-    sizes += [f"{found.force.says}: {found.force.words()}"] if found.force else []
-    sizes += [f"{v.says or v.name} {v.words()}" for v in others]
-    said.append("; ".join(sizes))
+    told = [f"{first.says or first.name} {first.words('90 % interval ')}"]
+    told += [f"{found.force.says}: {found.force.words()}"] if found.force else []
+    told += [f"{v.says or v.name} {v.words()}" for v in others]
+    said.append("; ".join(told))
     if found.onsets:
         said.append(begins(found.onsets))
     if found.regime:
         said.append(f"it acts mostly where {found.regime}")
-    if found.mechanism is not None:
-        if len(names) > 1:
-            said.append(f"these recordings cannot tell it from {listed(names[1:])}")
-        said.append(f"its probability among all that was fitted is {probable(found.probability)}")
+    said.append(f"the probability that this is right is {probable(found.probability)}")
     return " ".join(sentence(text, known) for text in said)
 
 
-def probable(weight: float | None) -> str:
+def probable(p: float | None) -> str:
     """A probability as it is told."""
-    if weight is None:
-        return "not known, for nothing else was fitted in its place"
-    return number(weight, 2) if weight <= NEARLY_SURE else f"above {number(NEARLY_SURE)}"
+    if p is None:
+        return "not known"
+    return number(p, 2) if p <= NEARLY_SURE else f"above {number(NEARLY_SURE)}"
 
 
 def variable_names(simulator: Simulator) -> set[str]:
     """What must not be given a capital."""
     return {v.name for v in (*simulator.states, *simulator.inputs, *simulator.outputs, *simulator.parameters)}
-
-
-def begins(onsets: tuple[Onset, ...]) -> str:
-    """In which recordings an effect is, and from when on."""
-    words = {"throughout": "all through {0}", "not": "not in {0}", "from": "in {0} from {1:.0f} s on"}
-    ordered = sorted(onsets, key=lambda o: o.there == "not")
-    return "it is there " + listed([words[o.there].format(o.recording, o.since_s or 0.0) for o in ordered])
-
-
-def formula(mechanism: Mechanism, values: tuple[Value, ...]) -> str:
-    """The term with its fitted values."""
-    filled = {v.name: with_unit(v.value, v.unit) for v in values}
-    return re.sub(r"\{(\w+)\}", lambda m: filled.get(m[1], m[0]), mechanism.formula)
-
-
-def _values(mechanism: Mechanism, z: Array, covariance: Array) -> tuple[Value, ...]:
-    spread = Z90 * np.sqrt(np.diag(covariance))
-    return tuple(
-        Value(v.name, float(x), float(x - s), float(x + s), v.unit, says=v.says)
-        for v, x, s in zip(mechanism.parameters, z, spread, strict=True)
-    )
-
-
-def _force(d: Diagnosis, mechanism: Mechanism, at: int, covariance: Array) -> Value | None:
-    """A size at a balance of forces or heat, times the inertia or capacity as fitted; they are uncertain together."""
-    if not isinstance(mechanism, Term) or mechanism.port.place != "balance":
-        return None
-    assert d.chosen is not None
-    simulator: Simulator = d.simulator
-    state = mechanism.port.index(simulator)
-    of, size = inertia(simulator, state), mechanism.parameters[0]
-    unit = as_force(size.unit, simulator, state, of) if of else None
-    if of is None or unit is None:
-        return None
-    x, sd, mass = float(d.chosen.z[at]), float(np.sqrt(covariance[at, at])), of.parameter.nominal
-    variance = (mass * sd) ** 2
-    for k, u in enumerate(d.chosen.problem.unknowns):
-        if u.kind == "parameter" and u.at == of.at:
-            mass = float(d.chosen.z[k])
-            variance = (mass * sd) ** 2 + x**2 * covariance[k, k] + 2.0 * mass * x * covariance[k, at]
-    value, spread = unit[0] * mass * x, Z90 * unit[0] * float(np.sqrt(max(variance, 0.0)))
-    says = f"as a {of.word}, with {of.parameter.name} at {number(mass)} {spoken(of.parameter.unit)}"
-    return Value(f"{size.name} as a {of.word}", value, value - spread, value + spread, unit[1], says=says)
-
-
-def uncertainty(explanation: Explanation) -> Array:
-    """Posterior covariance (K, K) of the unknowns, widened where the residual is more than noise."""
-    problem, z = explanation.problem, explanation.z
-    G, _, _ = problem.normal(z, problem.residuals(z))
-    chi2, _ = residual_chi2(explanation)
-    # Each unknown in its own scale: their units differ by ten decades.
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
-    covariance = np.linalg.pinv(G * np.outer(scale, scale), hermitian=True, rcond=1e-12)
-    return np.asarray(np.outer(scale, scale) * covariance * max(1.0, chi2))

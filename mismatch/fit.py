@@ -7,11 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.common.jobs import cores
 from twinbench.mismatch.machine import Machine, Setting
-from twinbench.mismatch.noise import Whitener
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
@@ -52,13 +50,13 @@ class Unknown:
 class Problem:
     """A machine, its recordings, and what is unknown about them.
 
-    ``z`` (K,) holds the unknowns' values. Residuals are measured minus simulated, whitened block means.
+    ``z`` (K,) holds the unknowns' values. Residuals are measured minus simulated block means.
 
     Attributes:
         machine: the simulator with its candidates.
         tracks: the recordings.
         unknowns: what is to be found.
-        whitener: of the residuals.
+        sd: (ny,) of errors that are to be expected of block means, in the outputs' units.
         starts: one per recording, the state (nx,) that it starts from but for unknowns, each in its unit; that of
             the simulator's ``initial`` if left out.
         theta: (n_theta,) what the parameters are that are no unknowns, each in its unit; the machine's own if left
@@ -71,7 +69,7 @@ class Problem:
     machine: Machine
     tracks: Sequence[Track]
     unknowns: tuple[Unknown, ...]
-    whitener: Whitener
+    sd: Array
     starts: Sequence[Array] = field(default_factory=list)
     theta: Array = field(default_factory=lambda: np.empty(0))
     since: tuple[float, ...] = ()
@@ -87,6 +85,10 @@ class Problem:
     @property
     def z0(self) -> Array:
         return np.array([u.mean for u in self.unknowns])
+
+    def white(self, values: Array) -> Array:
+        """Residuals (B, ny), or columns (B, ny, K), in standard deviations."""
+        return np.asarray(values / self.sd.reshape(-1, *(1,) * (values.ndim - 2)))
 
     def readings(self, r: int, z: Array) -> Array:
         """Simulated readings (N, ny) of recording r, sample by sample.
@@ -194,16 +196,8 @@ class Problem:
         for r, residual in enumerate(self.residuals(z)):
             if np.isnan(residual[np.isfinite(self.tracks[r].means)]).any():
                 return np.inf
-            total += float(np.nansum(self.whitener(residual) ** 2))
+            total += float(np.nansum(self.white(residual) ** 2))
         return total
-
-    def recording_cost(self, r: int, z: Array) -> float:
-        """Whitened sum of squares of one recording.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-        """
-        return float(np.nansum(self.whitener(self.residual(r, z)) ** 2))
 
     def _prior(self, z: Array) -> Array:
         return np.array([(v - u.mean) / u.sd for v, u in zip(z, self.unknowns, strict=True)])
@@ -252,7 +246,7 @@ class Problem:
         precision = np.array([u.sd**-2 for u in self.unknowns])
         G, b = np.diag(precision), precision * (self.z0 - z)
         for column, residual in zip(whitened, residuals, strict=True):
-            r = self.whitener(residual)
+            r = self.white(residual)
             seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
             J = column[seen]
             G += J.T @ J
@@ -270,42 +264,11 @@ class Problem:
         """
         which = [k for k, u in enumerate(self.unknowns) if u.kind != "start"]
         if near is None or not which:
-            return [self.whitener(c) for c in self.columns(z, residuals)]
+            return [self.white(c) for c in self.columns(z, residuals)]
         out = [c.copy() for c in near]
         for whole, fresh in zip(out, self.columns(z, residuals, which), strict=True):
-            whole[:, :, which] = self.whitener(fresh)
+            whole[:, :, which] = self.white(fresh)
         return out
-
-    def projected(
-        self, z: Array, residuals: Sequence[Array], nuisance: Sequence[Array], columns: Sequence[Array]
-    ) -> tuple[Array, Array]:
-        """Normal matrix (V, V) and right-hand side (V,) of further columns, what the unknowns can imitate taken out.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
-            nuisance: whitened columns of the unknowns, per recording (B, ny, K).
-            columns: whitened further columns, (B, ny, V).
-        """
-        precision = np.array([u.sd**-2 for u in self.unknowns])
-        G_nn, b_n = np.diag(precision), precision * (self.z0 - z)
-        n = columns[0].shape[-1]
-        G_nc, G, b = np.zeros((len(z), n)), np.zeros((n, n)), np.zeros(n)
-        for residual, J, C in zip(residuals, nuisance, columns, strict=True):
-            r = self.whitener(residual)
-            seen = np.isfinite(r) & np.isfinite(J).all(axis=-1) & np.isfinite(C).any(axis=-1)
-            # One candidate that diverges must not take the others' rows with it.
-            c, j = np.nan_to_num(C[seen]), J[seen]
-            G_nn += j.T @ j
-            G_nc += j.T @ c
-            G += c.T @ c
-            b_n += j.T @ r[seen]
-            b += c.T @ r[seen]
-        # Unknowns in their own scales: prior-free ones of any unit must not spoil the factorisation.
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(G_nn), 1e-300))
-        factor = cho_factor(G_nn * np.outer(scale, scale) + 1e-10 * np.eye(len(z)))
-        solved = scale[:, None] * cho_solve(factor, scale[:, None] * G_nc)
-        return G - G_nc.T @ solved, b - solved.T @ b_n
 
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]

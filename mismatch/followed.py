@@ -7,12 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.mismatch.leftover import LOUD
 from twinbench.mismatch.noise import noise_floor
-from twinbench.mismatch.proof import RESAMPLED_PIECES, resamples
+from twinbench.mismatch.proof import RESAMPLED_PIECES, piece_squares, resamples
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Variable
 
+LOUD = 6.0
+"""Times the scatter between neighbours; noise that remembers as much as noise may exceeds it five times."""
+STRANGE = 2.0
+"""Times as large an error on held-out recordings as where it was fitted is none of the sensor's."""
 IMPLAUSIBLE = 0.3
 """Noise of so much of an output's scale is no sensor's; a smaller share asks of noisy sensors to be followed."""
 
@@ -73,6 +76,28 @@ def told_followed(
         found.append(
             Followed(v.name, v.unit, held_out, explained, low, high, sd, noise, bool(low > 0.0 or not to_explain))
         )
+    return tuple(found)
+
+
+def strangers(
+    learnt: Sequence[Array], held: Sequence[Array], outputs: Sequence[Variable], floor: Array
+) -> tuple[str, ...]:
+    """Outputs whose error is far larger on the held-out recordings than where a simulator was fitted, in words.
+
+    Args:
+        learnt: residuals where it was fitted, (B, ny) per recording, in the outputs' units.
+        held: those on held-out recordings.
+        floor: (ny,) scatter of block means where it was fitted, in the outputs' units.
+    """
+    found = []
+    for c, v in enumerate(outputs):
+        here, there = piece_squares(learnt, c), piece_squares(held, c)
+        if not len(here) or not len(there):
+            continue
+        usual = max(float(np.sqrt(here.mean())), float(floor[c]))
+        if np.sqrt(np.quantile(there[resamples(len(there))].mean(axis=1), 0.05)) > STRANGE * usual:
+            times = np.sqrt(there.mean()) / usual
+            found.append(f"the errors of {v.name} are {times:.2g} times as large on recordings held back")
     return tuple(found)
 
 

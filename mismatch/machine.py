@@ -32,6 +32,8 @@ MARGIN = 1.4
 """Times so many stages: a fit moves time constants, and beyond its limit the integrator ends in states of its own."""
 BLOCKED = 0.02
 """Share of a signal that a run by blocks may miss."""
+WHISPER = 1e-9
+"""Share of its typical size at which a mechanism's own states move, and nothing else does."""
 _DIVERGED = 1e9  # in scales of a state: whatever runs there is no machine any more
 
 
@@ -43,12 +45,14 @@ class Candidate:
         at: positions of its parameters, the size first.
         null: (n_parameters,) their values when the simulator is as it came, each in its unit.
         typical: (n_parameters,) their values when the mechanism is plainly there, each in its unit.
+        odds: that it is there against its absence, as a user told; None if nobody did.
     """
 
     mechanism: Mechanism
     at: tuple[int, ...]
     null: Array
     typical: Array
+    odds: float | None = None
 
     @property
     def name(self) -> str:
@@ -234,6 +238,8 @@ class Machine:
         starts = track.split_starts(self.parts) if blocks else np.arange(len(track.u))
         ends = np.append(starts, len(track.u))
         absent = (np.add.reduceat(late, starts, dtype=float) / np.diff(ends))[grid.begun]
+        # What remembers must see what goes on before its effect sets in, so none is ever quite off.
+        absent = np.minimum(absent, 1.0 - WHISPER)
         there = [c for c in self.candidates if c.at[0] < self._n_ode and theta[c.at[0]] != c.null[0]]
         partly = [theta[c.at[0]] + absent * (c.null[0] - theta[c.at[0]]) for c in there]
         return (

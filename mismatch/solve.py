@@ -89,7 +89,7 @@ def solve(
 def _right_side(problem: Problem, z: Array, whitened: Sequence[Array]) -> Array:
     b = np.array([u.sd**-2 * (u.mean - v) for u, v in zip(problem.unknowns, z, strict=True)])
     for column, residual in zip(whitened, problem.residuals(z), strict=True):
-        r = problem.whitener(residual)
+        r = problem.white(residual)
         seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
         b += column[seen].T @ r[seen]
     return b

@@ -81,7 +81,9 @@ def _machine(asked: Asked, period_s: float) -> Machine:
     asked.told.check(simulator, listed)
     listed = asked.told.left(listed)
     listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
-    return Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
+    machine = Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
+    machine.candidates = [replace(c, odds=asked.told.prior.get(c.name)) for c in machine.candidates]
+    return machine
 
 
 def _check_length(tracks: Sequence[Track]) -> None:

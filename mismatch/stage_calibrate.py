@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from twinbench.mismatch.asked import Progress
 from twinbench.mismatch.calibrate import calibrated, own_unknowns
 from twinbench.mismatch.fit import Problem, Unknown
-from twinbench.mismatch.noise import levels
 from twinbench.mismatch.proof import Held, held_out
 from twinbench.mismatch.stage_audit import Audited
 from twinbench.mismatch.stuck import Stuck, find_stuck, without
@@ -58,24 +57,17 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
     progress("calibrate", 0.8)
     own = own_unknowns(machine.simulator, audited.held)
     held_first = held_out(problem, z, audited.held, own) if audited.held else None
-    held, stuck_held = _held_back(audited, held_first, problem.residuals(z))
+    held, stuck_held = _held_back(audited, held_first)
     return Calibration(problem, z, cost, tracks, held, own, held_first, [*stuck, *stuck_held])
 
 
-def _held_back(audited: Audited, first: Held | None, residuals: list[Array]) -> tuple[list[Track], list[Stuck]]:
-    """The held-out recordings as the calibrated simulator shows them, and their sensors that stand still.
-
-    Args:
-        residuals: of the fitted recordings, (B, ny) each; the held-out recordings' noise is measured by theirs.
-    """
+def _held_back(audited: Audited, first: Held | None) -> tuple[list[Track], list[Stuck]]:
+    """The held-out recordings as the calibrated simulator shows them, and their sensors that stand still."""
     if first is None:
         return audited.held, []
     held = [t.followed(readings) for t, readings in zip(audited.held, first.readings, strict=True)]
     found = find_stuck(held, first.residuals, audited.floor)
-    if found:
-        held = without(held, found)
-    noise = levels(residuals, first.residuals)
-    return [replace(t, level=level) for t, level in zip(held, noise, strict=True)], found
+    return (without(held, found) if found else held), found
 
 
 def _with_followed_spikes(problem: Problem, z: Array) -> list[Track]:

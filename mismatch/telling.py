@@ -4,40 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
-from twinbench.mismatch import evidence
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.evidence import OutputError
-from twinbench.mismatch.findings import Finding, Value, variable_names
-from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
+from twinbench.mismatch.errors import OutputError
+from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, variable_names
+from twinbench.mismatch.followed import Followed
+from twinbench.mismatch.sizes import Value
+from twinbench.mismatch.words import counted, interval, listed, number, sentence, with_unit
 
-MOST_NAMED = 6
-"""Names in a sentence that a table has all of."""
 AGREES = "the simulator agrees with the recordings"
+NAMED_IN_ONE = 3
+"""Recordings that a sentence names one by one."""
 
 
 def headline(
-    d: Diagnosis, verdict: str, findings: Sequence[Finding], errors: Sequence[OutputError], incomplete: bool
+    d: Diagnosis, verdict: str, found: Sequence[Finding], errors: Sequence[OutputError], missing: Sequence[str]
 ) -> str:
-    """The verdict in one sentence, with the error on what was held out and the sensor's noise."""
-    if verdict == "consistent":
-        lead = AGREES
-    elif verdict == "parameter change":
-        lead = f"{AGREES} once its parameters are right"
-    elif len(findings) == 1:
-        lead = _one(d, findings[0])
+    """The verdict in one sentence, with the error on what was held out and the sensor's noise.
+
+    Args:
+        missing: what else is wrong, of which no finding speaks.
+    """
+    if found:
+        lead = listed(list(_leads(d, found)))
+    elif missing:
+        lead = "something is wrong that nothing in the catalogue explains"
     else:
-        lead = listed(list(_several(findings)))
-    if incomplete:
+        lead = AGREES + (" once its parameters are right" if verdict == "parameter change" else "")
+    if d.unfollowed and not found:
+        lead = f"the simulator explains nothing of what {listed([u.channel for u in d.unfollowed])} does"
+    if verdict == "incomplete" and not any(not f.names for f in found):
         lead += ", and that is not all"
+    known = variable_names(d.simulator)
     shown = [e for e in errors if e.held_out] or list(errors)
     if not shown:
-        return sentence(lead, variable_names(d.simulator))
-    return sentence(
-        f"{lead}: on {_held_out(d)} {_error(furthest(d, shown), d.chosen is not None, len(shown))}",
-        variable_names(d.simulator),
-    )
+        return sentence(lead, known)
+    worst = furthest(d, shown)
+    return sentence(f"{lead}: on {_held_out(d)} {_error(worst, d.mended is not None, len(shown))}", known)
 
 
 def furthest(d: Diagnosis, errors: Sequence[OutputError]) -> OutputError:
@@ -51,104 +53,95 @@ def furthest(d: Diagnosis, errors: Sequence[OutputError]) -> OutputError:
 
 def points(
     d: Diagnosis,
-    findings: Sequence[Finding],
+    found: Sequence[Finding],
     changed: Sequence[Value],
     errors: Sequence[OutputError],
-    left: Sequence[str],
+    missing: Sequence[str],
 ) -> Iterator[str]:
     """What else is to be said, one thing a point.
 
     Args:
-        left: why what is left is no noise.
+        changed: parameters that moved.
+        missing: what else is wrong, of which no finding speaks.
     """
-    yield from (f.says for f in findings)
+    yield from (f.says for f in found)
     shown = [e for e in errors if e.held_out]
     for e in shown:
         if e is not furthest(d, shown):
-            yield sentence(f"on {_held_out(d)} {_error(e, d.chosen is not None)}")
-    yield from _not_followed(d)
+            yield sentence(f"on {_held_out(d)} {_error(e, d.mended is not None)}")
+    yield from (sentence(text) for text in missing)
     if changed:
         moved = [f"{v.name} from {number(v.before or 0.0)} to {v.words()}" for v in changed]
         yield sentence(f"parameters moved, with 90 % intervals: {listed(moved)}")
-    yield from (sentence(f"not all is explained: {why}") for why in left)
-    if d.chosen is not None and any(f.kind == "missing physics" for f in findings):
-        yield from _instruments(d)
-    if not findings:
-        yield from _hidden(d)
+    if data := more_data(d, found):
+        yield data
     yield from _taken_out(d)
     yield from _joined(d)
     yield held_out_use(d)
 
 
+def what_else(d: Diagnosis) -> tuple[str, ...]:
+    """What is wrong besides the findings: outputs that are not followed, errors that grow on what was held out."""
+    return (*(_not_followed(u) for u in d.unfollowed), *d.strange)
+
+
 def held_out_use(d: Diagnosis) -> str:
     """What the recordings held back were used for."""
+    if not d.held:
+        return "No recording was held back, so nothing was proved on one."
     own = "where it starts" + (" and how what drifts went" if d.simulator.drifts else "")
-    used = f"nothing but {own} was learnt from {_held_out(d)}"
-    if d.weighed_on_held_out:
-        used += f"; {counted(d.weighed_on_held_out, 'explanation was', 'explanations were')} compared on it"
-        used += ", so its errors flatter the one that was chosen a little" if d.chosen is not None else ""
-    return sentence(used)
+    return sentence(
+        f"nothing but {own} was learnt from {_held_out(d)}, and nothing was chosen by it: it may only refuse"
+    )
 
 
-def more_data(d: Diagnosis, findings: Sequence[Finding]) -> str:
+def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
     """What to record next; empty if nothing is known that would help."""
-    sets = [f for f in findings if len(f.candidates) > 1]
-    if sets:
-        first, second = sets[0].candidates[:2]
-        how = (
-            "wider and faster changes of the inputs than in these recordings, and both directions of motion or flow"
-            if d.simulator.inputs
-            else "from other starts than these recordings', and for longer"
-        )
-        return f"To tell {first} from {second}, record where their effects differ: {how}."
-    if not findings:
-        hidden = [name for name, size in smallest_seen(d) if size > 1.0]
-        if hidden:
-            how = "move the inputs more, or record longer" if d.simulator.inputs else "record longer"
-            return f"To see {hidden[0]} at its typical size, {how}."
-    return ""
+    sets = [f for f in found if len(f.names) > 1 and not f.alike]
+    if not sets:
+        return ""
+    first, second = sets[0].names[:2]
+    how = (
+        "wider and faster changes of the inputs than in these recordings, and both directions of motion or flow"
+        if d.simulator.inputs
+        else "from other starts than these recordings', and for longer"
+    )
+    return f"To tell {first} from {second}, record where their effects differ: {how}."
 
 
-def smallest_seen(d: Diagnosis) -> list[tuple[str, float]]:
-    """The least size of each candidate that would have passed the threshold, in its typical sizes."""
-    best: dict[str, float] = {}
-    for i, variant in enumerate(d.shown.variants):
-        name = d.machine.candidates[variant.candidate].name
-        size = float(np.sqrt(d.threshold / max(d.shown.G[i, i], 1e-12)))
-        best[name] = min(best.get(name, np.inf), size)
-    return sorted(best.items(), key=lambda item: item[1])
-
-
-def _one(d: Diagnosis, finding: Finding) -> str:
-    """What one finding is, before any number."""
-    if finding.mechanism is not None:
-        known = {c.name: c.mechanism for c in d.machine.candidates}
-        if len(finding.candidates) > 1:
-            some = listed(finding.candidates)
-            physics = {known[name].kind == "physics" for name in finding.candidates if name in known}
-            return f"the simulator lacks one of {some}" if all(physics) else f"one of {some} is missing or at fault"
-        says = {name: mechanism.says for name, mechanism in known.items()}
-        return says.get(
-            finding.mechanism, f"the sensor of {finding.port.variable if finding.port else ''} stands still"
-        )
-    if d.unfollowed and d.chosen is None:
-        return f"the simulator explains nothing of what {listed([u.channel for u in d.unfollowed])} does"
-    if finding.candidates:
-        return f"something is missing at {finding.port} that these recordings cannot name"
-    return "something is wrong, and nothing that was looked for explains it"
-
-
-def _several(findings: Sequence[Finding]) -> Iterator[str]:
-    """What several findings are, before any number."""
-    kinds = [f.kind for f in findings]
-    if lacks := kinds.count("missing physics"):
-        sure = sum(f.is_sure for f in findings if f.kind == "missing physics")
-        how_sure = "" if sure == lacks else f" ({count(sure) if sure else 'none'} of them sure by name)"
-        yield f"the simulator lacks {counted(lacks, 'effect')}{how_sure}"
-    if faulty := kinds.count("sensor fault"):
+def _leads(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
+    """What the findings are, before any number: one in its own words, several counted."""
+    if len(found) == 1:
+        yield _one(d, found[0])
+        return
+    named = [f for f in found if f.names]
+    if lacks := sum(f.kind == PHYSICS for f in named):
+        yield f"the simulator lacks {counted(lacks, 'effect')}"
+    if faulty := sum(f.kind == SENSOR for f in named):
         yield f"{counted(faulty, 'sensor or input is', 'sensors or inputs are')} at fault"
-    if "unexplained" in kinds:
-        yield "something else is wrong that nothing explains"
+    if either := len(named) - lacks - faulty:
+        yield f"{counted(either, 'effect or fault is', 'effects or faults are')} there"
+    yield from (_unnamed(d, f) for f in found if not f.names)
+
+
+def _one(d: Diagnosis, f: Finding) -> str:
+    known = {c.name: c.mechanism.says for c in d.machine.candidates}
+    if not f.names:
+        return _unnamed(d, f)
+    if len(f.names) == 1:
+        return known.get(f.names[0], f"the sensor of {f.port.variable if f.port else ''} stands still")
+    if f.alike:
+        return f"{known[f.names[0]]}, or, which no recording of these channels can tell, " + " or ".join(
+            known[name] for name in f.names[1:]
+        )
+    if f.kind == PHYSICS:
+        return f"the simulator lacks one of {listed(f.names)}"
+    return f"one of {listed(f.names)} is missing or at fault"
+
+
+def _unnamed(d: Diagnosis, f: Finding) -> str:
+    beside = "something else" if d.mended is not None else "something"
+    return f"{beside} acts at {f.port} that these recordings cannot name"
 
 
 def _error(e: OutputError, mended: bool, of: int = 1) -> str:
@@ -170,15 +163,14 @@ def _error(e: OutputError, mended: bool, of: int = 1) -> str:
     return f"the RMS error of {which} {change}; {noise}"
 
 
-def _not_followed(d: Diagnosis) -> Iterator[str]:
-    """Outputs of which the simulator explains nothing."""
-    for u in d.unfollowed:
-        where = "" if u.held_out else " where the simulator was fitted"
-        yield sentence(
-            f"the output {u.channel} is not followed{where}: of its standard deviation of {with_unit(u.sd, u.unit)} "
-            f"(its sensor scatters by {with_unit(u.noise_sd, u.unit)}) the simulator explains no more "
-            "than chance would"
-        )
+def _not_followed(u: Followed) -> str:
+    """Of an output of which the simulator explains nothing."""
+    where = "" if u.held_out else " where the simulator was fitted"
+    return (
+        f"the output {u.channel} is not followed{where}: of its standard deviation of {with_unit(u.sd, u.unit)} "
+        f"(its sensor scatters by {with_unit(u.noise_sd, u.unit)}) the simulator explains no more "
+        "than chance would"
+    )
 
 
 def _joined(d: Diagnosis) -> Iterator[str]:
@@ -193,33 +185,6 @@ def _joined(d: Diagnosis) -> Iterator[str]:
         yield "The inputs are joined by lines between samples, as asked."
 
 
-def _instruments(d: Diagnosis) -> Iterator[str]:
-    """How far sensors and inputs alone could be to blame."""
-    fault = evidence.best_fault_alone(d)
-    if fault is None:
-        return
-    named = listed(fault.names)
-    measured = [e for e in fault.errors if np.isfinite(e[2])]
-    if measured:
-        channel, unit, before, alone, chosen = max(measured, key=lambda e: e[2] / max(e[4], 1e-300))
-        yield sentence(
-            f"a fault of sensors or inputs alone, at best {named}, leaves an error of {channel} of "
-            f"{with_unit(alone, unit)} where it learnt; what is named leaves {number(chosen)}, and the simulator with "
-            f"its own parameters fitted {number(before)}"
-        )
-
-
-def _hidden(d: Diagnosis) -> Iterator[str]:
-    """What would not have been seen."""
-    seen = smallest_seen(d)
-    hidden = [name for name, size in seen if size > 1.0]
-    plain = counted(len(seen) - len(hidden), "would", "would") if hidden else "all would"
-    yield sentence(
-        f"of {counted(len(seen), 'effect')} looked for {plain} have been seen at a typical size"
-        + (f"; too small to be seen: {listed(hidden, MOST_NAMED)}" if hidden else "")
-    )
-
-
 def _taken_out(d: Diagnosis) -> Iterator[str]:
     """Readings that were set aside as spikes."""
     counts: dict[str, int] = {}
@@ -231,4 +196,4 @@ def _taken_out(d: Diagnosis) -> Iterator[str]:
 
 
 def _held_out(d: Diagnosis) -> str:
-    return listed([t.name for t in d.held], 3)
+    return listed([t.name for t in d.held or d.tracks], NAMED_IN_ONE)

@@ -41,7 +41,7 @@ def resized(candidates: Sequence[Candidate], problem: Problem, z: Array, period_
     states = _states(problem, z)
     there, turned = moved(problem, z, states), _turned(problem, z, states)
     longest_s = max(float(t.time_s[-1] - t.time_s[0]) for t in problem.tracks) / PERIODS
-    white = [problem.whitener(r) for r in problem.residuals(z)]
+    white = [problem.white(r) for r in problem.residuals(z)]
     periods_s = loudest_periods_s(problem.tracks, white, longest_s)
     known = {m.name: m for m in (*generic(there, periods_s, turned), *faults(there, period_s, turned))}
     declared = problem.machine.simulator

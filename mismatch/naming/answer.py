@@ -202,7 +202,7 @@ def _left_out(chosen: Settled, i: int, ground: Ground) -> list[float]:
 def _square(chosen: Settled, i: int, ground: Ground) -> float:
     """Square of what an effect does to the whitened readings, what the other unknowns can imitate taken out."""
     G, b, _ = chosen.products.over()
-    n, at = len(chosen.mean), chosen.entries(i).start
+    n, at = len(chosen.z), chosen.entries(i).start
     keep = np.array([k for k in range(n) if not chosen.entries(i).start <= k < chosen.entries(i).stop], dtype=int)
     some = np.array([*keep, at])
     inner = eliminated(G[np.ix_(some, some)], b[some], np.arange(len(keep)), np.zeros(len(keep)), np.ones(len(keep)))

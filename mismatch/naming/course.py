@@ -9,13 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.machine import Candidate, Setting
+from twinbench.mismatch.machine import WHISPER, Candidate, Setting
 from twinbench.mismatch.naming import tangent
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
-
-WHISPER = 1e-9
-"""Share of its typical size at which a mechanism's own states move, and nothing else does."""
 
 
 class Acts(NamedTuple):

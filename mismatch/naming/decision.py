@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from twinbench.mismatch.naming.answer import Answer, Found
+from twinbench.mismatch.naming.answer import PLAIN, Answer, Found
 from twinbench.physics.simulator import Port
 
 RULE = Path(__file__).with_name("decision.json")
@@ -25,7 +25,7 @@ LARGEST_SET = 3
 """Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
 FEATURES = (
     "against_nothing", "against_rival", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy",
-    "sds", "shows", "weight", "alone", "followed", "inside", "from_the_beginning", "physics",
+    "sds", "shows", "weight", "alone", "inside", "from_the_beginning", "physics",
 )  # fmt: skip
 """What speaks for a finding; each the more, the larger."""
 MOST_NATS = 50.0
@@ -91,7 +91,6 @@ def features(evidence: Mapping[str, float], weight: float) -> dict[str, float]:
         "shows": math.log(evidence["shows"] + 0.01),
         "weight": math.log((weight + 1e-3) / (1.0 - weight + 1e-3)),
         "alone": 1.0 - evidence["effects"],
-        "followed": -max(evidence["left"], 0.0),
         "inside": -evidence["at_bound"],
         "from_the_beginning": -evidence["late"],
         "physics": -evidence["fault"],
@@ -118,18 +117,22 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
     rule = rule or learnt_rule()
     machine = answer.chosen.problem.machine
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
-    claims = [_claim(found, port_of[found.name], rule) for found in answer.found]
+    contains = {c.name: c.mechanism.contains for c in machine.candidates}
+    claims = [_claim(found, port_of[found.name], rule, contains) for found in answer.found]
     if answer.left and answer.left[0].log > 0.0:
         odds = math.exp(min(answer.left[0].log, MOST_NATS))
         claims.append(Claim((), False, odds / (1.0 + odds), answer.left[0].port, None))
     return tuple(claims)
 
 
-def _claim(found: Found, port: Port, rule: Rule) -> Claim:
+def _claim(found: Found, port: Port, rule: Rule, contains: Mapping[str, str]) -> Claim:
     values = features(found.evidence, sum(p for n, p in found.weights.items() if n in found.alike))
     right = probability(rule.name, values)
     if right >= rule.say_name:
-        names = (found.name, *(n for n in found.weights if n in found.alike and n != found.name))
+        # What contains an effect can become it, and is no other thing; what is far less likely was told from it.
+        least = found.weights[found.name] * math.exp(-PLAIN)
+        others = [n for n in found.alike if contains[n] != found.name and found.weights.get(n, 0.0) > least]
+        names = (found.name, *sorted(set(others) - {found.name}, key=lambda n: -found.weights[n]))
         return Claim(names, len(names) > 1, right, port, found)
     holds = probability(rule.holds, values)
     names = found.credible(CREDIBLE)

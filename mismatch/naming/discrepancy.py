@@ -7,7 +7,7 @@ in the directions that the machine really moved in; the few functions that make 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ FUNCTIONS = 40
 """Functions that stand for the covariance at most; twice as many change nothing that is found."""
 ENOUGH_OF_IT = 0.98
 """Share of the covariance that they have to make up."""
+MAIN = 10
+"""Combinations of the functions by which the size of an effect may differ from place to place."""
 MOVED = 0.05
 """Share of a standard spread below which the machine did not move in a direction."""
 PER_CENT = 0.01
@@ -39,6 +41,7 @@ class Discrepancy:
         points: (R, D) where the functions are anchored.
         root: (R, R) Cholesky factor of their covariance.
         width2: square of the unit of length.
+        main: (R, M) the combinations of the functions that vary most along the courses.
     """
 
     ports: tuple[Port, ...]
@@ -49,6 +52,7 @@ class Discrepancy:
     points: Array
     root: Array
     width2: float
+    main: Array
 
     def functions(self, course: Course) -> Array:
         """(S, R) the functions along a course, each of prior variance one together with the others."""
@@ -83,7 +87,10 @@ def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discr
     points = _anchors(at[:: max(1, len(at) // _SEEN)], width2)
     root = np.asarray(np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points))), dtype=float)
     ports, units = _ports(simulator, rates, fluxes)
-    return Discrepancy(ports, units, centre, spread, turn, points, root, width2)
+    made = Discrepancy(ports, units, centre, spread, turn, points, root, width2, np.eye(len(points)))
+    along = np.concatenate([made.functions(c) for c in courses])
+    main = np.linalg.svd(along[:: max(1, len(along) // _SEEN)], full_matrices=False)[2][:MAIN].T
+    return replace(made, main=main)
 
 
 def _visited(course: Course) -> Array:

@@ -60,6 +60,7 @@ class Ground:
         FF: (R, F, F) their products, per recording.
         group: (F,) place in ``ports`` of each.
         ports: where a discrepancy was found.
+        discrepancy: the functions.
         s: (P,) its size at each with nothing named, per cent of what is common there.
     """
 
@@ -71,6 +72,7 @@ class Ground:
     group: np.ndarray
     ports: tuple[Port, ...]
     s: Array
+    discrepancy: Discrepancy
 
     @classmethod
     def learnt(cls, view: View, discrepancy: Discrepancy, floor: Array) -> Ground:
@@ -83,13 +85,14 @@ class Ground:
         every = list(range(len(discrepancy.ports)))
         whole = view.of_discrepancy(discrepancy, every)
         group = np.repeat(every, len(discrepancy.points))
-        made = cls._whitened(SensorNoise.first_guess(floor), levels, whole, view, group, discrepancy.ports)
+        first = SensorNoise.first_guess(floor)
+        made = cls._whitened(first, levels, whole, view, group, discrepancy, discrepancy.ports)
         made = made._without_the_unseen(view, own)
         rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
             left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
-            made = cls._whitened(noise, levels, made.whole, view, made.group, made.ports)
+            made = cls._whitened(noise, levels, made.whole, view, made.group, discrepancy, made.ports)
             made = replace(made, s=s)
         return made
 
@@ -101,6 +104,7 @@ class Ground:
         whole: Sequence[Array],
         view: View,
         group: np.ndarray,
+        discrepancy: Discrepancy,
         ports: tuple[Port, ...],
     ) -> Ground:
         def white(r: int) -> Array:
@@ -109,7 +113,8 @@ class Ground:
 
         found = parallel([lambda r=r: white(r) for r in range(len(whole))])
         FF = np.array([w.T @ w for w in found])
-        return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, np.full(len(ports), FIRST_PCT))
+        first = np.full(len(ports), FIRST_PCT)
+        return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy)
 
     def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
@@ -127,7 +132,7 @@ class Ground:
             group += [place] * turn.shape[1]
         whole = [np.concatenate([f[:, :, mine] @ turn for mine, turn in turns], axis=2) for f in self.whole]
         ports = tuple(self.ports[p] for p in there)
-        made = Ground._whitened(self.noise, self.levels, whole, view, np.array(group), ports)
+        made = Ground._whitened(self.noise, self.levels, whole, view, np.array(group), self.discrepancy, ports)
         return replace(made, s=s[there])
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:

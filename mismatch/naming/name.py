@@ -11,12 +11,12 @@ from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.onset import with_late
+from twinbench.mismatch.naming.onset import STARTS, likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import Painter, Picture
 from twinbench.mismatch.naming.sets import Scored
-from twinbench.mismatch.naming.settle import Effect, Settled, settled
+from twinbench.mismatch.naming.settle import Effect, Settled, misfit, settled
 from twinbench.mismatch.naming.view import View
-from twinbench.mismatch.picture import variants
+from twinbench.mismatch.variants import Variant, variants
 from twinbench.mismatch.visited import moved
 from twinbench.physics.simulator import Array
 
@@ -25,9 +25,11 @@ SINGLES, SETS = 8, 4
 wrong by tens of nats."""
 NEAR = 12.0
 """Nats that such a set may lie behind the best in the picture."""
-FAR, FAR_SINGLES = 3.0, 16
+FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
+SHARPENED, SIDES = 3, 6
+"""Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
 MOST_EFFECTS = 3
 ADDED = 3
 """Further effects that are tried beside the best set, each time."""
@@ -49,6 +51,7 @@ class Naming:
     painter: Painter
     picture: Picture
     null: Settled
+    forms: list[Variant]
     hypotheses: list[Settled] = field(default_factory=list)
     reduced: list[Settled] = field(default_factory=list)
     rivalled: list[Settled] = field(default_factory=list)
@@ -74,13 +77,12 @@ class Naming:
             there = {machine.candidates[c].family for c in rest}
             out = hypothesis.effects[effect].variant.candidate
             others = [
-                v
-                for v in self.painter.listed
-                if v.candidate != out and machine.candidates[v.candidate].family not in there
+                v for v in self.forms if v.candidate != out and machine.candidates[v.candidate].family not in there
             ]
             view = View.around(hypothesis.problem, hypothesis.z)
             entries = hypothesis.entries(effect)
-            self._without[key] = Painter(view, self.ground, others, entries, self.painter.probes)
+            wanders = [k for k in hypothesis.wanders if k != entries.start]
+            self._without[key] = Painter(view, self.ground, others, entries, self.painter.probes, wanders)
         return self._without[key]
 
     def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
@@ -97,22 +99,41 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     view = View.around(problem, z)
-    ground = Ground.learnt(view, discrepancy(view.courses, typical_rates(moved(problem, z)), _fluxes(view)), floor)
+    ground = Ground.learnt(
+        view, discrepancy(view.courses, typical_rates(moved(problem, z)), common_fluxes(view)), floor
+    )
     progress(0.2)
     painter = Painter(view, ground, variants(problem.machine.candidates))
     shown = with_late(painter)
     progress(0.4)
     null = settled(problem, z, (), ground, ground.s)
-    found = Naming(ground, painter, shown, null, [null])
-    found.far = shown.excess > FAR
+    found = Naming(ground, painter, shown, null, [shown.variants[i] for i in likeliest_forms(shown)], [null])
+    found.far = shown.excess > FAR_OFF
     contenders = _contenders(shown, found.far)
     for k, scored in enumerate(contenders):
         found.settle(_since(problem, shown, scored), z, _effects(shown, scored), scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
     while _plainer(found) or _fuller(found) or _rivalled(found):
         pass
+    if found.best.since_s > -np.inf:
+        _sharpen(found)
     progress(1.0)
     return found
+
+
+def _sharpen(found: Naming) -> None:
+    """Settle the best hypothesis again, and its near rivals, from when its own fit says that it began."""
+    best = found.best
+    cost = misfit(best.problem, found.ground, best.learnt.s)
+    since, gap = best.since_s, STARTS[0] * max(float(np.ptp(t.time_s)) for t in best.problem.tracks)
+    for _ in range(SHARPENED):
+        times = [since + gap * k / SIDES for k in range(-SIDES, SIDES + 1)]
+        at = [replace(best.problem, since=(t,) * len(best.problem.tracks)) for t in times]
+        since, gap = times[int(np.argmin([cost(best.z, problem) for problem in at]))], gap / SIDES
+    if abs(since - best.since_s) < gap / SIDES:
+        return
+    for h in [h for h in found.hypotheses if h.log > best.log - NEAR and h.since_s == best.since_s]:
+        found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
 
 
 def _effects(shown: Picture, scored: Scored) -> list[Effect]:
@@ -166,8 +187,10 @@ def _fuller(found: Naming) -> bool:
         return False
     machine = best.problem.machine
     there = {machine.candidates[e.variant.candidate].family for e in best.effects}
-    others = [v for v in found.painter.listed if machine.candidates[v.candidate].family not in there]
-    shown = Painter(View.around(best.problem, best.z), found.ground, others, probes=found.painter.probes).picture()
+    others = [v for v in found.forms if machine.candidates[v.candidate].family not in there]
+    shown = Painter(
+        View.around(best.problem, best.z), found.ground, others, probes=found.painter.probes, wanders=best.wanders
+    ).picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
     tried = 0
     for i in np.argsort(-gains):
@@ -202,7 +225,7 @@ def _rivalled(found: Naming) -> bool:
     return found.best is not best
 
 
-def _fluxes(view: View) -> Array:
+def common_fluxes(view: View) -> Array:
     """(nf,) what each flux commonly is, in its unit."""
     simulator, course = view.problem.machine.simulator, view.courses[0]
     if simulator.flux is None:

@@ -10,6 +10,8 @@ WATCHED = 6
 """Effects that are tried for a later beginning: the likeliest from the beginning on, then those that show most."""
 STARTS = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
 """Shares of a recording after which an effect may have begun; also at its beginning, but for the first's."""
+LEFT_SHARE = 0.15
+"""Share of the discrepancy with nothing named that is left beside an effect which explains most of it."""
 FINER, CLOSER = 12, 9.0
 """Times tried to either side of the best one; the second time so many times closer together."""
 
@@ -34,15 +36,25 @@ def with_late(painter: Painter) -> Picture:
         late = painter.picture([since + near * k for k in range(-FINER, FINER + 1)], likeliest, many)
         since = _best_start(late, since)
     # Then everything may have begun at that time.
-    shown = painter.picture([since], range(len(painter.listed)), many)
+    shown = painter.picture([since], likeliest_forms(shown), many)
     shown.sets.search()
     return shown
+
+
+def likeliest_forms(shown: Picture) -> list[int]:
+    """Of each candidate the variant, from the beginning on, that explains most: the others' shapes follow in a fit."""
+    gains = np.where(shown.since == -np.inf, shown.sets.quick((), np.maximum(LEFT_SHARE * shown.sets.s, 1e-3)), -np.inf)
+    found: dict[str, int] = {}
+    for i in np.argsort(-gains):
+        if shown.since[i] == -np.inf:
+            found.setdefault(shown.names[i], int(i))
+    return list(found.values())
 
 
 def _likeliest(shown: Picture) -> list[int]:
     sets = shown.sets
     order = [i for s in sorted(sets.known.values(), key=lambda s: -s.log) for i in s.key]
-    order += list(np.argsort(-sets.quick((), np.maximum(0.15 * sets.s, 1e-3))))
+    order += list(np.argsort(-sets.quick((), np.maximum(LEFT_SHARE * sets.s, 1e-3))))
     found: dict[str, int] = {}
     for i in order:
         if len(found) < WATCHED:

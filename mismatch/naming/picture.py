@@ -12,7 +12,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, typical
+from twinbench.mismatch.variants import Variant, typical
 from twinbench.physics.simulator import Array
 
 FIRST_PROBE = 0.05
@@ -60,6 +60,7 @@ class Painter:
         listed: the variants in every picture.
         without: unknowns (an effect's) that are taken out of the view, as if they were at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
+        wanders: positions among the unknowns of sizes that may differ from place to place.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Painter:
         listed: Sequence[Variant],
         without: slice = slice(0, 0),
         probes: Mapping[Variant, float] | None = None,
+        wanders: Sequence[int] = (),
     ) -> None:
         mean = np.array([(u.mean - z) / scale_of(u) for u, z in zip(view.problem.unknowns, view.z, strict=True)])
         whole, out = view.unknowns(), np.arange(len(mean))[without]
@@ -78,6 +80,10 @@ class Painter:
         self.view, self.ground, self.listed = replace(view, residuals=tuple(residuals)), ground, tuple(listed)
         self._own = [np.delete(columns, out, axis=2) for columns in whole]
         self._mean = np.delete(mean, out)
+        if wanders:
+            wandering = view.wandering(ground.discrepancy, wanders)
+            self._own = [np.concatenate((j, w), axis=2) for j, w in zip(self._own, wandering, strict=True)]
+            self._mean = np.concatenate((self._mean, np.zeros(wandering[0].shape[2])))
         self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
             shows = self._shows(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE)))[0]
@@ -148,9 +154,10 @@ class Painter:
         return np.asarray(reduced[:v, v] ** 2 / (squares[:v] * squares[v]))
 
     def _prior(self, candidates: Sequence[Candidate]) -> Array:
-        names = [c.name for c in candidates]
-        listed = names[: len(self.listed)]
-        return np.array([-np.log(len(set(listed))) - np.log(listed.count(n)) for n in names])
+        listed = [c.name for c in candidates][: len(self.listed)]
+        common = 1.0 / max(len(set(listed)), 1)
+        odds = np.array([common if c.odds is None else c.odds for c in candidates])
+        return np.log(odds) - np.log([listed.count(c.name) for c in candidates])
 
     def _shows(self, columns: Sequence[Array]) -> tuple[Array, Reduced, Array, float, float]:
         """How strongly each column shows beside the unknowns, in noise sds (V,); the form without the unknowns.

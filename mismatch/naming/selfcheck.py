@@ -19,7 +19,7 @@ from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
 from twinbench.mismatch.naming.settle import Effect, Settled
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, typical
+from twinbench.mismatch.variants import Variant, typical
 from twinbench.mismatch.words import count
 from twinbench.physics.simulator import Array
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,11 +10,11 @@ from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground, Products
-from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.picture import Variant, is_amplitude, typical
 from twinbench.mismatch.solve import NEARLY, solve
-from twinbench.physics.simulator import Array
+from twinbench.mismatch.variants import Variant, is_amplitude, typical
+from twinbench.physics.simulator import Array, Series
 
 SETTLED = 1.0
 """Nats by which the evidence may still move."""
@@ -53,8 +53,10 @@ class Settled:
         log: evidence in nats, its prior in it; comparable between hypotheses.
         sizes: (E,) of each effect from absence, in its first parameter's unit, and their posterior ``sds``.
         learnt: the discrepancy beside it.
+        at: (K,) where its unknowns are, each in its own unit: the posterior mean, if the step there could be made.
         cov: (K, K) posterior covariance of the unknowns, in prior sds.
-        products: of the columns there, and the unknowns' prior ``mean`` (K,) from there, in prior sds.
+        products: of the columns there, and the prior ``mean`` (K + W,) of the unknowns and of what wanders, from there,
+            in prior sds.
         turns: linearisations that it took.
     """
 
@@ -66,6 +68,7 @@ class Settled:
     sizes: Array
     sds: Array
     learnt: Learnt
+    at: Array
     cov: Array
     products: Products
     mean: Array
@@ -99,6 +102,11 @@ class Settled:
         return slice(at, at + counts[effect])
 
     @property
+    def wanders(self) -> list[int]:
+        """Positions of the sizes that may differ from place to place."""
+        return [self.entries(i).start for i, e in enumerate(self.effects) if may_wander(self.problem, e)]
+
+    @property
     def since_s(self) -> float:
         """When its effects begin, on the recordings' clock; minus infinity if they were always there."""
         return self.problem.since[0] if self.effects and self.problem.since else -np.inf
@@ -122,24 +130,28 @@ def settled(
     bounds = _Bounds.of(whole)
     z, firsts = _start(whole, z, effects)
     z = np.clip(z, bounds.low, bounds.high)
+    wanders = [k for k, e in zip(firsts, effects, strict=True) if may_wander(problem, e)]
     if far:
         z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
     for turn in range(1, TURNS + 1):
         view = View.around(whole, z)
-        products, mean = ground.products(view, view.unknowns()), (whole.z0 - z) / bounds.scale
+        products = ground.products(view, columns_of(view, ground, wanders))
+        mean = np.zeros(len(products.own[0]) - 1)
+        mean[: len(z)] = (whole.z0 - z) / bounds.scale
         inner, learnt, cov, step, promised = _posterior(products, mean, ground, s)
+        cov, step = cov[: len(z), : len(z)], step[: len(z)]
         s = learnt.s
         moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
-        sizes, sds = (moved - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
+        at = moved if promised < SETTLED else z
+        sizes, sds = (at - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
         log = inner.log + learnt.log - 0.5 * products.over()[2] + sum(e.prior for e in effects)
         log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
         if promised > SETTLED:
             log -= promised
-            sizes = (z - whole.z0)[firsts]
         if best is None or log > best.log:
             best = Settled(
-                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, cov, products, mean, turn
+                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, mean, turn
             )
         if promised < SETTLED:
             break
@@ -149,6 +161,20 @@ def settled(
         z = ahead
     assert best is not None
     return best
+
+
+def may_wander(problem: Problem, effect: Effect) -> bool:
+    """Is it physics, whose form is never exact? A fault of a channel is what it says."""
+    return not isinstance(problem.machine.candidates[effect.variant.candidate].mechanism, Series)
+
+
+def columns_of(view: View, ground: Ground, wanders: Sequence[int]) -> list[Array]:
+    """Columns of a view's unknowns, then of the sizes (positions ``wanders``) that differ from place to place."""
+    own = view.unknowns()
+    if not wanders:
+        return own
+    wandering = view.wandering(ground.discrepancy, wanders)
+    return [np.concatenate((j, w), axis=2) for j, w in zip(own, wandering, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -220,29 +246,38 @@ def _posterior(
     return inner, learnt, cov, step, 0.5 * float(step @ (outer.b + mean))
 
 
-def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground, s: Array) -> Array | None:
-    """The step, or as much of it as makes the fit better; None if nothing does."""
+def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Problem], float]:
+    """Twice minus the log posterior of unknowns (K,), the discrepancy of a size (P,) integrated out, constants apart.
+
+    It is asked with the unknowns and with the problem, which may differ from the one given in when effects begin.
+    """
     d = np.maximum(s[ground.group], 1e-4)
-    some = np.flatnonzero(d**2 * np.diag(ground.FF.sum(axis=0)) > 1e-3)
+    FF = ground.FF.sum(axis=0)
+    some = np.flatnonzero(d**2 * np.diag(FF) > UNTOLD)
     d = d[some]
-    inner = np.eye(len(some)) + d[:, None] * ground.FF[:, some[:, None], some].sum(axis=0) * d
-    factor = cho_factor(inner) if len(some) else None
+    factor = cho_factor(np.eye(len(some)) + d[:, None] * FF[np.ix_(some, some)] * d) if len(some) else None
     scale = np.array([scale_of(u) for u in problem.unknowns])
 
-    def cost(at: Array) -> float:
-        residuals = problem.residuals(at)
+    def of(z: Array, problem: Problem) -> float:
+        residuals = problem.residuals(z)
         if any(np.isnan(r[np.isfinite(t.means)]).any() for r, t in zip(residuals, problem.tracks, strict=True)):
             return np.inf
-        total, right = float(np.sum(((at - problem.z0) / scale) ** 2)), np.zeros(len(some))
+        total, right = float(np.sum(((z - problem.z0) / scale) ** 2)), np.zeros(len(some))
         for r, residual in enumerate(residuals):
             white = ground.whitened(r, np.empty((*residual.shape, 0)), residual)[:, 0]
             total += float(white @ white)
             right += ground.white[r][:, some].T @ white
-        return total - (float((d * right) @ cho_solve(factor, d * right)) if len(some) else 0.0)
+        return total - (float((d * right) @ cho_solve(factor, d * right)) if factor is not None else 0.0)
 
-    here = cost(z)
+    return of
+
+
+def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground, s: Array) -> Array | None:
+    """The step, or as much of it as makes the fit better; None if nothing does."""
+    cost = misfit(problem, ground, s)
+    here = cost(z, problem)
     for _ in range(SHORTENINGS):
-        if cost(moved) < here:
+        if cost(moved, problem) < here:
             return moved
         moved = z + SHORTENED * (moved - z)
     return None

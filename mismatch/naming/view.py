@@ -11,9 +11,11 @@ from twinbench.mismatch.fit import Problem, Unknown, parallel
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.course import Acts, Course, together
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.picture import Variant, switched, typical
+from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
+WANDERS = 0.05
+"""Prior sd of how much an effect's size differs from place to place, as a share of it: no catalogue's form is exact."""
 NUDGED = 0.01
 """Step of a difference quotient in an unknown, in scales of it."""
 
@@ -89,6 +91,29 @@ class View:
         n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.problem.unknowns)
         return np.interp(self.courses[r].grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
 
+    def wandering(self, d: Discrepancy, sizes: Sequence[int]) -> list[Array]:
+        """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.
+
+        Args:
+            sizes: E positions of the sizes among the unknowns.
+        """
+
+        def of(r: int) -> Array:
+            course = self.courses[r]
+            functions = d.functions(course) @ d.main
+            acts = [course.none(0)]
+            for k in sizes:
+                u = self.problem.unknowns[k]
+                step = NUDGED * u.scale * (-1.0 if self.z[k] + NUDGED * u.scale > u.high else 1.0)
+                theta = course.setting.theta.copy()
+                theta[u.at] += step
+                one = course.of_parameters(theta, step, self._since(r, u))
+                share = WANDERS * (self.z[k] - u.mean)
+                acts.append(Acts(one.rates * share, one.reads * share).times(functions))
+            return course.columns(together(acts))
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
+
     def of_variants(self, variants: Sequence[Variant], probes: Array, since_s: Sequence[float] = ()) -> list[Array]:
         """Columns of absent candidates, (B, ny, V (1 + T)) per recording and per typical size.
 
@@ -96,6 +121,8 @@ class View:
             probes: (V,) share of the typical size that each is tried with.
             since_s: T times; each variant also as it would be from then on.
         """
+        if not variants:
+            return [np.zeros((*r.shape, 0)) for r in self.residuals]
 
         def of(r: int) -> Array:
             course = self.courses[r]

@@ -116,7 +116,7 @@ def _handles(both: bool, spikes: bool) -> list[Line2D | Patch]:
         handles.append(Line2D([], [], label="simulator after", **AFTER))
     if spikes:
         handles.append(Line2D([], [], label="taken out as a spike", **SPIKE))
-    return [*handles, Patch(color=MUTED, alpha=0.25, linewidth=0, label="error on the recordings fitted, ±2 RMS")]
+    return [*handles, Patch(color=MUTED, alpha=0.25, linewidth=0, label="noise, ±2 SD")]
 
 
 def time_unit(duration_s: float) -> tuple[float, str]:

@@ -1,4 +1,4 @@
-"""What is likeliest: the ports by probability, the explanations by what they gain."""
+"""What is likeliest: the ports by probability, the hypotheses by their evidence."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from twinbench.common.style import BLUE, INK, MUTED, PAGE_MM, PAPER, canvas, styled
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.report.ranking import CHOSEN, REFUSED, RIVAL, TRIED, ranking
+from twinbench.mismatch.naming.answer import PLAIN
+from twinbench.mismatch.report.hypotheses import ABSENT, CHOSEN, REFUSED, TRIED, hypotheses
+from twinbench.mismatch.words import number
 from twinbench.physics.simulator import Port
 
 MOST_BARS = 12
@@ -22,7 +24,7 @@ HEIGHT = 0.62
 LOOKS: dict[str, dict[str, Any]] = {
     CHOSEN: {"facecolor": BLUE, "edgecolor": BLUE},
     REFUSED: {"facecolor": PAPER, "edgecolor": BLUE, "hatch": "xxxx"},
-    RIVAL: {"facecolor": PAPER, "edgecolor": BLUE, "hatch": "////"},
+    ABSENT: {"facecolor": INK, "edgecolor": INK},
     TRIED: {"facecolor": "#aab4bd", "edgecolor": "#aab4bd"},
 }
 
@@ -42,26 +44,27 @@ def ports(shares: Sequence[tuple[Port, float]]) -> Figure:
 
 
 @styled
-def explanations(d: Diagnosis) -> Figure:
-    """One bar per explanation, best on top, and the gain that it had to pass; none that only adds to the accepted."""
-    ranked = [e for e in ranking(d) if not (d.chosen and set(e.names) > set(d.chosen.names))][:MOST_BARS]
+def evidence(d: Diagnosis) -> Figure:
+    """One bar per hypothesis, likeliest on top: what it gains over nothing, and twenty to one below the likeliest."""
+    ranked = hypotheses(d)[:MOST_BARS]
     figure = canvas(PAGE_MM, 20.0 + 6.5 * len(ranked))
     axes = figure.subplots()
-    # Noise may have a set lose a little; a bar to the left would say nothing.
-    gains = [max(e.gain, 0.0) for e in ranked]
-    places = _bars(axes, [_short(e.names) for e in ranked], gains, [e.standing for e in ranked])
-    widest = max([e.gain for e in ranked] + [e.needed for e in ranked])
-    for y, e in zip(places, ranked, strict=True):
-        axes.plot([e.needed] * 2, [y - 0.7 * HEIGHT, y + 0.7 * HEIGHT], color=INK, linewidth=1.6)
-        _label(axes, y, max(e.gain, e.needed), f"{e.gain:,.0f}")
-    axes.set_xlim(0.0, 1.18 * widest)
+    # What is less likely than nothing has no bar: one to the left would say no more.
+    gains = [max(h.gain, 0.0) for h in ranked]
+    places = _bars(axes, [_short(h.names) for h in ranked], gains, [h.standing for h in ranked])
+    for y, h in zip(places, ranked, strict=True):
+        _label(axes, y, max(h.gain, 0.0), number(h.gain))
+    axes.axvline(max(gains) - PLAIN, color=MUTED, linewidth=0.8, linestyle=":")
+    axes.set_xlim(0.0, 1.18 * max(*gains, PLAIN))
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:,.10g}"))
-    axes.set_xlabel("gain, log-likelihood units (twice)")
-    there = [standing for standing in LOOKS if any(e.standing == standing for e in ranked)]
+    axes.set_xlabel("evidence over nothing, nats")
+    there = [standing for standing in LOOKS if any(h.standing == standing for h in ranked)]
     handles: list[Patch | Line2D] = [Patch(linewidth=0.8, label=standing, **LOOKS[standing]) for standing in there]
-    handles.append(Line2D([], [], color=INK, linewidth=1.6, label="gain that it had to pass"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, columnspacing=1.6)
+    handles.append(
+        Line2D([], [], color=MUTED, linewidth=0.8, linestyle=":", label="twenty times less likely than the likeliest")
+    )
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, columnspacing=1.6)
     return figure
 
 

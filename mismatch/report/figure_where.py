@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from twinbench.common.style import INK, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled
+from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled, thin
 from twinbench.mismatch.place import bracketed
 from twinbench.mismatch.report.figure_fit import AFTER, BEFORE, time_unit
 from twinbench.mismatch.report.replays import Replay, level
@@ -24,7 +24,7 @@ DRAWN_PIECES = 24
 BINS = 8
 """Bins of an input, equally full."""
 MOST_PANELS = 6
-WIDE = 8.0
+WIDE_AXIS = 8.0
 """Errors above so many times the noise are drawn on a logarithmic scale."""
 BEFORE_POINTS = BEFORE | {"marker": "s", "markersize": 4, "markerfacecolor": PAPER}
 AFTER_POINTS = AFTER | {"marker": "o", "markersize": 4}
@@ -33,7 +33,7 @@ LEVEL = "error / noise"
 
 @styled
 def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
-    """Course of the free force at the likeliest port, if one was located, above the error, per recording.
+    """Course of the force at the first finding's port, if one can act there, above the error, per recording.
 
     Args:
         sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
@@ -50,7 +50,8 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
         _pieces(grid[-1, column], learnt[r], scale, sd)
         if located:
             axes, (time_s, force) = grid[0, column], located.force[r]
-            axes.plot(time_s / scale, force, color=INK, marker="o", markersize=3, linewidth=1.2)
+            drawn = thin(len(time_s), MOST_POINTS)
+            axes.plot(time_s[drawn] / scale, force[drawn], color=INK, linewidth=0.9)
             axes.axhline(0.0, color=MUTED, linewidth=0.6)
         grid[0, column].set_title(track.name, loc="left")
         grid[-1, column].set_xlabel(f"time, {unit}")
@@ -59,7 +60,7 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
             for axes in grid[:, column]:
                 axes.axvline(since_s / scale, color=INK, linewidth=1.2, linestyle=":")
     if located:
-        port = located.ports[0][0]
+        port = located.port
         grid[0, 0].set_ylabel(f"force at\n{port},\n{_force_unit(verdict.diagnosis.simulator, port)}")
     grid[-1, 0].set_ylabel(LEVEL)
     _level_axis(grid[-1])
@@ -153,7 +154,7 @@ def _level_axis(panels: np.ndarray) -> None:
     """The shared scale of panels: from zero, or logarithmic where the noise would be too small to see."""
     ends = np.array([end for axes in panels for end in (axes.dataLim.y0, axes.dataLim.y1)])
     ends = ends[np.isfinite(ends)]
-    if len(ends) and ends.max() > WIDE:
+    if len(ends) and ends.max() > WIDE_AXIS:
         log_axis(panels[0], ends)
     else:
         panels[0].set_ylim(0.0, 1.1 * max(1.1, *ends))

@@ -9,22 +9,23 @@ from matplotlib.figure import Figure
 
 from twinbench.common.page import Drawing
 from twinbench.mismatch.diagnosis import Diagnosis
+from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.report.figure_fit import fit_over_time
-from twinbench.mismatch.report.figure_rank import explanations, ports
+from twinbench.mismatch.report.figure_rank import evidence, ports
 from twinbench.mismatch.report.figure_where import over_regime, over_time
-from twinbench.mismatch.report.replays import Replay, deviation, most_telling, replays
+from twinbench.mismatch.report.replays import Replay, most_telling, replays
 from twinbench.mismatch.verdict import Verdict
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Port
 
-NOTHING_TO_LOCATE = "the residual is noise, so there is nothing to locate"
+NOTHING_TO_LOCATE = "nothing was found, so there is nothing to locate"
 
 
 def draw(verdict: Verdict) -> Iterator[Drawing]:
     """All figures of a verdict, one at a time; held-out recordings first."""
-    shown, sd = replays(verdict.diagnosis), deviation(verdict.diagnosis)
+    shown, sd = replays(verdict.diagnosis), verdict.diagnosis.noise_sd
     yield from _fits(verdict.diagnosis, shown, sd)
     yield from _where(verdict, shown, sd)
-    yield _explanations(verdict.diagnosis)
+    yield _evidence(verdict.diagnosis)
 
 
 def _fits(d: Diagnosis, shown: Sequence[Replay], sd: Array) -> Iterator[Drawing]:
@@ -43,7 +44,7 @@ def _fits(d: Diagnosis, shown: Sequence[Replay], sd: Array) -> Iterator[Drawing]
         yield _drawn(
             name,
             title,
-            _fit_caption(replay, len(some), d.weighed_on_held_out, {s.recording for s in d.spikes}),
+            _fit_caption(replay, len(some), {s.recording for s in d.spikes}),
             partial(fit_over_time, replay, channels, d.simulator.outputs, sd, d.spikes) if channels else None,
             "no output was measured in it",
         )
@@ -56,8 +57,8 @@ def _where(verdict: Verdict, shown: Sequence[Replay], sd: Array) -> Iterator[Dra
         "where_in_time",
         "When",
         (
-            f"Top: the free force at {located.ports[0][0]} that would explain the recordings best, per recording that "
-            "was learnt from. Bottom: e"
+            f"Top: the force at {located.port} that would explain the recordings best, whatever makes it, per "
+            "recording that was learnt from. Bottom: e"
             if located
             else "E"
         )
@@ -74,31 +75,33 @@ def _where(verdict: Verdict, shown: Sequence[Replay], sd: Array) -> Iterator[Dra
         partial(over_regime, shown, verdict, sd) if d.simulator.inputs else None,
         "the simulator has no inputs",
     )
+    shares = _ports(verdict.findings)
     yield _drawn(
         "where_by_port",
         "At which port",
-        (
-            "Weight of the explanations that have an effect there, among all that were fitted. Each of several effects "
-            "has a port, so the bars may sum to more than 100 %."
-            if d.chosen is not None
-            else "Probability that the difference enters there, from how much a free force at each port alone would "
-            "explain."
-        )
-        + " Below 1 %: not shown.",
-        partial(ports, located.ports) if located else None,
+        "Probability of the names that act there, in the place of each finding. Each of several findings has a port, "
+        "so the bars may sum to more than 100 %. Below 1 %: not shown.",
+        partial(ports, shares) if shares else None,
         NOTHING_TO_LOCATE,
     )
 
 
-def _explanations(d: Diagnosis) -> Drawing:
+def _ports(findings: Sequence[Finding]) -> list[tuple[Port, float]]:
+    """The likeliest first; findings at one port add up."""
+    found: dict[Port, float] = {}
+    for port, p in (pair for f in findings for pair in f.ports):
+        found[port] = min(found.get(port, 0.0) + p, 1.0)
+    return sorted(found.items(), key=lambda item: -item[1])
+
+
+def _evidence(d: Diagnosis) -> Drawing:
     return _drawn(
-        "explanations",
-        "Explanations fitted in full",
-        "By what they gain over the calibrated simulator (twice the log-likelihood). The tick is what noise alone "
-        "could gain with as many effects: an explanation has to pass it. Those that only add to the accepted one "
-        "are in the table alone.",
-        partial(explanations, d) if d.fitted or d.best else None,
-        "no candidate promised enough to be fitted",
+        "hypotheses",
+        "Hypotheses weighed",
+        "By their evidence over nothing, in nats. At the dotted line one is twenty times less likely than the "
+        "likeliest; the plainest beyond it is chosen.",
+        partial(evidence, d) if len(d.answer.naming.hypotheses) > 1 else None,
+        "nothing in the catalogue was likely enough to be weighed against nothing",
     )
 
 
@@ -117,15 +120,14 @@ def failed(error: Exception) -> str:
     return f"drawing it failed, {type(error).__name__}: {' '.join(str(error).split())}"
 
 
-def _fit_caption(replay: Replay, count: int, compared: int, with_spikes: set[str]) -> str:
+def _fit_caption(replay: Replay, count: int, with_spikes: set[str]) -> str:
     of = f", the most telling of {count} recordings" if count > 1 else ""
-    used = f" {compared} explanations were compared on it." if replay.held_out and compared else ""
     after = "before and after what was found is added" if replay.after is not None else "calibrated; nothing was added"
     crosses = " A cross is a reading that was taken out as a spike, at the edge where it lies beyond."
     return (
-        f"Recording {replay.track.name}{of}.{used} Measured and simulated open loop, {after}. Left: the whole "
+        f"Recording {replay.track.name}{of}. Measured and simulated open loop, {after}. Left: the whole "
         "recording; right: the shaded window, where "
         + ("the two differ most" if replay.after is not None else "the error is largest")
-        + ". Beneath each: measured minus simulated, with twice the error on the recordings fitted in grey."
+        + ". Beneath each: measured minus simulated, with twice the noise in grey."
         + (crosses if replay.track.name in with_spikes else "")
     )

@@ -30,17 +30,10 @@ def replays(d: Diagnosis) -> list[Replay]:
     """All recordings of a diagnosis, the held-out ones first."""
     shown = []
     if d.held_before is not None:
-        after = d.held_after.residuals if d.chosen is not None and d.held_after is not None else [None] * len(d.held)
+        after = d.held_after.residuals if d.held_after is not None else [None] * len(d.held)
         shown += [Replay(t, True, b, a) for t, b, a in zip(d.held, d.held_before.residuals, after, strict=True)]
-    before = d.before.problem.residuals(d.before.z)
-    chosen = d.chosen
-    after = chosen.problem.residuals(chosen.z) if chosen is not None else [None] * len(d.tracks)
-    return shown + [Replay(t, False, b, a) for t, b, a in zip(d.tracks, before, after, strict=True)]
-
-
-def deviation(d: Diagnosis) -> Array:
-    """Standard deviation (ny,) of the noise of block means."""
-    return np.sqrt((d.chosen or d.before).problem.whitener.variance())
+    after = d.mended.residuals if d.mended is not None else [None] * len(d.tracks)
+    return shown + [Replay(t, False, b, a) for t, b, a in zip(d.tracks, d.before.residuals, after, strict=True)]
 
 
 def most_telling(some: Sequence[Replay], sd: Array, most: int = 2) -> tuple[Replay, list[int]]:

@@ -1,4 +1,4 @@
-"""A verdict's tables: sizes, parameters, fit, rivals, tests, explanations, and all that was looked for."""
+"""A verdict's tables: sizes, parameters, fit, names, tests, hypotheses, and all that was looked for."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.evidence import OutputError
-from twinbench.mismatch.findings import Finding, Value
-from twinbench.mismatch.picture import typical
-from twinbench.mismatch.report.ranking import ranking
-from twinbench.mismatch.telling import smallest_seen
+from twinbench.mismatch.errors import OutputError
+from twinbench.mismatch.findings import Finding, probable
+from twinbench.mismatch.report.hypotheses import hypotheses
+from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.words import digits_worth, interval, number, spoken, typeset, with_unit
+from twinbench.mismatch.words import digits_worth, interval, number, spoken, typeset
 
 SIGNIFICANT = 0.05
 LEAST_P = 1e-6
@@ -40,7 +39,15 @@ class Listing(NamedTuple):
 def build_listings(verdict: Verdict) -> list[Listing]:
     """All tables below the findings, in the order of the page."""
     d = verdict.diagnosis
-    return [_errors(verdict.fit), _parameters(verdict), _rivals(d), _tests(d), _explanations(d), _looked_for(d)]
+    return [
+        _errors(verdict.fit),
+        _parameters(verdict),
+        _names(verdict.findings),
+        _unnamed(d),
+        _tests(d),
+        _hypotheses(d),
+        _looked_for(d),
+    ]
 
 
 def sizes(finding: Finding) -> Listing:
@@ -110,24 +117,39 @@ def _parameters(verdict: Verdict) -> Listing:
     )
 
 
-def _rivals(d: Diagnosis) -> Listing:
-    best = d.chosen
-    ranked = {frozenset(e.names): e for e in ranking(d)}
-    rows = []
-    if best is not None:
-        own = ranked[frozenset(best.names)].gain
-        for name, others in zip(best.names, d.rivals, strict=True):
-            for other in others.names:
-                instead = ranked.get(frozenset(best.names) - {name} | {other})
-                rows.append((name, other, number(own - instead.gain) if instead else "–", number(own)))
+def _names(findings: Sequence[Finding]) -> Listing:
+    rows = tuple(
+        (f.mechanism or f"something at {f.port}", name, probable(p), "yes" if f.alike and name in f.names else "")
+        for f in findings
+        for name, p in f.weights.items()
+    )
     return Listing(
-        "rivals",
-        "What these recordings cannot tell apart",
-        ("found", "could as well be", "which gains less by", "out of"),
-        ("could as well be",),
-        tuple(rows),
+        "names",
+        "What each finding may be",
+        ("finding", "name", "probability", "one thing with it"),
+        ("name", "one thing with it"),
+        rows,
+        (
+            "Probability: among all names that were weighed in its place. One thing with it: no recording of these "
+            "channels can tell the two.",
+        ),
+        "Nothing was named.",
+    )
+
+
+def _unnamed(d: Diagnosis) -> Listing:
+    rows = tuple((str(u.port), number(u.log), number(u.size_pct, 2)) for u in d.answer.left)
+    return Listing(
+        "unnamed",
+        "Something else at each port",
+        ("port", "evidence", "size, %"),
         (),
-        "Nothing: no other candidate explains the recordings nearly as well." if best else "Nothing was named.",
+        rows,
+        (
+            "Evidence: nats for something beside what was chosen that the catalogue has no name for; below zero it is "
+            "less likely than not. Size: per cent of what commonly acts there.",
+        ),
+        "The simulator has no port where something could act.",
     )
 
 
@@ -154,50 +176,29 @@ def _tests(d: Diagnosis) -> Listing:
     )
 
 
-def _explanations(d: Diagnosis) -> Listing:
-    rows = tuple(
-        (" + ".join(e.names), str(len(e.names)), number(e.gain, 4), number(e.needed), e.standing) for e in ranking(d)
-    )
+def _hypotheses(d: Diagnosis) -> Listing:
+    rows = tuple((" + ".join(h.names), number(h.gain), probable(h.probability), h.standing) for h in hypotheses(d))
     return Listing(
-        "explanations-fitted",
-        "Explanations fitted in full",
-        ("explanation", "effects", "gain", "required gain", "standing"),
+        "hypotheses",
+        "Hypotheses weighed",
+        ("hypothesis", "evidence", "probability", "standing"),
         ("standing",),
         rows,
         (
-            "Gain: over the calibrated simulator, twice the log-likelihood. Required gain: what noise alone can reach "
-            "with as many effects.",
+            "Evidence: nats over nothing, with sizes, parameters and what no catalogue holds integrated out. "
+            "Probability: among these.",
         ),
-        "None: no candidate promised enough.",
     )
 
 
 def _looked_for(d: Diagnosis) -> Listing:
-    candidates = {c.name: c for c in d.machine.candidates}
-    rows = []
-    for name, size in smallest_seen(d):
-        c = candidates[name]
-        v = c.mechanism.parameters[0]
-        seen = size * abs(typical(c))
-        beyond = seen > max(abs(v.low - c.null[0]), abs(v.high - c.null[0]))
-        rows.append(
-            (
-                name,
-                c.mechanism.says,
-                str(c.mechanism.port),
-                with_unit(seen, v.unit) if not beyond else "hidden",
-                number(size) if not beyond else "–",
-            )
-        )
+    found = sorted(d.machine.candidates, key=lambda c: c.name)
     return Listing(
         "looked-for",
-        "All that was looked for, and the least of it that would have been seen",
-        ("mechanism", "what it is", "port", "least size seen", "in typical sizes"),
+        "All that was looked for",
+        ("mechanism", "what it is", "port"),
         ("what it is", "port"),
-        tuple(rows),
-        (
-            "Least size: what would have passed the threshold in these recordings, alone. Above 1 an effect of typical "
-            "size stays hidden in them; hidden: so does the largest that is possible.",
-        ),
+        tuple((c.name, c.mechanism.says, str(c.mechanism.port)) for c in found),
+        (),
         "The catalogue was empty.",
     )

@@ -96,9 +96,9 @@ def _facts(f: Finding) -> list[tuple[str, str]]:
         ("kind", f.kind),
         ("term", typeset(f.term)),
         ("port", str(f.port or "")),
-        ("probability", probable(f.probability) if f.term and f.mechanism else ""),
+        ("probability", probable(f.probability) if f.probability is not None else ""),
         ("where", typeset(f.regime)),
-        ("cannot be told from", listed(f.candidates[1:]) if f.candidates else ""),
+        ("may also be", listed(f.names[1:]) if len(f.names) > 1 else ""),
     ]
     return [(name, text) for name, text in pairs if text]
 
@@ -116,7 +116,6 @@ def _provenance(verdict: Verdict) -> list[tuple[str, str]]:
         ("held out", named(d.held)),
         ("inputs", joined[d.joined.inputs]),
         ("looked for", f"{len(d.machine.candidates)} mechanisms and faults"),
-        ("threshold", f"{d.threshold:.3g} log-likelihood units (twice) per effect"),
         ("also written", "verdict.json, model.toml (the mended simulator), figures/"),
     ]
     return [(name, text) for name, text in pairs if text]

@@ -1,4 +1,4 @@
-"""The engines of the suite by name: ours, the oracle, the opponents, and ours with a guard left out."""
+"""The engines of the suite by name: ours, the oracle, the opponents, and ours with a thing left out."""
 
 from __future__ import annotations
 
@@ -18,11 +18,7 @@ ENGINES = {
     "weak_sindy_projected": "twinbench.proof.opponents.sindy:weak_sindy_projected",
     "black_box": "twinbench.proof.opponents.black_box:diagnose",
     "bic_picker": "twinbench.proof.opponents.bic_picker:diagnose",
-    "no_projection": "twinbench.proof.opponents.ablations:no_projection",
-    "no_whitening": "twinbench.proof.opponents.ablations:no_whitening",
-    "no_held_out_gate": "twinbench.proof.opponents.ablations:no_held_out_gate",
-    "no_pairs": "twinbench.proof.opponents.ablations:no_pairs",
-    "no_nominal_null": "twinbench.proof.opponents.ablations:no_nominal_null",
+    "no_learnt_decision": "twinbench.proof.opponents.ablations:no_learnt_decision",
 }
 """By name, "module:function", called as ``twinbench.diagnose``."""
 MAIN = ("twinbench", ORACLE)

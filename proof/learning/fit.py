@@ -12,10 +12,10 @@ from scipy.special import expit
 from twinbench.mismatch.naming.decision import FEATURES, features
 from twinbench.physics.simulator import Array
 
-SHRINKAGE = 1.0
-"""Penalty on the weights of standardised features, in squares of each: as of one case."""
-WRONG_NAMES = 0.01
-"""Promised rate of wrong names among all verdicts; half of what may be, since reported cases are others."""
+SHRINKAGE = 4.0
+"""Penalty on the squares of standardised weights: a feature that four cases speak for keeps half of its weight."""
+WRONG_NAMES = 0.02
+"""Promised rate of wrong names among all verdicts."""
 WRONG_SETS = 0.07
 """Promised rate, among sets that are said, of those that do not hold the right name."""
 

@@ -1,14 +1,29 @@
-"""The engine with one guard left out at a time; ``mismatch.guards`` says what each is for."""
+"""The engine with one thing left out at a time: to see what each is for."""
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Sequence
 
-from twinbench.mismatch import ablated
-from twinbench.mismatch.guards import Guards
+from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked, Progress, silent
+from twinbench.mismatch.naming.decision import FEATURES, Rule
+from twinbench.mismatch.verdict import Verdict, conclude
+from twinbench.mismatch.walk import examine
+from twinbench.physics.simulator import Mechanism, Simulator
 
-no_projection = partial(ablated, Guards(projection=False))
-no_whitening = partial(ablated, Guards(whitening=False))
-no_held_out_gate = partial(ablated, Guards(held_out_gate=False))
-no_pairs = partial(ablated, Guards(pairs=False))
-no_nominal_null = partial(ablated, Guards(nominal_null=False))
+SAID = 0.95
+"""Probability that the evidence alone must give a name, or the names of a set, to be said."""
+_NOTHING = dict.fromkeys(FEATURES, 0.0) | {"constant": 0.0}
+EVIDENCE_ALONE = Rule(name=_NOTHING | {"weight": 1.0}, holds=_NOTHING, say_name=SAID, say_set=0.0)
+"""A name's probability is its weight among all that could stand in its place; a set is always said."""
+
+
+def no_learnt_decision(
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    hold_out: Sequence[Recording] = (),
+    catalogue: Sequence[Mechanism] | None = None,
+    progress: Progress = silent,
+) -> Verdict:
+    """What is said is decided by the evidence alone; arguments as for ``mismatch.diagnose``."""
+    return conclude(examine(Asked(simulator, recordings, hold_out, catalogue), progress, EVIDENCE_ALONE))

@@ -11,14 +11,16 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked
-from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.diagnosis import Fit
+from twinbench.mismatch.fit import Unknown
 from twinbench.mismatch.machine import Candidate, Machine
 from twinbench.mismatch.model import whole_catalogue
-from twinbench.mismatch.picture import Variant, switched
-from twinbench.mismatch.proof import held_out
+from twinbench.mismatch.proof import Held, held_out
 from twinbench.mismatch.solve import solve
-from twinbench.mismatch.walk import examine
+from twinbench.mismatch.stage_audit import audited
+from twinbench.mismatch.stage_calibrate import calibration
+from twinbench.mismatch.tracks import Track
+from twinbench.mismatch.variants import Variant, switched
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
 
 Progress = Callable[[str, float], None]
@@ -29,22 +31,38 @@ def quiet(stage: str, share: float) -> None:
 
 
 @dataclass(frozen=True)
+class Plain:
+    """The engine's own calibration of a simulator, with nothing in its catalogue.
+
+    Attributes:
+        tracks, held: recordings learnt from, and those held out.
+        floor: (ny,) noise of block means, in the outputs' units.
+        before: the fit; ``held_before`` is how it does on held-out recordings.
+    """
+
+    simulator: Simulator
+    tracks: list[Track]
+    held: list[Track]
+    floor: Array
+    before: Fit
+    held_before: Held
+
+
+@dataclass(frozen=True)
 class Calibrated:
     """A simulator calibrated without any mechanism, and everything that might be missing from it.
 
     Attributes:
-        found: the engine's own calibration, from an empty catalogue.
-        problem: the same fit on a machine that holds the whole catalogue, all of it absent.
-        z: (K,) where its unknowns stand, each in its own unit.
+        found: the calibration.
+        fit: the same on a machine that holds the whole catalogue, all of it absent.
     """
 
-    found: Diagnosis
-    problem: Problem
-    z: Array
+    found: Plain
+    fit: Fit
 
     @property
     def candidates(self) -> list[Candidate]:
-        return self.problem.machine.candidates
+        return self.fit.problem.machine.candidates
 
     def after(self, sizes: Mapping[Variant, float], again: bool) -> Array:
         """Held-out errors (ny,), sample by sample, with variants switched on.
@@ -52,25 +70,26 @@ class Calibrated:
         Args:
             again: calibrate the parameters anew, the variants being there; they stay as they were otherwise.
         """
-        theta = self.problem.theta
+        problem, z = self.fit
+        theta = problem.theta
         for variant, size in sizes.items():
-            theta = switched(self.problem.machine, theta, variant, size)
-        problem = replace(self.problem, theta=theta)
-        z = solve(problem, self.z)[0] if again else self.z
+            theta = switched(problem.machine, theta, variant, size)
+        problem = replace(problem, theta=theta)
+        z = solve(problem, z)[0] if again else z
         return held_out(problem, z, self.found.held, self.own()).rmse
 
     def own(self) -> list[Unknown]:
         """What each held-out recording has for itself."""
-        one = [u for u in self.problem.unknowns if u.recording == 0]
+        one = [u for u in self.fit.problem.unknowns if u.recording == 0]
         return [replace(u, recording=r) for r in range(len(self.found.held)) for u in one]
 
 
-_LAST: dict[Hashable, Diagnosis] = {}
+_LAST: dict[Hashable, Plain] = {}
 
 
 def calibrate(
     simulator: Simulator, recordings: Sequence[Recording], hold_out: Sequence[Recording], progress: Progress
-) -> Diagnosis:
+) -> Plain:
     """The engine's own calibration, from an empty catalogue; arguments as for ``mismatch.diagnose``.
 
     The last one is kept: where several opponents answer a case in one process, the first pays for all.
@@ -80,9 +99,12 @@ def calibrate(
     """
     key = (simulator, *((r.name, r.time_s.tobytes(), r.values.tobytes()) for r in (*recordings, *hold_out)))
     if key not in _LAST:
-        found = examine(Asked(simulator, recordings, hold_out, ()), progress)
+        seen = audited(Asked(simulator, recordings, hold_out, ()), progress)
+        fit = calibration(seen, progress)
+        before = Fit(fit.problem, fit.z)
+        held_before = held_out(*before, fit.held, fit.own, fit.held_first)
         _LAST.clear()
-        _LAST[key] = found
+        _LAST[key] = Plain(simulator, fit.tracks, fit.held, seen.floor, before, held_before)
     return _LAST[key]
 
 
@@ -99,10 +121,10 @@ def calibrated(
     machine = Machine(simulator, [m for m in listed if not _calibrated(simulator, m)])
     machine.settle_step(found.tracks, found.floor)
     problem = replace(found.before.problem, machine=machine, theta=machine.theta, starts=[])
-    return Calibrated(found, problem, found.before.z)
+    return Calibrated(found, Fit(problem, found.before.z))
 
 
-def check_folds(found: Diagnosis) -> None:
+def check_folds(found: Plain) -> None:
     """Refuse what cannot be cross-validated.
 
     Raises:
@@ -119,7 +141,7 @@ def _calibrated(simulator: Simulator, mechanism: Mechanism) -> bool:
 
 
 def told(
-    found: Diagnosis, says: str, findings: Sequence[Mapping[str, Any]] = (), after: Array | None = None
+    found: Plain, says: str, findings: Sequence[Mapping[str, Any]] = (), after: Array | None = None
 ) -> dict[str, Any]:
     """A verdict like ``Verdict.to_dict()``, as far as a judge reads it.
 
@@ -127,7 +149,6 @@ def told(
         after: held-out errors (ny,) of the mended simulator, in the outputs' units; those of the calibrated one if left
             out or not finite.
     """
-    assert found.held_before is not None
     before = found.held_before.rmse
     kept = before if after is None or not np.isfinite(after).all() else after
     return {

@@ -43,12 +43,11 @@ def diagnose(
     """
     d = calibrate(simulator, recordings, hold_out, progress)
     check_folds(d)
-    residuals = d.before.problem.residuals(d.before.z)
+    residuals = d.before.residuals
     X = np.concatenate([features(t, t.means - r) for t, r in zip(d.tracks, residuals, strict=True)])
     E = np.concatenate(residuals)
     recording = np.repeat(np.arange(len(residuals)), [len(r) for r in residuals])
     low, high = X.min(axis=0), X.max(axis=0)
-    assert d.held_before is not None
     after = d.held_before.rmse.copy()
     for c in range(E.shape[1]):
         seen = np.isfinite(E[:, c]) & np.isfinite(X).all(axis=1)

@@ -15,14 +15,16 @@ import numpy as np
 from numba import njit, types
 
 from twinbench.mismatch.fit import STEP
-from twinbench.mismatch.picture import PROBE_SIZE, Variant, switched, typical, variants
 from twinbench.mismatch.tracks import Track
+from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.compile import compiled
 from twinbench.physics.integrate import MATRIX, simulate
 from twinbench.physics.jit import FUNCTION, VECTOR
 from twinbench.physics.simulator import Array, Series, Term
 from twinbench.proof.opponents.base import Calibrated
 
+PROBE_SIZE = 0.2
+"""Share of its typical size at which a candidate's column is taken."""
 _PRESENT = 1e-9
 """Of its typical size: a term's own states run with it, and it does nothing yet."""
 
@@ -72,10 +74,10 @@ class _Recording:
     """One recording, and the machine that ran it."""
 
     def __init__(self, c: Calibrated, r: int, shown: list[Shown], smooth: Callable[[Array], Array]) -> None:
-        self.machine, self.problem = c.problem.machine, c.problem
+        self.machine, self.problem = c.fit.problem.machine, c.fit.problem
         self.whole = self.machine.whole
         self.track: Track = c.found.tracks[r]
-        self.r, self.z, self.shown, self.smooth = r, c.z, shown, smooth
+        self.r, self.z, self.shown, self.smooth = r, c.fit.z, shown, smooth
         self.states = [s.state for s in shown]
         self.readings = np.stack([_filled(self.track.y[:, s.output]) for s in shown], axis=-1)
 
@@ -157,10 +159,10 @@ class _Recording:
 
 def _shown(c: Calibrated) -> list[Shown]:
     """States that an output shows by itself, judged at the middle of the first recording."""
-    machine, track = c.problem.machine, c.found.tracks[0]
+    machine, track = c.fit.problem.machine, c.found.tracks[0]
     output = compiled(machine.whole).output
     theta = machine.theta[: len(machine.whole.parameters)].copy()
-    for value, unknown in zip(c.z, c.problem.unknowns, strict=True):
+    for value, unknown in zip(c.fit.z, c.fit.problem.unknowns, strict=True):
         if unknown.kind == "parameter":
             theta[unknown.at] = value
     x = np.array([v.nominal for v in machine.states])

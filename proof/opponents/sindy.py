@@ -26,8 +26,8 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from twinbench.data.recording import Recording
-from twinbench.mismatch.findings import Z90
-from twinbench.mismatch.picture import typical
+from twinbench.mismatch.mixture import Z90
+from twinbench.mismatch.variants import typical
 from twinbench.physics.simulator import Array, Mechanism, Simulator
 from twinbench.proof.opponents.base import Progress, calibrated, check_folds, finding, quiet, told
 from twinbench.proof.opponents.library import Path, paths

@@ -134,13 +134,12 @@ def test_a_figure_that_fails_loses_nothing_else(
     text = page(tmp_path)
     assert "Not drawn: drawing it failed, ValueError: ParseException: Expected end of text, found &#39;$&#39;" in text
     assert json.loads((tmp_path / "verdict.json").read_text())["verdict"] == "missing physics"
-    assert (tmp_path / "figures" / "explanations.png").exists() == (where != "twinbench.common.page.png")
+    assert (tmp_path / "figures" / "hypotheses.png").exists() == (where != "twinbench.common.page.png")
     assert capsys.readouterr() == ("", "")
 
 
 def test_the_port_figure_says_what_the_verdict_says(named: Verdict) -> None:
     assert named.located is not None
-    port, weight = named.located.ports[0]
-    assert str(port) == str(named.findings[0].port) == "balance:T_C"
-    assert weight > 0.5
+    assert str(named.located.port) == str(named.findings[0].port) == "balance:T_C"
     assert all(f.ports[0][0] == f.port for f in named.findings)
+    assert named.findings[0].ports[0][1] > 0.5

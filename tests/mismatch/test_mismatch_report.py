@@ -16,26 +16,27 @@ import pytest
 from helpers.oven import LOSS, OVEN, diagnosed, loss_found, page, write
 
 from twinbench.mismatch import Verdict
-from twinbench.mismatch.onset import Onset
+from twinbench.mismatch.began import Onset
 from twinbench.mismatch.report import write as mismatch_report
 from twinbench.mismatch.report.figure_where import equally_full, regime_bounds
 from twinbench.mismatch.report.figures import draw
-from twinbench.mismatch.report.ranking import CHOSEN, REFUSED, ranking
+from twinbench.mismatch.report.hypotheses import CHOSEN, REFUSED, hypotheses
 from twinbench.mismatch.report.replays import Replay, level, most_telling, replays, window
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.verdict import conclude
 
-FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "explanations"}
+FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "hypotheses"}
 NUMBER = (int, float)
 VERDICT = [
-    "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "spikes", "weighed", "unfollowed",
-    "held_out", "more_data",
+    "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "spikes", "weighed", "unnamed",
+    "unfollowed", "held_out", "more_data",
 ]  # fmt: skip
 NULL = type(None)
 FINDING = {
-    "kind": str, "mechanism": (str, NULL), "term": str, "probability": (*NUMBER, NULL), "indistinguishable_from": list,
-    "candidates": list, "port": str, "ports": list, "since_s": (*NUMBER, NULL), "onsets": list, "intervals_s": list,
-    "regime": str, "parameters": dict, "force": (dict, NULL), "says": str,
+    "kind": str, "says": str, "mechanism": (str, NULL), "term": str, "probability": (*NUMBER, NULL),
+    "indistinguishable_from": list, "alike": bool, "weights": dict, "port": str, "ports": list,
+    "since_s": (*NUMBER, NULL), "onsets": list, "intervals_s": list, "regime": str, "parameters": dict,
+    "force": (dict, NULL),
 }  # fmt: skip
 FIT = {
     "channel": str, "unit": str, "held_out": bool, "rmse_before": NUMBER, "rmse_after": NUMBER, "change_low": NUMBER,
@@ -56,8 +57,10 @@ def named() -> Verdict:
 
 @pytest.fixture(scope="module")
 def abstaining(named: Verdict) -> Verdict:
-    d = dataclasses.replace(named.diagnosis, chosen=None, refused="on held-out recordings it removes nothing")
-    return conclude(d)
+    d = named.diagnosis
+    unsaid = tuple(dataclasses.replace(c, names=()) for c in d.claims)
+    says = "it makes the held-out errors of probe_C grow"
+    return conclude(dataclasses.replace(d, mended=None, held_after=None, claims=unsaid, refused=says))
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +142,7 @@ def test_the_page_says_what_was_found(folders: dict[str, Path], named: Verdict) 
 
 def test_nothing_is_drawn_of_what_is_not_there(folders: dict[str, Path]) -> None:
     text = page(folders["consistent"])
-    assert "Not drawn: the residual is noise" in text
+    assert "Not drawn: nothing was found, so there is nothing to locate" in text
     assert not (folders["consistent"] / "figures" / "where_by_port.svg").exists()
     assert "Nothing was named." in text
     assert "None: no effect had to be added." in text
@@ -147,12 +150,12 @@ def test_nothing_is_drawn_of_what_is_not_there(folders: dict[str, Path]) -> None
 
 
 def test_what_was_refused_is_marked_so(folders: dict[str, Path], abstaining: Verdict, named: Verdict) -> None:
-    assert ranking(named.diagnosis)[0].standing == CHOSEN
-    best = ranking(abstaining.diagnosis)[0]
+    assert hypotheses(named.diagnosis)[0].standing == CHOSEN
+    best = hypotheses(abstaining.diagnosis)[0]
     assert (best.names, best.standing) == ((LOSS.name,), REFUSED)
-    assert best.gain > best.needed
+    assert best.gain > 0.0
     text = page(folders["abstaining"])
-    assert "on held-out recordings it removes nothing" in text
+    assert "it makes the held-out errors of probe_C grow" in text
     assert "simulator after" not in text
     assert all(r.after is None for r in replays(abstaining.diagnosis))
 

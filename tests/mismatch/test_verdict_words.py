@@ -12,12 +12,13 @@ from motor_case import record
 
 from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.catalogue import generic
-from twinbench.mismatch.evidence import FaultAlone
 from twinbench.mismatch.faults import faults
-from twinbench.mismatch.rivals import Rivals
+from twinbench.mismatch.naming.answer import Unnamed
+from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.telling import headline
 from twinbench.mismatch.verdict import conclude
 from twinbench.mismatch.words import number
+from twinbench.physics.simulator import Port
 
 LISTED = (
     "coulomb_friction@omega_rad_s",
@@ -86,94 +87,111 @@ def test_an_error_that_need_not_have_changed_is_not_said_to_fall(friction):
         assert "falls" not in amps
 
 
-def test_of_many_candidates_all_are_listed_and_none_is_named(friction):
-    names = [f"other_{i}@omega_rad_s" for i in range(4)]
-    groups = (("coulomb_friction@omega_rad_s",), *((name,) for name in names))
-    d = replace(friction.diagnosis, rivals=[Rivals(names, 5, groups)])
-    machine = d.machine
-    kinds = [
-        replace(c, mechanism=replace(c.mechanism, name=n))
-        for c, n in zip([machine.candidates[0]] * 4, names, strict=True)
-    ]
-    machine.candidates = [*machine.candidates, *kinds]
-    try:
-        verdict = conclude(d)
-    finally:
-        machine.candidates = machine.candidates[:-4]
+def claiming(verdict: Verdict, *names: str, alike: bool = False, probability: float = 0.97) -> Verdict:
+    """The verdict, had the rule said other names."""
+    d = verdict.diagnosis
+    (claim,) = d.claims
+    weights = {name: 1.0 / max(len(names), 1) for name in names or claim.found.weights}
+    found = replace(claim.found, weights=weights)
+    said = replace(claim, names=names, alike=alike, probability=probability, found=found)
+    mended = d.mended if names else None
+    return conclude(replace(d, claims=(said,), mended=mended, held_after=d.held_after if names else None))
+
+
+DRY, BIAS, GAIN = "coulomb_friction@omega_rad_s", "sensor_bias@amps_A", "sensor_gain@T_probe_K"
+
+
+def test_a_set_lists_its_names_with_probabilities_and_what_to_record(friction):
+    verdict = claiming(friction, DRY, BIAS)
     (finding,) = verdict.findings
-    assert finding.mechanism is None
-    assert finding.candidates == ("coulomb_friction@omega_rad_s", *names)
-    assert all(name in verdict.points[0] for name in finding.candidates)
-    assert "something is missing at balance:omega_rad_s that these recordings cannot name" in verdict.says.lower()
+    assert (finding.mechanism, finding.indistinguishable_from) == (DRY, (BIAS,))
+    assert finding.kind == "unexplained", "one is physics, the other a sensor"
+    assert f"One of {DRY} (probability 0.5) and {BIAS} (probability 0.5)." in finding.says
+    assert verdict.more_data.startswith(f"To tell {DRY} from {BIAS}, record where their effects differ")
+    assert verdict.says.startswith(f"One of {DRY} and {BIAS} is missing or at fault: on day 3")
+    assert dict(finding.ports) == {Port("balance", "omega_rad_s"): 0.5, Port("output", "amps_A"): 0.5}
+
+
+def test_names_that_are_one_thing_are_said_in_one_sentence(friction):
+    verdict = claiming(friction, DRY, BIAS, alike=True)
+    (finding,) = verdict.findings
+    assert f"({DRY}, at balance:omega_rad_s), or, which no recording of these channels can tell, " in finding.says
+    assert f"({BIAS}, at output:amps_A)." in finding.says
+    assert finding.kind == verdict.verdict == "missing physics", "of the likelier one's kind"
+    assert verdict.more_data == "", "no recording helps"
+
+
+def test_what_has_too_many_names_is_a_place(friction):
+    verdict = claiming(friction)
+    (finding,) = verdict.findings
+    assert (verdict.verdict, finding.mechanism, finding.parameters) == ("unexplained", None, ())
+    assert finding.says.startswith("Something acts at balance:omega_rad_s that these recordings cannot name; the likel")
+    assert verdict.says.startswith("Something acts at balance:omega_rad_s that these recordings cannot name: on day 3")
+    assert verdict.mechanisms == ()
+
+
+def test_something_unnamed_beside_a_name_is_incomplete(friction):
+    d, port = friction.diagnosis, Port("balance", "T_winding_K")
+    left = (Unnamed(port, 1.5, 2.3), Unnamed(Port("balance", "current_A"), -9.0, 0.1))
+    also = Claim((), False, 0.8, port, None)
+    verdict = conclude(replace(d, claims=(*d.claims, also), answer=replace(d.answer, left=left)))
+    assert verdict.verdict == "incomplete"
+    named, beside = verdict.findings
+    assert named.mechanism == DRY
+    assert beside.names == ()
+    assert [port for port, _ in beside.ports] == [port]
+    assert "Something else acts at balance:T_winding_K that these recordings cannot name: about 2.3 %" in beside.says
+    assert verdict.says.startswith("The simulator lacks one effect and something else acts at balance:T_winding_K")
 
 
 def test_an_onset_is_told_by_recording(friction):
-    chosen = friction.diagnosis.chosen
-    late = replace(chosen, problem=replace(chosen.problem, since=(62.0, np.inf)))
-    (finding,) = conclude(replace(friction.diagnosis, chosen=late)).findings
-    assert "It is there in run 1 from 62 s on and not in run 2." in finding.says
-    since_then = replace(chosen, problem=replace(chosen.problem, since=(np.inf, -np.inf)))
-    (finding,) = conclude(replace(friction.diagnosis, chosen=since_then)).findings
-    assert "It is there all through run 2 and not in run 1." in finding.says
-    assert "0 s" not in finding.says
+    d = friction.diagnosis
+    tracks = [d.tracks[0], replace(d.tracks[1], time_s=d.tracks[1].time_s + 500.0)]
+
+    def since(since_s: float) -> Verdict:
+        chosen = d.answer.chosen
+        late = replace(chosen, problem=replace(chosen.problem, since=(since_s,) * 2))
+        return conclude(replace(d, tracks=tracks, answer=replace(d.answer, chosen=late)))
+
+    (finding,) = since(62.0).findings
+    assert "It is there in run 1 from 62 s on and all through run 2." in finding.says
+    assert [o.into_s for o in finding.onsets] == [pytest.approx(62.0), None]
+    (finding,) = since(520.0).findings
+    assert "It is there in run 2 from 520 s on and not in run 1." in finding.says
+    assert finding.since_s == 520.0
+    (finding,) = since(-np.inf).findings
     assert finding.since_s is None
+    assert finding.onsets == ()
 
 
 def test_what_was_refused_is_not_said_to_be_in_no_catalogue(friction):
-    d = replace(friction.diagnosis, chosen=None, refused="it makes T_probe_K worse")
-    verdict = conclude(d)
+    d = friction.diagnosis
+    unsaid = tuple(replace(c, names=()) for c in d.claims)
+    refused = replace(d, claims=unsaid, mended=None, held_after=None, refused="it makes T_probe_K worse")
+    verdict = conclude(refused)
     assert verdict.verdict == "unexplained"
-    assert verdict.findings[0].probability is None
     said = " ".join((verdict.says, *verdict.points))
-    assert "does not hold" not in said
-    assert (
-        "coulomb_friction@omega_rad_s explains what was learnt from best, but is refused: it makes T_probe_K worse"
-        in said
-    )
+    assert f"{DRY} explains what was learnt from best, but is refused: it makes T_probe_K worse" in said
 
 
-def test_faults_alone_are_told_by_the_error_that_they_leave(friction, monkeypatch):
-    alone = FaultAlone(
-        ("sensor_bias@amps_A",), (("speed_rad_s", "rad/s", 9.0, 31.8, 1.2), ("amps_A", "A", np.nan, 1, 1))
-    )
-    monkeypatch.setattr("twinbench.mismatch.evidence.best_fault_alone", lambda d: alone)
-    verdict = conclude(friction.diagnosis)
-    assert (
-        "A fault of sensors or inputs alone, at best sensor_bias@amps_A, leaves an error of speed_rad_s of 31.8 rad/s "
-        "where it learnt; what is named leaves 1.2, and the simulator with its own parameters fitted 9."
-    ) in verdict.points
-
-
-@pytest.mark.parametrize("compared", [0, 4])
-def test_what_was_held_back_is_not_called_unused_when_it_chose(friction, compared):
-    verdict = conclude(replace(friction.diagnosis, weighed_on_held_out=compared))
-    (use,) = (p for p in verdict.points if p.startswith("Nothing but where it starts was learnt from day 3"))
-    assert ("four explanations were compared on it" in use) == (compared == 4)
-    assert verdict.to_dict()["held_out"] == {"recordings": ["day 3"], "explanations_compared": compared}
+def test_what_was_held_back_may_only_refuse(friction):
+    (use,) = (p for p in friction.points if p.startswith("Nothing but where it starts was learnt from day 3"))
+    assert use.endswith("nothing was chosen by it: it may only refuse.")
+    assert friction.to_dict()["held_out"] == {"recordings": ["day 3"], "worse": []}
 
 
 def test_several_findings_are_a_count_and_a_list(friction):
     (one,) = friction.findings
-    fault = replace(one, kind="sensor fault", mechanism="sensor_bias@amps_A")
-    says = headline(friction.diagnosis, "missing physics", (one, one, fault), friction.fit, True)
+    fault = replace(one, kind="sensor fault", mechanism=BIAS)
+    says = headline(friction.diagnosis, "incomplete", (one, one, fault), friction.fit, ["more"])
     lead = "The simulator lacks two effects and one sensor or input is at fault, and that is not all: on day 3 the RMS"
     assert says.startswith(lead)
-    unsure = replace(one, probability=0.39)
-    says = headline(friction.diagnosis, "missing physics", (one, unsure, unsure), friction.fit, False)
-    assert says.startswith("The simulator lacks three effects (one of them sure by name): on day 3 the RMS")
+    says = headline(friction.diagnosis, "missing physics", (one, one, one), friction.fit, [])
+    assert says.startswith("The simulator lacks three effects: on day 3 the RMS")
 
 
-@pytest.mark.parametrize(
-    ("probability", "said"),
-    [
-        (0.39, "0.39"),
-        (0.9999, "above 0.99"),
-        (None, "not known, for nothing else was fitted in its place"),
-    ],
-)
-def test_a_name_has_its_probability_over_all_that_was_fitted(friction, monkeypatch, probability, said):
-    told = {"coulomb_friction@omega_rad_s": probability}
-    monkeypatch.setattr("twinbench.mismatch.evidence.probabilities", lambda d: told)
-    (finding,) = conclude(friction.diagnosis).findings
-    assert finding.says.endswith(f"Its probability among all that was fitted is {said}.")
-    assert finding.is_sure == (said == "above 0.99")
+@pytest.mark.parametrize(("probability", "said"), [(0.39, "0.39"), (0.9999, "above 0.99")])
+def test_a_finding_says_how_likely_it_is_right(friction, probability, said):
+    (finding,) = claiming(friction, DRY, probability=probability).findings
+    assert finding.says.endswith(f"The probability that this is right is {said}.")
+    assert finding.to_dict()["probability"] == probability

@@ -19,8 +19,8 @@ from rich.console import Console
 from twinbench.bench.cli.main import main
 from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
-from twinbench.mismatch.guards import Guards
 from twinbench.mismatch.model import load_simulator, whole_catalogue
+from twinbench.mismatch.naming.decision import features, probability
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.physics.simulator import Mechanism, Simulator
 from twinbench.proof.concealed.case import missing
@@ -41,6 +41,11 @@ OPPONENTS = (
     "calibrate_only", "sindy", "sindy_projected", "weak_sindy", "weak_sindy_projected", "black_box", "bic_picker",
 )  # fmt: skip
 LEAK = "leak@h1_cm"
+EVIDENCE = (
+    "against_nothing", "against_rival", "against_unnamed", "least_recording", "unnamed_beside", "discrepancy", "sds",
+    "shows", "effects", "left", "at_bound", "late", "fault",
+)  # fmt: skip
+"""What a finding's evidence holds."""
 
 
 def engine(name: str) -> Callable[..., Any]:
@@ -82,7 +87,9 @@ def given(folder: Path, cell: str, *effects: str, severity: float = 1.5) -> Give
     write(case, folder)
     names = (*case.public["train"], *case.public["held_out"])
     recordings = read_recordings([folder / f"{n}.csv" for n in names], TANKS)
-    return Given(case.truth, TANKS, recordings[:3], recordings[3:], whole_catalogue(TANKS, (), 0.5))
+    # A vessel that is slower than its simulator looks to a regression like one that leaks.
+    listed = tuple(m for m in whole_catalogue(TANKS, (), 0.5) if not m.name.startswith("time_constant"))
+    return Given(case.truth, TANKS, recordings[:3], recordings[3:], listed)
 
 
 @pytest.fixture(scope="module")
@@ -219,12 +226,13 @@ def test_every_engine_is_asked_by_the_name_that_is_installed() -> None:
     assert all(where.startswith("twinbench.") for where in ENGINES.values())
 
 
-def test_each_ablation_leaves_one_guard_out() -> None:
-    for guard in dataclasses.fields(Guards):
-        name = f"no_{guard.name}"
-        assert ENGINES[name] == f"twinbench.proof.opponents.ablations:{name}"
-        assert getattr(ablations, name).args == (dataclasses.replace(Guards(), **{guard.name: False}),)
-    assert len(ENGINES) == len(MAIN) + len(OPPONENTS) + len(dataclasses.fields(Guards))
+def test_without_the_learnt_decision_the_evidence_alone_decides() -> None:
+    rule = ablations.EVIDENCE_ALONE
+    for weight in (0.5, 0.9, 0.999):
+        evidence = dict.fromkeys(EVIDENCE, 1.0)
+        assert probability(rule.name, features(evidence, weight)) == pytest.approx(weight, abs=2e-3)
+        assert probability(rule.holds, features(evidence, weight)) >= rule.say_set
+    assert len(ENGINES) == len(MAIN) + len(OPPONENTS) + 1
 
 
 def test_an_unknown_engine_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -332,8 +340,10 @@ def test_an_engine_that_joins_later_is_asked_alone_under_the_same_seal(counting:
 
 
 def test_opponents_get_cases_from_all_over_the_plan_and_ours_all() -> None:
-    asked = [list(engines) for _, engines in planned(Study(5, 1, chosen("twinbench,sindy,oracle,no_pairs"), 3))]
-    everyone, ours = ["twinbench", "sindy", "oracle", "no_pairs"], ["twinbench", "oracle"]
+    asked = [
+        list(engines) for _, engines in planned(Study(5, 1, chosen("twinbench,sindy,oracle,no_learnt_decision"), 3))
+    ]
+    everyone, ours = ["twinbench", "sindy", "oracle", "no_learnt_decision"], ["twinbench", "oracle"]
     assert asked == [everyone, ours, everyone, ours, everyone]
     assert len(planned(Study(5, 1, chosen("black_box"), 2))) == 2
     assert all("sindy" in engines for _, engines in planned(Study(5, 1, chosen("twinbench,sindy"))))

@@ -1,0 +1,131 @@
+"""How large what is named is, and how sure that is; sizes at a balance of forces or heat as those."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twinbench.mismatch.diagnosis import Diagnosis
+from twinbench.mismatch.force import as_force, inertia
+from twinbench.mismatch.mixture import Z90, Mixture, covariance, near
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.naming.view import scale_of
+from twinbench.mismatch.variants import is_amplitude, typical
+from twinbench.mismatch.words import digits_worth, interval, number, spoken, with_unit
+from twinbench.physics.simulator import Mechanism, Term
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with its 90 % interval; ``before`` for what a parameter was, ``says`` for what it is."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    before: float | None = None
+    says: str = ""
+
+    def words(self, of: str = "") -> str:
+        """How large it is and, after what the interval is ``of``, how sure that is."""
+        digits = digits_worth(self.value, self.low, self.high)
+        return f"{with_unit(self.value, self.unit, digits)} ({of}{interval(self.low, self.high, digits)})"
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """As JSON has it."""
+        return {"value": self.value, "low": self.low, "high": self.high, "unit": self.unit}
+
+
+def sizes(d: Diagnosis, place: int) -> tuple[Value, ...]:
+    """An effect's parameters as the chosen hypothesis has them; intervals from all hypotheses that have the effect.
+
+    Args:
+        place: of the effect in the chosen hypothesis.
+    """
+    chosen = d.answer.chosen
+    which = chosen.effects[place].variant.candidate
+    mechanism = d.machine.candidates[which].mechanism
+    having = near([h for h in d.answer.naming.hypotheses if which in _candidates(h)])
+    numbers = [_numbers(h, _candidates(h).index(which)) for h in having]
+    found = []
+    for k, (v, (value, _)) in enumerate(zip(mechanism.parameters, _numbers(chosen, place), strict=True)):
+        low, high = Mixture.of(having, [n[k] for n in numbers]).interval(v.low, v.high)
+        found.append(Value(v.name, value, min(low, value), max(high, value), v.unit, says=v.says))
+    return tuple(found)
+
+
+def parameters(d: Diagnosis) -> tuple[Value, ...]:
+    """The simulator's parameters as the accepted hypothesis has them; intervals from all hypotheses."""
+    accepted = d.accepted
+    every = near([*d.answer.naming.hypotheses])
+    spreads = [np.sqrt(np.diag(h.cov)) for h in every]
+    found = []
+    for k, u in enumerate(accepted.problem.unknowns):
+        if u.kind == "parameter":
+            v, value, sd = d.simulator.parameters[u.at], float(accepted.at[k]), _scale(accepted, k)
+            numbers = [(float(h.at[k]), float(s[k] * sd)) for h, s in zip(every, spreads, strict=True)]
+            low, high = Mixture.of(every, numbers).interval(v.low, v.high)
+            found.append(Value(v.name, value, min(low, value), max(high, value), v.unit, v.nominal, v.says))
+    return tuple(found)
+
+
+def all_values(hypothesis: Settled, place: int) -> dict[str, float]:
+    """An effect's parameters by name, as a hypothesis has them."""
+    mechanism = hypothesis.problem.machine.candidates[_candidates(hypothesis)[place]].mechanism
+    pairs = zip(mechanism.parameters, _numbers(hypothesis, place), strict=True)
+    return {v.name: value for v, (value, _) in pairs}
+
+
+def force(d: Diagnosis, place: int) -> Value | None:
+    """A size at a balance of forces or heat, times the inertia or capacity as fitted; they are uncertain together."""
+    chosen = d.answer.chosen
+    mechanism = d.machine.candidates[chosen.effects[place].variant.candidate].mechanism
+    if not isinstance(mechanism, Term) or mechanism.port.place != "balance":
+        return None
+    of, size = inertia(d.simulator, mechanism.port.index(d.simulator)), mechanism.parameters[0]
+    unit = as_force(size.unit, d.simulator, mechanism.port.index(d.simulator), of) if of else None
+    if of is None or unit is None:
+        return None
+    at, cov = chosen.entries(place).start, covariance(chosen)
+    x, mass = float(chosen.at[at]), of.parameter.nominal
+    variance = mass**2 * cov[at, at]
+    for k, u in enumerate(chosen.problem.unknowns):
+        if u.kind == "parameter" and u.at == of.at:
+            mass = float(chosen.at[k])
+            variance = mass**2 * cov[at, at] + x**2 * cov[k, k] + 2.0 * mass * x * cov[k, at]
+    value, spread = unit[0] * mass * x, Z90 * abs(unit[0]) * float(np.sqrt(max(variance, 0.0)))
+    says = f"as a {of.word}, with {of.parameter.name} at {number(mass)} {spoken(of.parameter.unit)}"
+    return Value(f"{size.name} as a {of.word}", value, value - spread, value + spread, unit[1], says=says)
+
+
+def formula(mechanism: Mechanism, values: tuple[Value, ...]) -> str:
+    """The term with its fitted values."""
+    filled = {v.name: with_unit(v.value, v.unit) for v in values}
+    return re.sub(r"\{(\w+)\}", lambda m: filled.get(m[1], m[0]), mechanism.formula)
+
+
+def _candidates(hypothesis: Settled) -> list[int]:
+    return [e.variant.candidate for e in hypothesis.effects]
+
+
+def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
+    """Mean and standard deviation of each parameter of an effect."""
+    candidate = hypothesis.problem.machine.candidates[_candidates(hypothesis)[place]]
+    at, n = hypothesis.entries(place).start, len(candidate.at)
+    if not is_amplitude(candidate):
+        return [
+            (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * _scale(hypothesis, k))
+            for k in range(at, at + n)
+        ]
+    size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
+    per_size = (candidate.typical - candidate.null) / typical(candidate)
+    return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, per_size, strict=True)]
+
+
+def _scale(hypothesis: Settled, k: int) -> float:
+    return scale_of(hypothesis.problem.unknowns[k])

@@ -1,0 +1,74 @@
+"""Learn the decision: ``python -m twinbench.proof.learning --cases 400 --seed 3001`` draws cases and writes the rule.
+
+Cases that are finished are kept in ``results/learning`` and serve again while engine and generator are as they were.
+``--rows FOLDER`` learns from rows that are there and draws none.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from twinbench.common.errors import BadInput
+from twinbench.common.jobs import cores
+from twinbench.common.progress import Progress
+from twinbench.common.store import check_writable, write_text
+from twinbench.common.versions import provenance
+from twinbench.common.workers import side_by_side
+from twinbench.mismatch.naming.decision import RULE
+from twinbench.proof.concealed.plan import cases
+from twinbench.proof.learning.collect import collected
+from twinbench.proof.learning.fit import learnt
+
+ROOT = Path(__file__).resolve().parents[2]
+FEWEST = 50
+"""Cases from which a rule can be learnt at all."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m twinbench.proof.learning", description=__doc__)
+    parser.add_argument("--cases", type=int, default=1080, help="development cases to draw")
+    parser.add_argument("--seed", type=int, default=3001, help="of the cases; never one that is reported on")
+    parser.add_argument("--jobs", type=int, default=0, help="processes; as many as there are cores if 0")
+    parser.add_argument("--rows", type=Path, help="a folder with rows that were collected, in place of drawing cases")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "learning", help="where rows are kept")
+    asked = parser.parse_args(arguments)
+    try:
+        rows = _read(asked.rows) if asked.rows else _collected(asked.cases, asked.seed, asked.out, asked.jobs)
+        if len(rows) < FEWEST:
+            raise BadInput(f"{len(rows)} cases are too few to learn from; collect at least {FEWEST}")
+    except BadInput as error:
+        print(f"twinbench.proof.learning: {error}", file=sys.stderr)
+        return 2
+    rule = learnt(rows)
+    seeds = sorted({int(row["seed"]) for row in rows})
+    facts = {"command": "python -m twinbench.proof.learning", "seeds": seeds, **provenance()}
+    write_text(RULE, json.dumps({**rule, "provenance": facts}, indent=1) + "\n")
+    print(json.dumps(rule["left_out"], indent=1))
+    return 0
+
+
+def _read(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))]
+
+
+def _collected(n: int, seed: int, out: Path, jobs: int) -> list[dict[str, Any]]:
+    out = out.absolute()
+    check_writable(out)
+    items = cases(n, seed)
+    several = [(item, seed, out) for item in items]
+    with Progress(Console(stderr=True)) as progress, progress.stage("cases", n) as going:
+        for _ in side_by_side(collected, several, min(jobs or cores(), n)):
+            going.step(1)
+    return [json.loads((out / f"{seed}-{item.case}.json").read_text()) for item in items]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
