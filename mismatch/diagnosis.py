@@ -11,6 +11,7 @@ from twinbench.mismatch.joining import Joined
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.answer import Answer
 from twinbench.mismatch.naming.decision import Claim
+from twinbench.mismatch.naming.selfcheck import SelfCheck
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse
 from twinbench.mismatch.residual_tests import Test
@@ -46,6 +47,7 @@ class Diagnosis:
         spikes: readings that were taken out, of all recordings.
         before: the calibrated simulator.
         answer: all hypotheses weighed, and the chosen one.
+        self_check: what the answer is worth on these recordings.
         claims: what is said of it.
         mended: the simulator with the chosen effects; None where none is named.
         worse: held-out outputs that the chosen effects spoil beyond chance; then none is named, as ``refused`` says.
@@ -68,6 +70,7 @@ class Diagnosis:
     tests: list[Test]
 
     answer: Answer
+    self_check: SelfCheck
     claims: tuple[Claim, ...]
     mended: Fit | None
 

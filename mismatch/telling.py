@@ -9,9 +9,11 @@ from twinbench.mismatch.errors import OutputError
 from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, variable_names
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.sizes import Value
-from twinbench.mismatch.words import counted, interval, listed, number, sentence, with_unit
+from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 AGREES = "the simulator agrees with the recordings"
+MOST_NAMED = 6
+"""Names in a sentence that a table has all of."""
 NAMED_IN_ONE = 3
 """Recordings that a sentence names one by one."""
 
@@ -73,6 +75,7 @@ def points(
     if changed:
         moved = [f"{v.name} from {number(v.before or 0.0)} to {v.words()}" for v in changed]
         yield sentence(f"parameters moved, with 90 % intervals: {listed(moved)}")
+    yield from _self_check(d, found)
     if data := more_data(d, found):
         yield data
     yield from _taken_out(d)
@@ -99,7 +102,10 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
     """What to record next; empty if nothing is known that would help."""
     sets = [f for f in found if len(f.names) > 1 and not f.alike]
     if not sets:
-        return ""
+        if found or not (hidden := _hidden(d)):
+            return ""
+        how = "move the inputs more, or record longer" if d.simulator.inputs else "record longer"
+        return f"To see {hidden[0]}, {how}."
     first, second = sets[0].names[:2]
     how = (
         "wider and faster changes of the inputs than in these recordings, and both directions of motion or flow"
@@ -107,6 +113,25 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
         else "from other starts than these recordings', and for longer"
     )
     return f"To tell {first} from {second}, record where their effects differ: {how}."
+
+
+def _self_check(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
+    """What the answer is worth on these recordings, and what would have stayed hidden in them."""
+    check = d.self_check
+    if check.decoys:
+        yield from check.says[:2]
+    if not found and check.power:
+        hidden = _hidden(d)
+        looked = counted(len(check.power), "effect")
+        yield sentence(
+            f"of {looked} looked for {count(len(hidden))} would not have been named at any size"
+            + (f": {listed(hidden, MOST_NAMED)}" if hidden else "")
+        )
+
+
+def _hidden(d: Diagnosis) -> list[str]:
+    """Candidates that these recordings would not have shown at any size that they may have."""
+    return [p.name for p in d.self_check.power if p.size_90 is None]
 
 
 def _leads(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from twinbench.mismatch import telling
@@ -71,6 +71,7 @@ class Verdict:
             "unnamed": [{"port": str(u.port), "nats": u.log, "size_pct": u.size_pct} for u in d.answer.left],
             "unfollowed": [u._asdict() for u in d.unfollowed],
             "held_out": {"recordings": [t.name for t in d.held], "worse": [w._asdict() for w in d.worse]},
+            "self_check": asdict(d.self_check),
             "more_data": self.more_data,
         }
 

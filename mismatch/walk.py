@@ -6,6 +6,7 @@ from twinbench.mismatch.asked import Asked, Progress, forward, silent
 from twinbench.mismatch.checks import audit
 from twinbench.mismatch.diagnosis import Diagnosis, Fit
 from twinbench.mismatch.naming.decision import Rule, decided
+from twinbench.mismatch.naming.selfcheck import checked
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.residual_tests import residual_tests
 from twinbench.mismatch.stage_prove import proved
@@ -25,6 +26,8 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     tracks, held, simulator = fit.tracks, fit.held, asked.simulator
 
     progress("prove", 0.0)
+    self_check = checked(answer)
+    progress("prove", 0.5)
     found = proved(answer.chosen, decided(answer, rule), fit, seen.floor)
     before, noise = Fit(fit.problem, fit.z), answer.naming.ground.noise
     tests = residual_tests(tracks, before.residuals, noise, seen.floor, simulator)
@@ -42,5 +45,6 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         before=before,
         tests=tests,
         answer=answer,
+        self_check=self_check,
         **found._asdict(),
     )

@@ -79,9 +79,16 @@ def answered(naming: Naming) -> Answer:
     """Read the findings off the hypotheses."""
     best = naming.best
     near = [h for h in naming.hypotheses if h.log > best.log - PLAIN]
-    chosen = min(near, key=lambda h: (len(h.effects), -h.log))
+    chosen = _plainer(near, min(near, key=lambda h: (len(h.effects), -h.log)))
     found = tuple(_found(naming, chosen, i) for i in range(len(chosen.effects)))
     return Answer(naming, chosen, found, unnamed_beside(naming.ground, chosen))
+
+
+def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
+    """The hypothesis with the effects that the chosen one's contain in their place, if it is near too."""
+    machine = chosen.problem.machine
+    plain = {machine.candidates[e.variant.candidate].family for e in chosen.effects}
+    return next((h for h in near if {name_of(machine, e) for e in h.effects} == plain), chosen)
 
 
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:

@@ -11,7 +11,7 @@ from twinbench.mismatch.findings import Finding, probable
 from twinbench.mismatch.report.hypotheses import hypotheses
 from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.words import digits_worth, interval, number, spoken, typeset
+from twinbench.mismatch.words import digits_worth, interval, number, spoken, typeset, with_unit
 
 SIGNIFICANT = 0.05
 LEAST_P = 1e-6
@@ -192,13 +192,27 @@ def _hypotheses(d: Diagnosis) -> Listing:
 
 
 def _looked_for(d: Diagnosis) -> Listing:
-    found = sorted(d.machine.candidates, key=lambda c: c.name)
+    known = {p.name: p for p in d.self_check.power}
+    rows = []
+    for c in sorted(d.machine.candidates, key=lambda c: c.name):
+        p = known.get(c.name)
+        if p is None:
+            least, shows = "–", "–"
+        elif p.size_90 is None or p.shows_90 is None:
+            least, shows = "hidden", "–"
+        else:
+            least, shows = with_unit(p.size_90, p.unit, 2), number(p.shows_90, 2)
+        rows.append((c.name, c.mechanism.says, str(c.mechanism.port), least, shows))
     return Listing(
         "looked-for",
-        "All that was looked for",
-        ("mechanism", "what it is", "port"),
+        "All that was looked for, and how much of it would have been named",
+        ("mechanism", "what it is", "port", "named from", "in noise sds"),
         ("what it is", "port"),
-        tuple((c.name, c.mechanism.says, str(c.mechanism.port)) for c in found),
-        (),
+        tuple(rows),
+        (
+            "Named from: the size from which on it would have been named in these recordings with probability 0.9; "
+            "hidden: at no size that it may have. A dash: it is in what was chosen, or another form of that. In noise "
+            "sds: how strongly it shows in the readings there, root mean square.",
+        ),
         "The catalogue was empty.",
     )
