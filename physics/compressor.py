@@ -140,10 +140,14 @@ def _filter_flow(dp, theta):  # type: ignore[no-untyped-def]
 
 
 @register_jitable(error_model="numpy", inline="always")
-def _mixed_K(m_in, T_s, m_rec, T_g):  # type: ignore[no-untyped-def]
-    """Temperature of the intake volume: fresh gas, and what the recycle valve lets back."""
+def _mixed_K(m_in, m, T_s, m_rec, T_g):  # type: ignore[no-untyped-def]
+    """Temperature of the intake volume: fresh gas, and what the recycle valve lets back.
+
+    The fresh gas is at least half of what the machine draws besides: the intake is quick, and an integrator that steps
+    over it may let it flow backwards for an instant.
+    """
     if m_rec > 0.0:
-        inflow = max(m_in, 0.0)
+        inflow = max(m_in, 0.5 * (m - m_rec), 0.0)
         return (inflow * T_s + m_rec * T_g) / (inflow + m_rec)
     return T_s
 
@@ -174,7 +178,7 @@ def flux(x, u, theta):  # type: ignore[no-untyped-def]
     # Leaks out of the exhaust volume, choked.
     choked = 0.6847 * p_e / math.sqrt(R * T_g) * 1e-6
     m_ext, m_rec = theta[P.A_ext_mm2] * choked, theta[P.A_rec_mm2] * choked
-    T_im = _mixed_K(m_in, u[U.T_suc_K], m_rec, T_g)
+    T_im = _mixed_K(m_in, m, u[U.T_suc_K], m_rec, T_g)
 
     # Suction gas: preheated by the wall, re-heated by the internal leak.
     T_pre = T_im + theta[P.eps_0] * math.exp(-theta[P.eps_x] * log_mu) * (T_w - T_im)

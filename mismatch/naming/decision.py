@@ -28,7 +28,7 @@ FEATURES = (
     "sds", "shows", "weight", "alone", "inside", "from_the_beginning", "physics",
 )  # fmt: skip
 """What speaks for a finding; each the more, the larger."""
-MOST_NATS = 50.0
+MOST_NATS = 1000.0
 
 
 @dataclass(frozen=True)
