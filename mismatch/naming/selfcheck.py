@@ -54,7 +54,8 @@ class SelfCheck:
     @property
     def says(self) -> tuple[str, ...]:
         """One sentence each."""
-        decoys = f"Of {self.decoys} effects that are certainly not there, {count(self.decoys_named)} would be named."
+        named = count(self.decoys_named) if self.decoys_named else "none"
+        decoys = f"Of {self.decoys} effects that are certainly not there, {named} would be named."
         if self.decoys_named:
             decoys = f"{decoys[:-1]}: the noise or the discrepancy is not right here."
         again = f"In {self.named_again} of {self.halves} halves of the recordings the same is the likeliest."
