@@ -137,6 +137,6 @@ def _claim(found: Found, port: Port, rule: Rule, contains: Mapping[str, str]) ->
     holds = probability(rule.holds, values)
     names = found.credible(CREDIBLE)
     things = len({n for n in names if n not in found.alike}) + bool(set(names) & found.alike)
-    if holds >= rule.say_set and things <= LARGEST_SET:
+    if holds >= rule.say_set and 1 < things <= LARGEST_SET:
         return Claim(names, set(names) <= found.alike, holds, port, found)
     return Claim((), False, 1.0 - right, port, found)

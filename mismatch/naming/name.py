@@ -30,7 +30,8 @@ FAR_OFF, FAR_SINGLES = 3.0, 16
 little then, and so many single effects are fitted."""
 SHARPENED, SIDES = 3, 6
 """Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
-MOST_EFFECTS = 3
+MOST_EFFECTS, FEW = 12, 3
+"""Effects that a set may grow to, one at a time; and up to how many each is replaced by others, one by one."""
 ADDED = 3
 """Further effects that are tried beside the best set, each time."""
 
@@ -113,7 +114,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     for k, scored in enumerate(contenders):
         found.settle(_since(problem, shown, scored), z, _effects(shown, scored), scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
-    while _plainer(found) or _fuller(found) or _rivalled(found):
+    while _fuller(found) or _plainer(found) or _rivalled(found):
         pass
     if found.best.since_s > -np.inf:
         _sharpen(found)
@@ -207,7 +208,7 @@ def _fuller(found: Naming) -> bool:
 def _rivalled(found: Naming) -> bool:
     """Put others in the place of each effect of the best set, in the best's own picture; is one of them likelier?"""
     best = found.best
-    if not best.effects or best in found.rivalled:
+    if not 0 < len(best.effects) <= FEW or best in found.rivalled:
         return False
     found.rivalled.append(best)
     for i in range(len(best.effects)):

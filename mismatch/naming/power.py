@@ -29,8 +29,8 @@ CLOSE = 1.2
 """Factor to which that size is found; so many draws know it no better."""
 LIKE = 0.05
 """Squared cosine with an effect below which another is no rival of it: that gets a twentieth of its evidence."""
-RAISED = 3.0
-"""Factor by which the discrepancy at a port may grow to explain an effect instead."""
+RAISED = (0.1, 0.2, 0.4, 0.8)
+"""Sizes that the discrepancy at a port may grow to, to explain an effect instead: per cent, up to its prior's sd."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Draws:
         seen = rng.normal(size=(SIMULATED, len(G))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         seen += (rng.normal(size=(SIMULATED, len(G) - v)) * s[sets.group]) @ G[v:]
         self._unexplained = G[:v, :v]
-        raised = [np.where(np.arange(len(s)) == p, np.maximum(RAISED * s, DISCREPANCY_PCT), s) for p in range(len(s))]
+        raised = [np.where(np.arange(len(s)) == p, to, s) for p in range(len(s)) for to in RAISED if to > s[p]]
         self._beside = [_beside(G, seen, sets.group, each) for each in (s, *raised)]
 
     def alike(self, i: int) -> tuple[str, ...]:
@@ -174,7 +174,7 @@ class Draws:
     def named(self, i: int, size: float) -> float:
         """Share of draws in which effect i, of a size in prior sds, is named, alone or together with what is alike."""
         first, *raised = self._beside
-        instead = max(raised, key=lambda b: b.log + 0.5 * size**2 * b.own[i], default=first)
+        instead = max(raised, key=lambda b: float(b.nothing(i, size).mean()), default=first)
         norms = np.sqrt(np.diag(self._unexplained))
         widened = max(1.0, size * norms[i] / norms.max())  # a prior reaches to what there is to explain
         squares = np.diag(first.C)

@@ -15,7 +15,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
 from twinbench.mismatch.naming.name import SINGLES
 from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
-from twinbench.mismatch.naming.power import RAISED, Power, power
+from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
 from twinbench.mismatch.naming.settle import Effect, Settled
 from twinbench.mismatch.naming.view import View, scale_of
@@ -29,6 +29,8 @@ ALIEN = 0.5
 """Squared cosine with what may be there from which a shifted column is no decoy."""
 SPLITS, HALVED_PIECES = 5, 8
 """Times that the recordings are parted in two halves, each recording in so many pieces of time."""
+GROWN = 3.0
+"""Times that the discrepancy may be larger than it is beside the answer, or beside nothing."""
 REACH = 30.0
 """Nats behind on all pieces from which a hypothesis is no rival on half of them: by chance it is ahead there once in
 ten thousand halves."""
@@ -55,9 +57,8 @@ class SelfCheck:
     def says(self) -> tuple[str, ...]:
         """One sentence each."""
         named = count(self.decoys_named) if self.decoys_named else "none"
-        decoys = f"Of {self.decoys} effects that are certainly not there, {named} would be named."
-        if self.decoys_named:
-            decoys = f"{decoys[:-1]}: the noise or the discrepancy is not right here."
+        decoys = f"Of {self.decoys} effects that are certainly not there, {named} would be named"
+        decoys += ": the noise or the discrepancy is not right here." if self.decoys_named else "."
         again = f"In {self.named_again} of {self.halves} halves of the recordings the same is the likeliest."
         return decoys, again, *(p.says for p in self.power)
 
@@ -242,8 +243,9 @@ class Pieces:
     def of(cls, columns: Columns, ground: Ground) -> Pieces:
         """Whiten, and multiply piece by piece; functions of which nothing shows are left out."""
         s = columns.chosen.learnt.s
-        largest = RAISED * np.maximum(s, ground.s)[ground.group]
-        some = np.flatnonzero(largest**2 * np.diag(ground.FF.sum(axis=0)) > UNTOLD)
+        largest = GROWN * np.maximum(s, ground.s)[ground.group]
+        telling = largest**2 * np.diag(ground.FF.sum(axis=0))
+        some = np.flatnonzero(telling >= min(UNTOLD, telling.max()))
         products = []
         for r, residual in enumerate(columns.residuals):
             white = ground.whitened(r, columns.of(r), residual)
