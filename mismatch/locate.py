@@ -6,15 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.naming.course import together
-from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.marginal import eliminated, learn
-from twinbench.mismatch.naming.name import common_fluxes
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View, scale_of
-from twinbench.mismatch.visited import moved
 from twinbench.physics.simulator import Array, Port
 
 FIRST_FORCE_PCT = 5.0
@@ -48,11 +44,10 @@ def locate(d: Diagnosis) -> Located | None:
 
 def _located(d: Diagnosis, hypothesis: Settled, port: Port) -> Located | None:
     problem, z = hypothesis.problem, hypothesis.z
-    view = View.around(problem, z)
-    functions = discrepancy(view.courses, typical_rates(moved(problem, z)), common_fluxes(view))
+    functions = d.answer.naming.ground.discrepancy
     if port not in functions.ports:
         return None
-    p = functions.ports.index(port)
+    view, p = View.around(problem, z), functions.ports.index(port)
     along = [functions.functions(course) for course in view.courses]
     columns = [
         np.concatenate((own, course.columns(together([functions.acts(course, p, f)]))), axis=2)

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from helpers.plain import diagnosed
 from twinbench.data.recording import Recording
-from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch import Verdict
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.report import write as mismatch_report
 from twinbench.physics.compose import with_mechanism
@@ -63,15 +64,15 @@ def record(simulator: Simulator, name: str, seed: int, samples: int = 360) -> Re
     return Recording(name, 0.5 * np.arange(samples), ("heater_C", "probe_C"), values)
 
 
-def diagnosed(simulator: Simulator) -> Verdict:
+def oven_diagnosed(simulator: Simulator) -> Verdict:
     learnt = [record(simulator, "monday", 1), record(simulator, "tuesday", 2)]
-    return diagnose(OVEN, learnt, [record(simulator, "sunday", 3)], CATALOGUE)
+    return diagnosed(OVEN, learnt, [record(simulator, "sunday", 3)], CATALOGUE)
 
 
 @cache
 def loss_found() -> Verdict:
     """Of the oven that loses heat; once for a process. Nobody may change it."""
-    return diagnosed(with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss")))
+    return oven_diagnosed(with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss")))
 
 
 def write(verdict: Verdict, out: Path) -> None:

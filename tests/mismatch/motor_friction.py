@@ -5,10 +5,11 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
+from helpers.plain import diagnosed
 from motor import MOTOR
 from motor_case import record
 
-from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch import Verdict
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.faults import faults
 
@@ -26,7 +27,7 @@ def dry_friction(t, x, u):
 
 def examined(extra=lambda t, x, u: np.zeros(3), sensor=lambda t, y: y, catalogue=CATALOGUE) -> Verdict:
     fitted = [record(f"run {s}", s, extra, sensor) for s in (1, 2)]
-    return diagnose(MOTOR, fitted, [record("held out", 9, extra, sensor, reach=1.3)], catalogue)
+    return diagnosed(MOTOR, fitted, [record("held out", 9, extra, sensor, reach=1.3)], catalogue)
 
 
 @cache

@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from helpers.plain import diagnosed
 from motor import MOTOR
 from motor_case import record
 from motor_friction import CATALOGUE, LISTED, dry_friction, examined, friction_found
@@ -80,7 +81,7 @@ def test_two_effects_are_both_named():
 
 def test_an_effect_that_begins_late_is_dated():
     fitted = [record(f"run {s}", s, lambda t, x, u: dry_friction(t, x, u) * (t > 70.0)) for s in (1, 2)]
-    verdict = diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
+    verdict = diagnosed(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
     (finding,) = verdict.findings
     assert finding.mechanism == "coulomb_friction@omega_rad_s"
     assert finding.since_s == pytest.approx(70.0, abs=5.0)
@@ -90,7 +91,7 @@ def test_an_effect_that_begins_late_is_dated():
 def test_what_only_a_few_seconds_lack_is_dated_too():
     """Dry friction that is absent for the first twelfth of the time only."""
     fitted = [record(f"run {s}", s, lambda t, x, u: 6.0 * dry_friction(t, x, u) * (t > 10.0)) for s in (1, 2)]
-    verdict = diagnose(MOTOR, fitted, [record("held out", 9, lambda t, x, u: 6.0 * dry_friction(t, x, u))], CATALOGUE)
+    verdict = diagnosed(MOTOR, fitted, [record("held out", 9, lambda t, x, u: 6.0 * dry_friction(t, x, u))], CATALOGUE)
     assert verdict.findings[0].mechanism == "coulomb_friction@omega_rad_s"
     assert verdict.findings[0].since_s == pytest.approx(10.0, abs=1.0)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from helpers.plain import diagnosed
 from motor import MOTOR
 from motor_case import record
 from motor_friction import CATALOGUE, dry_friction, friction_found
@@ -60,7 +61,7 @@ def test_a_spoilt_output_makes_the_verdict_refuse(friction, monkeypatch):
     assert friction.diagnosis.worse == ()
     monkeypatch.setattr("twinbench.mismatch.stage_prove.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
     fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
-    verdict = diagnose(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
+    verdict = diagnosed(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
     assert verdict.verdict == "unexplained"
     assert verdict.mechanisms == ()
     (finding,) = verdict.findings

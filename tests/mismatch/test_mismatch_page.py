@@ -12,9 +12,10 @@ import matplotlib.text
 import numpy as np
 import pytest
 from helpers.oven import CATALOGUE, LOSS, OVEN, loss_found, page, record, write
+from helpers.plain import diagnosed
 
 from twinbench.data.recording import Recording
-from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch import Verdict
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.report.figures import draw
 from twinbench.mismatch.spikes import Spike
@@ -82,7 +83,7 @@ def test_all_parameters_of_a_mechanism_are_in_the_words_with_units() -> None:
         return dataclasses.replace(recording, values=values)
 
     listed = [m for m in faults(OVEN, 0.5) if m.name in ("sensor_saturation@probe_C", "sensor_bias@probe_C")]
-    verdict = diagnose(OVEN, [clipped("monday", 1), clipped("tuesday", 2)], [clipped("sunday", 3)], listed)
+    verdict = diagnosed(OVEN, [clipped("monday", 1), clipped("tuesday", 2)], [clipped("sunday", 3)], listed)
     assert verdict.verdict == "sensor fault"
     assert verdict.says.startswith("The sensor of probe_C does not go above a limit: on sunday the RMS error of ")
     (finding,) = verdict.findings
@@ -104,7 +105,7 @@ def awkward() -> Verdict:
     oven = dataclasses.replace(OVEN, inputs=(heater,), outputs=(probe,), states=(OVEN.states[0],))
     true = with_mechanism(OVEN, dataclasses.replace(LOSS, name="loss"))
     learnt = [renamed(record(true, name, seed)) for name, seed in (("$monday_", 1), ("<i>tuesday", 2))]
-    return diagnose(oven, learnt, [renamed(record(true, "^sunday^", 3))], CATALOGUE[:1])
+    return diagnosed(oven, learnt, [renamed(record(true, "^sunday^", 3))], CATALOGUE[:1])
 
 
 def test_names_are_drawn_and_written_as_they_are(awkward: Verdict, tmp_path: Path) -> None:

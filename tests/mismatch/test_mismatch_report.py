@@ -13,7 +13,7 @@ from typing import Any
 import matplotlib.image
 import numpy as np
 import pytest
-from helpers.oven import LOSS, OVEN, diagnosed, loss_found, page, write
+from helpers.oven import LOSS, OVEN, loss_found, oven_diagnosed, page, write
 
 from twinbench.mismatch import Verdict
 from twinbench.mismatch.began import Onset
@@ -65,7 +65,7 @@ def abstaining(named: Verdict) -> Verdict:
 
 @pytest.fixture(scope="module")
 def consistent() -> Verdict:
-    return diagnosed(OVEN)
+    return oven_diagnosed(OVEN)
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers.plain import diagnosed
 from motor import MOTOR
 from motor_case import record
 
-from twinbench.mismatch import diagnose
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.periods import loudest_periods_s
 from twinbench.mismatch.tracks import prepare
@@ -49,7 +49,7 @@ def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
         later(record(name, seed, shaken(start_s)), start_s) for seed, (name, start_s) in enumerate(starts_s.items(), 1)
     ]
     listed = [m for m in generic(MOTOR) if m.name.partition("@")[0] in ("periodic", "coulomb_friction", "offset")]
-    (finding,) = diagnose(MOTOR, runs[:2], runs[2:], listed).findings
+    (finding,) = diagnosed(MOTOR, runs[:2], runs[2:], listed).findings
     assert finding.mechanism == "periodic@omega_rad_s"
     size, period, _ = (v.value for v in finding.parameters)
     assert size == pytest.approx(2.0, rel=0.1)

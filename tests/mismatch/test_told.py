@@ -5,19 +5,24 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from motor import MOTOR
 from motor_case import record
+from motor_friction import CATALOGUE, dry_friction
 from two_tanks import TANKS
 
 from twinbench.common.errors import BadInput
 from twinbench.mismatch import diagnose
 from twinbench.mismatch.asked import Asked, silent
 from twinbench.mismatch.model import whole_catalogue
+from twinbench.mismatch.naming.answer import name_of
+from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.stage_audit import audited
 from twinbench.mismatch.told import Told, read_told
 
 LISTED = whole_catalogue(MOTOR)
+DRY = "coulomb_friction@omega_rad_s"
 
 
 def test_candidates_are_left_out_by_name_and_by_pattern():
@@ -90,3 +95,16 @@ def test_an_input_without_a_unit_needs_none():
 def test_another_form_is_refused(text, says):
     with pytest.raises(BadInput, match=says):
         read_told([], [], [text], TANKS)
+
+
+def test_told_odds_take_the_place_of_even_ones():
+    """Of eight candidates each has odds of one in eight, unless something else is told."""
+    drawn = [record(f"run {s}", s, dry_friction, seconds=60.0) for s in (1, 2)]
+
+    def gain(prior: dict[str, float]) -> float:
+        naming = weighed(Asked(MOTOR, drawn, (), CATALOGUE, told=Told(prior=prior))).answer.naming
+        machine = naming.null.problem.machine
+        alone = next(h for h in naming.hypotheses if [name_of(machine, e) for e in h.effects] == [DRY])
+        return alone.log - naming.null.log
+
+    assert gain({DRY: 0.005}) - gain({}) == pytest.approx(np.log(0.005 * len(CATALOGUE)), abs=1e-6)

@@ -1,0 +1,145 @@
+"""A run linearised along its own path: matrices against ``expm``, columns against forward runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from motor import MOTOR
+from motor_case import record
+from scipy.linalg import expm
+from two_tanks import TANKS
+
+from twinbench.data.recording import Recording
+from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
+from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.faults import faults
+from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.naming import tangent
+from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.tracks import prepare
+from twinbench.mismatch.variants import Variant, switched, typical
+from twinbench.physics.integrate import simulate
+from twinbench.physics.simulator import Simulator, Variable
+
+PROBE = 0.02
+"""Share of its typical size that a candidate is tried with."""
+FAST = "current_A"
+"""The state whose time constant is hardly longer than a block of the motor's recording."""
+
+
+def linear_machine(A: np.ndarray, C: np.ndarray) -> Machine:
+    """x' = A x + u, y = C x."""
+
+    def rhs(x, u, theta):
+        return A @ x + u
+
+    def several(kind: str, n: int) -> tuple[Variable, ...]:
+        return tuple(Variable(f"{kind}{i}", "1", -1e6, 1e6, 0.0, 1.0) for i in range(n))
+
+    simulator = Simulator(
+        name="linear",
+        states=several("x", len(A)),
+        inputs=several("u", len(A)),
+        outputs=several("y", len(C)),
+        parameters=(Variable("idle", "1", 0.0, 1.0, 0.5, 1.0),),
+        rhs=rhs,
+        output=lambda x, u, theta: C @ x,
+        initial=lambda u0, y0, theta: np.zeros(len(A)),
+    )
+    return Machine(simulator, ())
+
+
+@pytest.mark.parametrize("rates", [(-0.3, -0.1), (-40.0, -0.2), (-3000.0, -1.0)], ids=["slow", "stiff", "very stiff"])
+def test_the_matrices_of_a_stretch_are_exponentials(rates):
+    turn = np.array([[1.0, 0.4], [0.2, 1.0]])
+    A, C = turn @ np.diag(rates) @ np.linalg.inv(turn), np.array([[1.0, 0.5]])
+    machine, seconds, count = linear_machine(A, C), 1.3, 4
+    n, ny = A.shape[0], C.shape[0]
+    E, G, Yx, Yf = np.empty((1, n, n)), np.empty((1, n, n)), np.empty((1, ny, n)), np.empty((1, ny, n))
+    machine.loop(tangent.stretches)(
+        *machine.equations,
+        np.zeros((1, n)),
+        np.array([seconds]),
+        np.array([count]),
+        np.zeros((1, n)),
+        machine.ode(machine.theta),
+        np.empty(0, dtype=np.int64),
+        np.empty((1, 0)),
+        np.arange(n),
+        np.ones(n),
+        *(E, G, Yx, Yf),
+    )
+
+    def both(t: float) -> tuple[np.ndarray, np.ndarray]:
+        """exp(A t) and its integral up to t, from one exponential of a larger matrix (Van Loan)."""
+        whole = expm(np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]]) * t)
+        return whole[:n, :n], whole[:n, n:]
+
+    end, forced = both(seconds)
+    np.testing.assert_allclose(E[0], end, atol=2e-6)
+    np.testing.assert_allclose(G[0], forced, atol=2e-6)
+    at = [both(seconds * k / count) for k in range(count)]
+    np.testing.assert_allclose(Yx[0], C @ np.mean([e for e, _ in at], axis=0), atol=2e-6)
+    np.testing.assert_allclose(Yf[0], C @ np.mean([g for _, g in at], axis=0), atol=2e-6)
+
+
+def tanks_recording() -> Recording:
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.uniform(2.0, 8.0, 30), 30)
+    _, y = simulate(TANKS, u[None, :, None], np.array([10.0, 10.0]), dt_s=1.0, substeps=4)
+    return Recording("tanks", np.arange(900.0), ("pump_V", "level1_cm", "level2_cm"), np.column_stack((u, y[0])))
+
+
+@pytest.fixture(scope="module", params=["motor", "tanks"])
+def view(request) -> View:
+    simulator, recording, period_s = {
+        "motor": (MOTOR, record("motor", 1, seconds=60.0), 0.08),
+        "tanks": (TANKS, tanks_recording(), 1.0),
+    }[request.param]
+    tracks = prepare([recording], simulator)
+    machine = Machine(simulator, (*generic(simulator), *faults(simulator, period_s)))
+    scales = np.array([v.scale for v in simulator.outputs])
+    machine.settle_step(tracks, 0.01 * scales)
+    unknowns = (*shared_unknowns(simulator), *own_unknowns(simulator, tracks))
+    problem = Problem(machine, tracks, unknowns, scales)
+    return View.around(problem, problem.z0)
+
+
+def compared(column: np.ndarray, run: np.ndarray) -> tuple[float, float]:
+    """Cosine and ratio of lengths, where there are readings."""
+    seen = np.isfinite(column) & np.isfinite(run)
+    a, b = column[seen], run[seen]
+    return float(a @ b / np.sqrt((a @ a) * (b @ b))), float(np.sqrt((a @ a) / (b @ b)))
+
+
+def test_columns_of_unknowns_are_those_of_forward_runs(view):
+    problem, z = view.problem, view.z
+    (columns,), (runs,) = view.unknowns(), problem.columns(z, problem.residuals(z))
+    for k, unknown in enumerate(problem.unknowns):
+        cosine, ratio = compared(columns[:, :, k] / scale_of(unknown), runs[:, :, k])
+        assert cosine > 0.999, unknown.name
+        assert ratio == pytest.approx(1.0, abs=0.08), unknown.name
+
+
+def test_columns_of_candidates_are_those_of_forward_runs(view):
+    problem, z = view.problem, view.z
+    listed = [Variant(i, tuple(c.null[1:])) for i, c in enumerate(problem.machine.candidates)]
+    (columns,) = view.of_variants(listed, np.full(len(listed), PROBE))
+    silent = []
+    for i, variant in enumerate(listed):
+        candidate = problem.machine.candidates[variant.candidate]
+        size, first = PROBE * typical(candidate), candidate.mechanism.parameters[0]
+        if not first.low <= candidate.null[0] + size <= first.high:
+            size = -size
+        ahead = problem.residual(0, z, switched(problem.machine, problem.theta, variant, size))
+        run = (view.residuals[0] - ahead) / PROBE * np.sign(size)
+        if not np.nanmax(np.abs(run)) > 0.0:
+            silent.append(candidate.name)
+            assert not columns[:, :, i].any(), candidate.name
+            continue
+        cosine, ratio = compared(columns[:, :, i], run)
+        fast = candidate.mechanism.port.variable == FAST
+        assert cosine > (0.98 if fast else 0.999), candidate.name
+        assert fast or ratio == pytest.approx(1.0, abs=0.02), candidate.name
+    assert len(silent) < 0.1 * len(listed)
