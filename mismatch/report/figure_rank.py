@@ -59,7 +59,7 @@ def evidence(d: Diagnosis) -> Figure:
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:,.10g}"))
     axes.set_xlabel("evidence over nothing, nats")
-    there = [standing for standing in LOOKS if any(h.standing == standing for h in ranked)]
+    there = [standing for standing in LOOKS if standing != ABSENT and any(h.standing == standing for h in ranked)]
     handles: list[Patch | Line2D] = [Patch(linewidth=0.8, label=standing, **LOOKS[standing]) for standing in there]
     handles.append(
         Line2D([], [], color=MUTED, linewidth=0.8, linestyle=":", label="twenty times less likely than the likeliest")
