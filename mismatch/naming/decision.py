@@ -27,7 +27,7 @@ FEATURES = (
     "against_nothing", "against_rival", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy",
     "sds", "weight",
 )  # fmt: skip
-"""What speaks for a finding; each the more, the larger. How many effects there are, of what kind and since when, is left
+"""What speaks for a finding; each the more, the larger. How many effects there are, of what kind and since when is left
 out on purpose: it foretells a little more on the cases drawn, and would be wrong where other machines are."""
 MOST_NATS = 1000.0
 
