@@ -75,8 +75,13 @@ class Finding:
 
 
 def findings(d: Diagnosis) -> tuple[Finding, ...]:
-    """Sensors that stand still, then what the claims say."""
-    return (*_stuck(d), *(_claimed(d, claim) if claim.found else _beside(d, claim) for claim in d.claims))
+    """Sensors that stand still, then what the claims say.
+
+    Something unnamed at a port where a finding has no name either is the same thing.
+    """
+    unnamed = {claim.port for claim in d.claims if claim.found and not claim.names}
+    told = [claim for claim in d.claims if claim.found or claim.port not in unnamed]
+    return (*_stuck(d), *(_claimed(d, claim) if claim.found else _beside(d, claim) for claim in told))
 
 
 def _stuck(d: Diagnosis) -> Iterator[Finding]:
@@ -160,8 +165,8 @@ def _unnamed_says(d: Diagnosis, claim: Claim) -> str:
         return sentence(f"{says}: {unnamed_size(here)}")
     if d.refused:
         return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
-    likely = [f"{name} ({probable(p)})" for name, p in list(claim.found.weights.items())[:3]]
-    return sentence(f"{says}; the likeliest of {len(claim.found.weights)} names are {listed(likely)}")
+    right = probable(1.0 - claim.probability)
+    return sentence(f"{says}: {claim.found.name} explains it best, and is right with probability {right}")
 
 
 def unnamed_size(u: Unnamed) -> str:

@@ -146,13 +146,14 @@ def _leads(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
         yield f"{counted(faulty, 'sensor or input is', 'sensors or inputs are')} at fault"
     if either := len(named) - lacks - faulty:
         yield f"{counted(either, 'effect or fault is', 'effects or faults are')} there"
-    yield from (_unnamed(d, f) for f in found if not f.names)
+    if places := list(dict.fromkeys(str(f.port) for f in found if not f.names)):
+        yield _unnamed(d, places)
 
 
 def _one(d: Diagnosis, f: Finding) -> str:
     known = {c.name: c.mechanism.says for c in d.machine.candidates}
     if not f.names:
-        return _unnamed(d, f)
+        return _unnamed(d, [str(f.port)])
     if len(f.names) == 1:
         return known.get(f.names[0], f"the sensor of {f.port.variable if f.port else ''} stands still")
     if f.alike:
@@ -164,9 +165,9 @@ def _one(d: Diagnosis, f: Finding) -> str:
     return f"one of {listed(f.names)} is missing or at fault"
 
 
-def _unnamed(d: Diagnosis, f: Finding) -> str:
+def _unnamed(d: Diagnosis, places: Sequence[str]) -> str:
     beside = "something else" if d.mended is not None else "something"
-    return f"{beside} acts at {f.port} that these recordings cannot name"
+    return f"{beside} acts at {listed(places)} that these recordings cannot name"
 
 
 def _error(e: OutputError, mended: bool, of: int = 1) -> str:

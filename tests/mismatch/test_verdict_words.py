@@ -123,10 +123,13 @@ def test_names_that_are_one_thing_are_said_in_one_sentence(friction):
 
 
 def test_what_has_too_many_names_is_a_place(friction):
-    verdict = claiming(friction)
+    verdict = claiming(friction, probability=0.7)
     (finding,) = verdict.findings
     assert (verdict.verdict, finding.mechanism, finding.parameters) == ("unexplained", None, ())
-    assert finding.says.startswith("Something acts at balance:omega_rad_s that these recordings cannot name; the likel")
+    assert finding.says == (
+        f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} explains it best, and is "
+        "right with probability 0.3."
+    )
     assert verdict.says.startswith("Something acts at balance:omega_rad_s that these recordings cannot name: on day 3")
     assert verdict.mechanisms == ()
 
@@ -143,6 +146,23 @@ def test_something_unnamed_beside_a_name_is_incomplete(friction):
     assert [port for port, _ in beside.ports] == [port]
     assert "Something else acts at balance:T_winding_K that these recordings cannot name: about 2.3 %" in beside.says
     assert verdict.says.startswith("The simulator lacks one effect and something else acts at balance:T_winding_K")
+
+
+def test_something_unnamed_where_a_name_was_unsure_is_one_thing(friction):
+    d, port = friction.diagnosis, Port("balance", "omega_rad_s")
+    unsure = replace(d.claims[0], names=(), probability=0.7)
+    left = (Unnamed(port, 1.5, 2.3),)
+    claims = (unsure, Claim((), False, 0.8, port, None))
+    answer = replace(d.answer, left=left)
+    verdict = conclude(replace(d, claims=claims, answer=answer, mended=None, held_after=None))
+    assert len(verdict.findings) == 1
+    elsewhere = Port("balance", "T_winding_K")
+    claims = (unsure, unsure, Claim((), False, 0.8, elsewhere, None))
+    answer = replace(d.answer, left=(Unnamed(elsewhere, 1.5, 2.3),))
+    verdict = conclude(replace(d, claims=claims, answer=answer, mended=None, held_after=None))
+    assert verdict.says.startswith(
+        "Something acts at balance:omega_rad_s and balance:T_winding_K that these recordings cannot name: on day 3"
+    )
 
 
 def test_an_onset_is_told_by_recording(friction):
