@@ -34,6 +34,9 @@ GROWN = 3.0
 REACH = 30.0
 """Nats behind on all pieces from which a hypothesis is no rival on half of them: by chance it is ahead there once in
 ten thousand halves."""
+BLURRED = 10.0
+"""Nats by which a hypothesis may be likelier where it stands than it looks from the answer, or less likely: farther
+off, what it says of single pieces is not known."""
 _LEAST_PCT = 1e-3  # a discrepancy is never smaller; as in the search
 
 
@@ -332,6 +335,7 @@ def likeliest(pieces: Pieces, rivals: Sequence[Rival], half: np.ndarray, ahead: 
     """
     logs = pieces.logs(half, rivals) + 0.5 * ahead
     logs -= PLAIN * np.array([len(r.names) > len(rivals[0].names) for r in rivals])
+    logs[np.abs(ahead - ahead[0]) > BLURRED] = -np.inf
     return rivals[int(np.argmax(logs))].names
 
 

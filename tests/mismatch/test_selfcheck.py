@@ -21,6 +21,7 @@ from twinbench.mismatch.naming.marginal import Reduced, one_sided
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.power import CLOSE, SHOWN, WANTED, Draws, power
 from twinbench.mismatch.naming.selfcheck import (
+    BLURRED,
     DECOYS,
     Pieces,
     Rival,
@@ -234,12 +235,20 @@ def test_the_likeliest_in_a_half_is_what_the_half_speaks_for(dense):
     first = np.arange(4) < 2
     half = np.array([first, first])
     assert likeliest(pieces, rivals, half, np.zeros(3)) == ("a",)
-    assert likeliest(pieces, rivals, half, np.array([0.0, 1e3, 0.0])) == ()
-    # Two effects have to be twenty times likelier than the one.
-    logs = pieces.logs(half, rivals)
-    behind = 2.0 * (logs[0] - logs[2])
-    assert likeliest(pieces, rivals, half, np.array([0.0, 0.0, behind + PLAIN])) == ("a",)
-    assert likeliest(pieces, rivals, half, np.array([0.0, 0.0, behind + 3.0 * PLAIN])) == ("a", "b")
+    # One that looks otherwise from where it stands is believed half of that, and nothing where it is far off.
+    two = [Rival((n,), (k,), pieces.s, 0.0) for n, k in (("b", 2), ("c", 1))]
+    behind = float(np.subtract(*pieces.logs(half, two)))
+    assert 0.0 < behind < 0.4 * BLURRED
+    assert likeliest(pieces, two, half, np.array([0.0, 1.9 * behind])) == ("b",)
+    assert likeliest(pieces, two, half, np.array([0.0, 2.1 * behind])) == ("c",)
+    assert likeliest(pieces, two, half, np.array([0.0, 1.1 * BLURRED])) == ("b",)
+    # Two effects have to be twenty times likelier than one.
+    more = [two[0], Rival(("b", "c"), (1, 2), pieces.s, 0.0)]
+    free = replace(pieces, prior=np.zeros(4))
+    wanted = 2.0 * (float(np.subtract(*free.logs(half, more))) + PLAIN)
+    assert 0.0 < wanted < 0.9 * BLURRED
+    assert likeliest(free, more, half, np.array([0.0, 0.95 * wanted])) == ("b",)
+    assert likeliest(free, more, half, np.array([0.0, 1.05 * wanted])) == ("b", "c")
 
 
 def test_the_same_is_what_was_said_one_for_one():
