@@ -11,7 +11,7 @@ import functools
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from twinbench.mismatch.naming.answer import PLAIN, Answer, Found
@@ -115,7 +115,11 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
     contains = {c.name: c.mechanism.contains for c in machine.candidates}
     claims = [_claim(found, port_of[found.name], rule, contains) for found in answer.found]
-    if answer.left and answer.left[0].log > 0.0:
+    more = bool(answer.left) and answer.left[0].log > 0.0
+    if more and answer.naming.far:
+        # From far off many sets fit about as well, and none of them all: what fits best is no name yet.
+        claims = [replace(claim, names=(), alike=False, probability=1.0 - claim.probability) for claim in claims]
+    if more:
         odds = math.exp(min(answer.left[0].log, MOST_NATS))
         claims.append(Claim((), False, odds / (1.0 + odds), answer.left[0].port, None))
     return tuple(claims)
