@@ -49,10 +49,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     rule = learnt(rows)
     seeds = sorted({int(row["seed"]) for row in rows})
-    facts = {"command": "python -m twinbench.proof.learning", "seeds": seeds, **provenance()}
+    facts = {"command": _command(asked.rows), "seeds": seeds, **provenance()}
     write_text(RULE, json.dumps({**rule, "provenance": facts}, indent=1) + "\n")
     print(json.dumps(rule["left_out"], indent=1))
     return 0
+
+
+def _command(rows: Path | None) -> str:
+    return "python -m twinbench.proof.learning" + (f" --rows {rows}" if rows else "")
 
 
 def _read(folder: Path) -> list[dict[str, Any]]:
