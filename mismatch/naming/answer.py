@@ -80,8 +80,9 @@ def answered(naming: Naming) -> Answer:
     best = naming.best
     near = [h for h in naming.hypotheses if h.log > best.log - PLAIN]
     chosen = _plainer(near, min(near, key=lambda h: (len(h.effects), -h.log)))
-    found = tuple(_found(naming, chosen, i) for i in range(len(chosen.effects)))
-    return Answer(naming, chosen, found, unnamed_beside(naming.ground, chosen))
+    left = unnamed_beside(naming.ground, chosen)
+    found = tuple(_found(naming, chosen, i, left[0].log) for i in range(len(chosen.effects)))
+    return Answer(naming, chosen, found, left)
 
 
 def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
@@ -111,7 +112,7 @@ def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) ->
     return tuple(sorted(found, key=lambda u: -u.log))
 
 
-def _found(naming: Naming, chosen: Settled, i: int) -> Found:
+def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
     machine = chosen.problem.machine
     name = name_of(machine, chosen.effects[i])
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
@@ -129,9 +130,8 @@ def _found(naming: Naming, chosen: Settled, i: int) -> Found:
     top = max(logs.values())
     raw = {n: float(np.exp(v - top)) for n, v in sorted(logs.items(), key=lambda t: -t[1])}
     weights = {n: p / sum(raw.values()) for n, p in raw.items()}
-    return Found(
-        chosen.now[i], i, name, weights, alike, _evidence(naming, chosen, i, shown, {**logs, "": -np.inf}, alike)
-    )
+    rival = max((log for n, log in logs.items() if n not in alike), default=-np.inf)
+    return Found(chosen.now[i], i, name, weights, alike, _evidence(naming, chosen, i, shown, (rival, left)))
 
 
 def name_of(machine: Machine, effect: Effect) -> str:
@@ -144,9 +144,14 @@ def _alike(shown: Picture, cosines2: Array) -> list[str]:
 
 
 def _evidence(
-    naming: Naming, chosen: Settled, i: int, shown: Picture, logs: Mapping[str, float], alike: frozenset[str]
+    naming: Naming, chosen: Settled, i: int, shown: Picture, against: tuple[float, float]
 ) -> dict[str, float]:
-    """What speaks for an effect, and against it."""
+    """What speaks for an effect, and against it.
+
+    Args:
+        against: evidence of its best rival, and of something unnamed beside the whole, nats.
+    """
+    rival, left = against
     ground, sets = naming.ground, shown.sets
     v = sets.many
     prior = sum(e.prior for k, e in enumerate(chosen.effects) if k != i)
@@ -154,28 +159,16 @@ def _evidence(
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
     other = _unnamed(ground, G, b, base, 0.0)[0].log
-    rival = max(log for name, log in logs.items() if name not in alike)
     per_recording = _left_out(chosen, i, ground)
-    effect, size, sd = chosen.effects[i], chosen.sizes[i], chosen.sds[i]
-    left = unnamed_beside(ground, chosen)[0]
-    machine = chosen.problem.machine
-    rows = sum(int(np.isfinite(t.means).sum()) for t in chosen.problem.tracks)
+    size, sd = chosen.sizes[i], chosen.sds[i]
     return {
         "against_nothing": chosen.log - max(none, _known_without(naming, chosen, i)),
         "against_rival": float(np.clip(chosen.log - rival, -50.0, 50.0)),
         "against_unnamed": chosen.log - other,
         "least_recording": float(min(per_recording)),
-        "all_recordings": float(sum(per_recording)),
-        "unnamed_beside": left.log,
+        "unnamed_beside": left,
         "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
         "sds": float(abs(size) / max(sd, 1e-300)),
-        "shows": float(np.sqrt(_square(chosen, i, ground) / rows)),
-        "effects": float(len(chosen.effects)),
-        "fault": float(machine.candidates[effect.variant.candidate].mechanism.kind != "physics"),
-        "late": float(chosen.since_s > -np.inf),
-        "left": _left(chosen, ground, rows),
-        "rivals": float(sum(np.exp(min(log - chosen.log, 0.0)) for n, log in logs.items() if n not in alike)),
-        "at_bound": float(_at_bound(chosen, i)),
     }
 
 
@@ -188,7 +181,7 @@ def _known_without(naming: Naming, chosen: Settled, i: int) -> float:
 def _left_out(chosen: Settled, i: int, ground: Ground) -> list[float]:
     """Nats by which each recording, the others known, is better predicted with an effect than without."""
     n, out = len(chosen.mean), np.arange(len(chosen.mean))[chosen.entries(i)]
-    precision = np.concatenate((np.ones(n), 1.0 / np.maximum(chosen.learnt.s[ground.group], 1e-4) ** 2))
+    precision = np.concatenate((np.ones(n), ground.precision(chosen.learnt.s)))
     mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
     fixed = precision.copy()
     fixed[out] = 1e12  # held at its prior's mean: absent
@@ -204,28 +197,3 @@ def _left_out(chosen: Settled, i: int, ground: Ground) -> list[float]:
         others = [k for k in every if k != r]
         found.append((whole - log(others, precision)) - (without_it - log(others, fixed)))
     return found
-
-
-def _square(chosen: Settled, i: int, ground: Ground) -> float:
-    """Square of what an effect does to the whitened readings, what the other unknowns can imitate taken out."""
-    G, b, _ = chosen.products.over()
-    n, at = len(chosen.z), chosen.entries(i).start
-    keep = np.array([k for k in range(n) if not chosen.entries(i).start <= k < chosen.entries(i).stop], dtype=int)
-    some = np.array([*keep, at])
-    inner = eliminated(G[np.ix_(some, some)], b[some], np.arange(len(keep)), np.zeros(len(keep)), np.ones(len(keep)))
-    return float(max(inner.G[0, 0], 0.0) * chosen.mean[at] ** 2)
-
-
-def _left(chosen: Settled, ground: Ground, rows: int) -> float:
-    """Mean square of the whitened residuals at the posterior mean, less one."""
-    G, b, q = chosen.products.over()
-    precision = np.concatenate((np.ones(len(chosen.mean)), 1.0 / np.maximum(chosen.learnt.s[ground.group], 1e-4) ** 2))
-    mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
-    w = np.linalg.solve(G + np.diag(precision), b + precision * mean)
-    return float(q - 2.0 * b @ w + w @ G @ w) / rows - 1.0
-
-
-def _at_bound(chosen: Settled, i: int) -> bool:
-    at = chosen.entries(i)
-    some = zip(chosen.problem.unknowns[at], chosen.z[at], strict=True)
-    return any(v in (u.low, u.high) and u.low < u.high for u, v in some)

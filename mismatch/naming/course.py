@@ -129,20 +129,15 @@ class Course:
 
     def _remembered(self, candidate: Candidate, theta: Array) -> Array:
         """The middles with an absent candidate's own states as they go along the course; each is run once."""
-        key = candidate.name, tuple(theta[list(candidate.at[1:])])
-        if key not in self._memories:
-            quiet = theta.copy()
-            quiet[candidate.at[0]] = candidate.null[0] + WHISPER * (theta[candidate.at[0]] - candidate.null[0])
-            own = self.machine.own_states(candidate)
-            self._memories[key] = self._middles(quiet, self._varying, self._values)[:, own.start : own.stop]
+        self.remember([(candidate, theta)])
         middles, own = self.middles.copy(), self.machine.own_states(candidate)
-        middles[:, own.start : own.stop] = self._memories[key]
+        middles[:, own.start : own.stop] = self._memories[_memory(candidate, theta)]
         return middles
 
     def remember(self, several: Sequence[tuple[Candidate, Array]]) -> None:
         """Run the own states of several absent candidates at once, each with the shape that its parameters say."""
         todo = [(c, theta) for c, theta in several if self.machine.own_states(c)]
-        todo = [(c, theta) for c, theta in todo if (c.name, tuple(theta[list(c.at[1:])])) not in self._memories]
+        todo = [(c, theta) for c, theta in todo if _memory(c, theta) not in self._memories]
         while todo:
             quiet, now, later = self.setting.theta.copy(), {}, []
             for c, theta in todo:
@@ -155,7 +150,7 @@ class Course:
             middles = self._middles(quiet, self._varying, self._values)
             for c, theta in now.values():
                 own = self.machine.own_states(c)
-                self._memories[c.name, tuple(theta[list(c.at[1:])])] = middles[:, own.start : own.stop].copy()
+                self._memories[_memory(c, theta)] = middles[:, own.start : own.stop].copy()
             todo = later
 
     def of_input(self, theta: Array, step: float) -> Acts:
@@ -209,6 +204,11 @@ class Course:
             reads,
         )
         return Acts(rates[:, :, None], reads[:, :, None])
+
+
+def _memory(candidate: Candidate, theta: Array) -> tuple[str, tuple[float, ...]]:
+    """What a candidate's own states depend on: it, and its shape."""
+    return candidate.name, tuple(theta[list(candidate.at[1:])])
 
 
 def together(several: Sequence[Acts]) -> Acts:

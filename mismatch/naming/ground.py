@@ -15,9 +15,9 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, eliminated, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, eliminated, learn
 from twinbench.mismatch.naming.sensors import SensorNoise
-from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.physics.simulator import Array, Port
 
 ROUNDS_OF_NOISE = 3
@@ -120,7 +120,7 @@ class Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
         G, b, _ = self.products(view, own).over()
         n = own[0].shape[2]
-        inner = eliminated(G, b, np.arange(n), _mean(view), np.ones(n))
+        inner = eliminated(G, b, np.arange(n), prior_mean(view), np.ones(n))
         s = learn(inner.G, inner.b, self.group, self.s).s
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
         turns, group = [], []
@@ -138,10 +138,10 @@ class Ground:
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
         G, b, _ = self.products(view, own).over()
-        n, mean = own[0].shape[2], _mean(view)
+        n, mean = own[0].shape[2], prior_mean(view)
         inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
         s = learn(inner.G, inner.b, self.group, self.s).s
-        precision = np.concatenate((np.ones(n), 1.0 / np.maximum(s[self.group], 1e-4) ** 2))
+        precision = np.concatenate((np.ones(n), self.precision(s)))
         A, right = G + np.diag(precision), b + np.concatenate((mean, np.zeros(len(self.group))))
         scale = 1.0 / np.sqrt(np.diag(A))
         factor = cho_factor(A * np.outer(scale, scale) + 1e-10 * np.eye(len(A)), lower=True)
@@ -152,6 +152,10 @@ class Ground:
             for residual, j, f in zip(view.residuals, own, self.whole, strict=True)
         ]
         return left, s
+
+    def precision(self, s: Array) -> Array:
+        """(F,) prior precision of the functions' weights where the discrepancy has sizes s (P,), per cent."""
+        return np.asarray(1.0 / np.maximum(s[self.group], LEAST_PCT) ** 2)
 
     def whitened(self, r: int, columns: Array, residuals: Array) -> Array:
         """Columns (B, ny, K) and last the residuals (B, ny) of recording r, whitened, (B ny, K + 1)."""
@@ -168,8 +172,3 @@ class Ground:
         found = parallel([lambda r=r: of(r) for r in range(len(columns))])
         own, cross = (np.array(part) for part in zip(*found, strict=True))
         return Products(own, cross, self.FF)
-
-
-def _mean(view: View) -> Array:
-    """(K,) prior mean of the unknowns from where they stand, in prior sds."""
-    return np.array([(u.mean - v) / scale_of(u) for u, v in zip(view.problem.unknowns, view.z, strict=True)])

@@ -18,7 +18,9 @@ LEARNT = 0.1
 LEARNING_ROUNDS = 15
 UNTOLD = 1e-3
 """Information (prior variance over noise variance) below which a function is left out: half of it in nats is lost."""
-_HAIR, _LEAST = 1e-10, 1e-4
+LEAST_PCT = 1e-4
+"""Size of a discrepancy that is none, per cent: a size of nothing could not be divided by."""
+_HAIR = 1e-10
 
 
 class Reduced(NamedTuple):
@@ -79,7 +81,7 @@ def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, round
         s: (P,) sizes to begin from, per cent.
         free: a port whose size has no prior, or -1.
     """
-    s2, last, log = np.maximum(s, _LEAST) ** 2, -np.inf, 0.0
+    s2, last, log = np.maximum(s, LEAST_PCT) ** 2, -np.inf, 0.0
     mean, telling = np.zeros(len(b)), np.diag(G)
     for _ in range(rounds):
         mean = np.zeros(len(b))
@@ -104,7 +106,7 @@ def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, round
         bounded = 2.0 * squares / many / (1.0 + np.sqrt(1.0 + bent))
         if free >= 0:
             bounded[free] = max(squares[free] / many[free], 1.0)
-        s2 = np.clip(bounded, _LEAST**2, 1e8)
+        s2 = np.clip(bounded, LEAST_PCT**2, 1e8)
     return Learnt(log, np.sqrt(s2), mean)
 
 

@@ -11,7 +11,7 @@ from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
-from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.physics.simulator import Array
 
@@ -72,7 +72,7 @@ class Painter:
         probes: Mapping[Variant, float] | None = None,
         wanders: Sequence[int] = (),
     ) -> None:
-        mean = np.array([(u.mean - z) / scale_of(u) for u, z in zip(view.problem.unknowns, view.z, strict=True)])
+        mean = prior_mean(view)
         whole, out = view.unknowns(), np.arange(len(mean))[without]
         self.removed = [columns[:, :, out] for columns in whole]
         size = out[:1]  # its shape does nothing where it is not

@@ -18,7 +18,7 @@ from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one
 from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
 from twinbench.mismatch.naming.settle import Effect, Settled
-from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.mismatch.words import count
 from twinbench.physics.simulator import Array
@@ -123,8 +123,7 @@ class Columns:
         self.view, self.chosen = view, chosen
         self.prior: list[float] = []
         self.bounded: list[bool] = []
-        some = zip(view.problem.unknowns, view.z, strict=True)
-        self._means = np.array([(u.mean - z) / scale_of(u) for u, z in some])
+        self._means = prior_mean(view)
         self.mean = self._means[: chosen.first]
         self.residuals = [r.copy() for r in view.residuals]
         self._unknowns = view.unknowns()

@@ -57,7 +57,6 @@ class Settled:
         cov: (K, K) posterior covariance of the unknowns, in prior sds.
         products: of the columns there, and the prior ``mean`` (K + W,) of the unknowns and of what wanders, from there,
             in prior sds.
-        turns: linearisations that it took.
     """
 
     effects: tuple[Effect, ...]
@@ -72,7 +71,6 @@ class Settled:
     cov: Array
     products: Products
     mean: Array
-    turns: int
 
     @property
     def bare(self) -> Problem:
@@ -134,7 +132,7 @@ def settled(
     if far:
         z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
-    for turn in range(1, TURNS + 1):
+    for _ in range(TURNS):
         view = View.around(whole, z)
         products = ground.products(view, columns_of(view, ground, wanders))
         mean = np.zeros(len(products.own[0]) - 1)
@@ -151,7 +149,7 @@ def settled(
             log -= promised
         if best is None or log > best.log:
             best = Settled(
-                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, mean, turn
+                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, mean
             )
         if promised < SETTLED:
             break
@@ -239,8 +237,7 @@ def _posterior(
     inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
     learnt = learn(inner.G, inner.b, ground.group, s)
     block = n + np.arange(len(ground.group))
-    precision = 1.0 / np.maximum(learnt.s[ground.group], 1e-4) ** 2
-    outer = eliminated(G, b, block, np.zeros(len(block)), precision)
+    outer = eliminated(G, b, block, np.zeros(len(block)), ground.precision(learnt.s))
     cov = cho_solve(cho_factor(outer.G + np.eye(n) * (1.0 + 1e-9)), np.eye(n))
     step = cov @ (outer.b + mean)
     return inner, learnt, cov, step, 0.5 * float(step @ (outer.b + mean))
@@ -251,7 +248,7 @@ def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Probl
 
     It is asked with the unknowns and with the problem, which may differ from the one given in when effects begin.
     """
-    d = np.maximum(s[ground.group], 1e-4)
+    d = 1.0 / np.sqrt(ground.precision(s))
     FF = ground.FF.sum(axis=0)
     some = np.flatnonzero(d**2 * np.diag(FF) > UNTOLD)
     d = d[some]

@@ -175,6 +175,11 @@ class View:
         return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
 
 
+def prior_mean(view: View) -> Array:
+    """(K,) prior mean of a view's unknowns from where they stand, in prior sds."""
+    return np.array([(u.mean - z) / scale_of(u) for u, z in zip(view.problem.unknowns, view.z, strict=True)])
+
+
 def scale_of(unknown: object) -> float:
     """Prior standard deviation of an unknown, its unit of columns; a hundred scales where it has none."""
     sd = getattr(unknown, "sd")  # noqa: B009

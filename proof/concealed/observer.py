@@ -1,8 +1,9 @@
 """The ideal observer: what anybody could tell of a case who knew truth's own equations and the noise.
 
-It sees all recordings, the held-out ones too. Parameters, starts, ambient and ripple are unknown to it as far as the
-draw left them open; they are projected out. Of two effects each is looked at with the other known but for its size,
-so that for both together the observer is a little too good. Distances are in sds of the noise that is left.
+It sees the recordings that an engine may learn from, and none held out. Parameters, starts, ambient and ripple are
+unknown to it as far as the draw left them open; they are projected out. Of two effects each is looked at with the other
+known but for its size, so that for both together the observer is a little too good. Distances are in sds of the noise
+that is left.
 """
 
 from __future__ import annotations
