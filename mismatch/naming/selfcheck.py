@@ -37,7 +37,7 @@ ten thousand halves."""
 BLURRED = 10.0
 """Nats by which a hypothesis may be likelier where it stands than it looks from the answer, or less likely: farther
 off, what it says of single pieces is not known."""
-_LEAST_PCT = 1e-3  # a discrepancy is never smaller; as in the search
+_LEAST_SEARCHED_PCT = 1e-3  # a discrepancy is never smaller; as in the search
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class Columns:
     def of_more(self, shown: Picture, own: Sequence[Key]) -> list[Rival]:
         """The chosen hypothesis with one effect more: those of a picture around it that add most."""
         names = tuple(name_of(self.chosen.problem.machine, e) for e in self.chosen.effects)
-        gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_PCT))
+        gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_SEARCHED_PCT))
         best: dict[str, int] = {}
         for i in np.argsort(-gains):
             if np.isfinite(gains[i]) and shown.since[i] == -np.inf and len(best) < SINGLES:
@@ -281,7 +281,7 @@ class Pieces:
 
     def _log(self, reduced: Reduced, rival: Rival) -> float:
         key, v = list(rival.key), len(self.prior)
-        precision = 1.0 / np.maximum(rival.s[self.group], _LEAST_PCT) ** 2
+        precision = 1.0 / np.maximum(rival.s[self.group], _LEAST_SEARCHED_PCT) ** 2
         telling = np.flatnonzero(np.diag(reduced.G)[v:] > UNTOLD * precision)
         some, k = np.array([*key, *(v + telling)], dtype=int), len(key)
         G, b = reduced.G[np.ix_(some, some)], reduced.b[some]
@@ -307,7 +307,9 @@ def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key) -> set[int]:
     for out in (None, *range(len(effects))):
         rest = sets.score(_joined(key for i, key in enumerate(effects) if i != out))
         wanted = best.log + (PLAIN if out is None else 0.0)
-        gains = np.maximum(*(sets.quick(rest.key, np.maximum(rest.learnt.s * f, _LEAST_PCT)) for f in (1.0, 0.15)))
+        gains = np.maximum(
+            *(sets.quick(rest.key, np.maximum(rest.learnt.s * f, _LEAST_SEARCHED_PCT)) for f in (1.0, 0.15))
+        )
         near = [d for d in decoys if rest.log + gains[d] > wanted - PLAIN]
         found |= {d for d in near if sets.score((*rest.key, d)).log > wanted}
     return found
