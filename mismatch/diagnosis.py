@@ -22,7 +22,11 @@ from twinbench.physics.simulator import Array, Simulator
 
 
 class Fit(NamedTuple):
-    """A problem and where its unknowns stand, z (K,), each in its own unit."""
+    """A problem and where its unknowns stand.
+
+    Attributes:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+    """
 
     problem: Problem
     z: Array

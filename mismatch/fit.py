@@ -87,7 +87,11 @@ class Problem:
         return np.array([u.mean for u in self.unknowns])
 
     def white(self, values: Array) -> Array:
-        """Residuals (B, ny), or columns (B, ny, K), in standard deviations."""
+        """Residuals or columns in standard deviations.
+
+        Args:
+            values: (B, ny) or (B, ny, K), in the outputs' units.
+        """
         return np.asarray(values / self.sd.reshape(-1, *(1,) * (values.ndim - 2)))
 
     def readings(self, r: int, z: Array) -> Array:
@@ -144,7 +148,12 @@ class Problem:
         return replace(self, offsets=parallel([lambda r=r: offset(r) for r in range(len(self.tracks))]))
 
     def setting(self, r: int, z: Array, grid: Grid, theta: Array | None = None) -> Setting:
-        """What a run of recording r goes over and begins with."""
+        """What a run of recording r goes over and begins with.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
+        """
         theta = (self.theta if theta is None else theta).copy()
         x0 = self.starts[r].copy()
         drifts: dict[int, dict[int, float]] = {}

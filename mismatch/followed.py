@@ -86,7 +86,7 @@ def strangers(
 
     Args:
         learnt: residuals where it was fitted, (B, ny) per recording, in the outputs' units.
-        held: those on held-out recordings.
+        held: likewise, on held-out recordings.
         floor: (ny,) scatter of block means where it was fitted, in the outputs' units.
     """
     found = []

@@ -166,7 +166,11 @@ class Machine:
         return compiled_loop if self._equations.native else compiled_loop.py_func
 
     def ode(self, theta: Array) -> Array:
-        """Those of the parameters (n_theta,) that the equations hold; faults' own stand behind them."""
+        """Those of the parameters that the equations hold; faults' own stand behind them.
+
+        Args:
+            theta: (n_theta,) each in its parameter's unit.
+        """
         return np.ascontiguousarray(theta[: self._n_ode])
 
     def own_states(self, candidate: Candidate) -> range:

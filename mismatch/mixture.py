@@ -23,7 +23,13 @@ NEGLIGIBLE = 12.0
 
 @dataclass(frozen=True)
 class Mixture:
-    """A number under several hypotheses: (H,) weights that sum to one, means and standard deviations."""
+    """A number under several hypotheses.
+
+    Attributes:
+        weights: (H,) dimensionless, they sum to one.
+        means: (H,) of the number, in its unit.
+        sds: (H,) its standard deviations, in its unit.
+    """
 
     weights: Array
     means: Array

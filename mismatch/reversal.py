@@ -28,7 +28,11 @@ class Turned(NamedTuple):
 
     @classmethod
     def seen(cls, courses: dict[str, list[Array]]) -> Turned:
-        """As the courses say: per name one (N,) for each recording, in the variable's unit; NaN is missing."""
+        """As the courses say.
+
+        Args:
+            courses: per name one (N,) for each recording, in the variable's unit; NaN is missing.
+        """
         tests = (crosses_zero, nears_zero, reverses)
         return cls(*(frozenset(n for n, runs in courses.items() if any(map(test, runs))) for test in tests))
 

@@ -76,7 +76,12 @@ def depends(simulator: Simulator, rate: int, state: int) -> bool:
 
 
 def at_points(function: Equation, n: int, x: Array, u: Array, simulator: Simulator) -> Array:
-    """What an equation gives (N, n) at states x (N, nx) and inputs u (N, nu); NaN where it fails, in plain Python."""
+    """What an equation gives (N, n) at some points; NaN where it fails, in plain Python.
+
+    Args:
+        x: (N, nx) each state in its unit.
+        u: (N, nu) inputs in their units.
+    """
     out, theta = np.full((len(x), n), np.nan), simulator.theta()
     for k, point in enumerate(zip(x, u, strict=True)):
         # A root of a negative number, a division by zero: in machine code they are NaN too.

@@ -27,7 +27,11 @@ class Acts(NamedTuple):
     reads: Array
 
     def times(self, weights: Array) -> Acts:
-        """Each of K changes times each of R courses (S, R): K R changes, those of the first change first."""
+        """Each of K changes times each of R courses: K R changes, those of the first change first.
+
+        Args:
+            weights: (S, R) dimensionless.
+        """
         many = [
             (part[:, :, :, None] * weights[:, None, None, :]).reshape(*part.shape[:2], -1)
             for part in (self.rates, self.reads)
@@ -37,6 +41,9 @@ class Acts(NamedTuple):
 
 class Course:
     """A recording's run, stretch by stretch, as ``tangent`` sees it.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
 
     Attributes:
         active: (na,) positions of the states that may change: the simulator's, and those of present candidates.
@@ -110,7 +117,7 @@ class Course:
         """What other parameters do, per unit of a step; one change.
 
         Args:
-            theta: (n_theta,) the parameters after the step.
+            theta: (n_theta,) the parameters after the step, each in its unit.
             step: in the changed parameter's unit.
             since_s: time from which they hold, on the recording's clock.
             read: may they change what a sensor reads of a state?
@@ -118,7 +125,11 @@ class Course:
         return self._difference(self._acting(theta, self.u, self.middles, read), self._base, step, since_s)
 
     def of_candidate(self, candidate: Candidate, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
-        """As ``of_parameters``, for a candidate that is absent: its own states and faulty inputs follow the course."""
+        """As ``of_parameters``, for a candidate that is absent: its own states and faulty inputs follow the course.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+        """
         if candidate.acts_on_input:
             return self.of_input(theta, step)
         read = candidate.mechanism.port.place not in ("balance", "flux")
@@ -135,7 +146,11 @@ class Course:
         return middles
 
     def remember(self, several: Sequence[tuple[Candidate, Array]]) -> None:
-        """Run the own states of several absent candidates at once, each with the shape that its parameters say."""
+        """Run the own states of several absent candidates at once, each with the shape that its parameters say.
+
+        Args:
+            several: each with all parameters (n_theta,), every one in its unit.
+        """
         todo = [(c, theta) for c, theta in several if self.machine.own_states(c)]
         todo = [(c, theta) for c, theta in todo if _memory(c, theta) not in self._memories]
         while todo:
@@ -154,7 +169,11 @@ class Course:
             todo = later
 
     def of_input(self, theta: Array, step: float) -> Acts:
-        """As ``of_parameters``, for those of a faulty input, since when it is faulty."""
+        """As ``of_parameters``, for those of a faulty input, since when it is faulty.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+        """
         u = self.machine.driven(replace(self.setting, theta=theta), blocks=True).u
         return self._difference(
             self._acting(self.setting.theta, np.ascontiguousarray(u), self.middles), self._base, step, -np.inf

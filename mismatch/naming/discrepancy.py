@@ -36,12 +36,13 @@ class Discrepancy:
     Attributes:
         ports: where.
         units: per port, one per cent of what commonly acts there, in the state's unit per second or the flux's.
-        centre, spread: (nx + nu,) of the visited states and inputs, in their units.
-        turn: (nx + nu, D) main directions.
-        points: (R, D) where the functions are anchored.
-        root: (R, R) Cholesky factor of their covariance.
+        centre: (nx + nu,) mean of the visited states and inputs, in their units.
+        spread: (nx + nu,) their sd, in their units; infinite where they do not move.
+        turn: (nx + nu, D) main directions, dimensionless.
+        points: (R, D) where the functions are anchored, along the main directions, in units of the spread.
+        root: (R, R) Cholesky factor of their covariance, dimensionless.
         width2: square of the unit of length.
-        main: (R, M) the combinations of the functions that vary most along the courses.
+        main: (R, M) dimensionless, the combinations of the functions that vary most along the courses.
     """
 
     ports: tuple[Port, ...]
@@ -61,7 +62,11 @@ class Discrepancy:
         return np.asarray(np.linalg.solve(self.root, k.T).T)
 
     def acts(self, course: Course, port: int, functions: Array) -> Acts:
-        """What the functions do at a port, one per cent of what is common there; R changes."""
+        """What the functions do at a port, one per cent of what is common there; R changes.
+
+        Args:
+            functions: (S, R) along the course, dimensionless.
+        """
         machine = course.machine
         theta = course.setting.theta.copy()
         theta[machine.force_at[self.ports[port]]] += self.units[port]

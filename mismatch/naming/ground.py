@@ -33,9 +33,9 @@ class Products(NamedTuple):
     """Of whitened columns, per recording: K of their own, then F of the discrepancy.
 
     Attributes:
-        own: (R, K + 1, K + 1) of the K with each other; residuals last.
-        cross: (R, K + 1, F) of them with the discrepancy's.
-        FF: (R, F, F) of those with each other.
+        own: (R, K + 1, K + 1) of the K with each other, whitened; residuals last.
+        cross: (R, K + 1, F) of them with the discrepancy's, whitened.
+        FF: (R, F, F) of those with each other, whitened.
     """
 
     own: Array
@@ -55,10 +55,11 @@ class Ground:
     """What all hypotheses share: the noise, and the discrepancy's columns whitened.
 
     Attributes:
+        levels: one per recording, the dimensionless variance of its noise over that of the others: (ny,) or one number.
         whole: (B, ny, F) columns of the discrepancy per recording, in the outputs' units per per cent.
-        white: the same, whitened, (B ny, F).
-        FF: (R, F, F) their products, per recording.
-        group: (F,) place in ``ports`` of each.
+        white: (B * ny, F) per recording, the same, whitened.
+        FF: (R, F, F) products of the whitened ones, per recording.
+        group: (F,) positions in ``ports`` of each.
         ports: where a discrepancy was found.
         discrepancy: the functions.
         s: (P,) its size at each with nothing named, per cent of what is common there.
@@ -154,16 +155,29 @@ class Ground:
         return left, s
 
     def precision(self, s: Array) -> Array:
-        """(F,) prior precision of the functions' weights where the discrepancy has sizes s (P,), per cent."""
+        """(F,) prior precision of the functions' weights where the discrepancy has some sizes.
+
+        Args:
+            s: (P,) these sizes, per cent.
+        """
         return np.asarray(1.0 / np.maximum(s[self.group], LEAST_PCT) ** 2)
 
     def whitened(self, r: int, columns: Array, residuals: Array) -> Array:
-        """Columns (B, ny, K) and last the residuals (B, ny) of recording r, whitened, (B ny, K + 1)."""
+        """Columns and last the residuals of recording r, whitened, (B ny, K + 1).
+
+        Args:
+            columns: (B, ny, K) in the outputs' units.
+            residuals: (B, ny) in the outputs' units.
+        """
         both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
         return self.noise.whitened(both, self.levels[r]).reshape(-1, both.shape[2])
 
     def products(self, view: View, columns: Sequence[Array]) -> Products:
-        """Products of columns (B, ny, K), then the discrepancy's, with each other and with the residuals."""
+        """Products of columns, then the discrepancy's, with each other and with the residuals.
+
+        Args:
+            columns: (B, ny, K) per recording, in the outputs' units.
+        """
 
         def of(r: int) -> tuple[Array, Array]:
             white = self.whitened(r, columns[r], view.residuals[r])

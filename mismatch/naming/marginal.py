@@ -26,7 +26,12 @@ _HAIR = 1e-10
 class Reduced(NamedTuple):
     """A quadratic form with a block of it integrated out.
 
-    ``log p = -(q - ...)/2``: G (K, K), b (K,) over what is left, and ``log`` what the block contributed.
+    ``log p = -(q - ...)/2``, over the K unknowns that are left.
+
+    Attributes:
+        G: (K, K) products of their whitened columns.
+        b: (K,) products of these with the whitened residuals.
+        log: what the block contributed, nats.
     """
 
     G: Array
@@ -38,11 +43,11 @@ def eliminated(G: Array, b: Array, block: np.ndarray, mean: Array, precision: Ar
     """Integrate out some unknowns with a Gaussian prior.
 
     Args:
-        G: (K, K) products of columns.
-        b: (K,) products with residuals.
+        G: (K, K) products of whitened columns.
+        b: (K,) products of these with whitened residuals.
         block: (k,) positions of the unknowns.
-        mean: (k,) of their prior.
-        precision: (k,) of their prior.
+        mean: (k,) of their prior, in the units that the columns are per.
+        precision: (k,) of their prior, in these units to the power -2.
     """
     rest = np.setdiff1d(np.arange(len(b)), block)
     A = G[np.ix_(block, block)] + np.diag(precision)
@@ -63,7 +68,7 @@ class Learnt(NamedTuple):
     Attributes:
         log: of the evidence, constants apart, in nats; the prior of the sizes is in it.
         s: (P,) size of the discrepancy at each port, per cent.
-        weights: (F,) posterior mean of its functions' weights.
+        weights: (F,) posterior mean of its functions' weights, per cent.
     """
 
     log: float
@@ -75,9 +80,9 @@ def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, round
     """The discrepancy's size at each port by the highest evidence (MacKay's fixed point under a half-normal prior).
 
     Args:
-        G: (F, F) products of the functions' columns, all else integrated out.
+        G: (F, F) products of the functions' whitened columns, all else integrated out.
         b: (F,) likewise with residuals.
-        group: (F,) port of each function.
+        group: (F,) positions of each function's port.
         s: (P,) sizes to begin from, per cent.
         free: a port whose size has no prior, or -1.
     """
@@ -118,5 +123,11 @@ def _prior(s2: Array, free: int) -> float:
 
 
 def one_sided(mean: Array, sd: Array, bounded: np.ndarray) -> Array:
-    """What a half-normal prior adds to a normal one's log evidence, (K,)."""
+    """What a half-normal prior adds to a normal one's log evidence, (..., K).
+
+    Args:
+        mean: (..., K) of the posterior, each in its own unit.
+        sd: (..., K) likewise.
+        bounded: (K,) bool, is the prior half-normal?
+    """
     return np.asarray(np.where(bounded, np.log(2.0) + log_ndtr(mean / np.maximum(sd, 1e-300)), 0.0))

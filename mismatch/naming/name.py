@@ -87,7 +87,12 @@ class Naming:
         return self._without[key]
 
     def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
-        """Bring a hypothesis to its fixed point and keep it in its place; arguments as of ``settled``."""
+        """Bring a hypothesis to its fixed point and keep it in its place; arguments as of ``settled``.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            s: (P,) discrepancy to begin with, per cent.
+        """
         self.hypotheses.append(settled(problem, z, effects, self.ground, s, self.far))
         self.hypotheses.sort(key=lambda s: -s.log)
 
@@ -96,7 +101,8 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     """Weigh everything that may be missing.
 
     Args:
-        problem: the calibrated simulator; its unknowns stand at z (K,).
+        problem: the calibrated simulator.
+        z: (K,) where the problem's unknowns stand, each in its own unit.
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     view = View.around(problem, z)

@@ -31,7 +31,8 @@ class Picture:
     """Candidates' variants around a view, each from the beginning, then the late ones.
 
     Attributes:
-        variants: (V,) which; ``since`` (V,) from when.
+        variants: (V,) which.
+        since: (V,) from when, s, on the recordings' clock; minus infinity from the beginning.
         candidates: (V,) of whom.
         units: (V,) prior sd of each size, in the first parameter's unit.
         sets: their evidence.

@@ -227,11 +227,13 @@ class Pieces:
     """Products of whitened columns, per recording and piece of time.
 
     Attributes:
-        products: (R, P, K, K) of N unknowns, V columns that sets are made of, F functions of the discrepancy, and
-            residuals.
-        mean: (N,) prior mean of the unknowns, in prior sds.
-        prior, bounded: (V,) as of ``Sets``.
-        group, s: (F,) port of each function, and (P,) the discrepancy beside the chosen hypothesis, per cent.
+        products: (R, P, K, K) of whitened columns: of N unknowns, of V that sets are made of, of F functions of the
+            discrepancy, and of residuals.
+        mean: (N,) prior mean of the unknowns, standardised: in prior sds.
+        prior: (V,) log prior odds of each column, dimensionless.
+        bounded: (V,) bool, can its size have one sign only?
+        group: (F,) positions of each function's port.
+        s: (P,) the discrepancy beside the chosen hypothesis, per cent.
     """
 
     products: Array
@@ -275,7 +277,11 @@ class Pieces:
             yield ~first
 
     def logs(self, which: np.ndarray, rivals: Sequence[Rival]) -> Array:
-        """(K,) evidence of each on some pieces, (R, P) bool, nats; the discrepancy as large as on all of them."""
+        """(K,) evidence of each on some pieces, nats; the discrepancy as large as on all of them.
+
+        Args:
+            which: (R, P) bool, the pieces.
+        """
         reduced = self._reduced(self.products[which].sum(axis=0))
         return np.array([self._log(reduced, r) for r in rivals])
 
@@ -332,7 +338,8 @@ def likeliest(pieces: Pieces, rivals: Sequence[Rival], half: np.ndarray, ahead: 
 
     Args:
         half: (R, P) bool.
-        ahead: (K,) nats that each is likelier than it looks, on all pieces; on half of them half as many.
+        ahead: (K,) nats, dimensionless, that each is likelier than it looks, on all pieces; on half of them half as
+            many.
     """
     logs = pieces.logs(half, rivals) + 0.5 * ahead
     logs -= PLAIN * np.array([len(r.names) > len(rivals[0].names) for r in rivals])

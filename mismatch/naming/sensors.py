@@ -25,7 +25,7 @@ class SensorNoise(NamedTuple):
     Attributes:
         white: (ny,) variance of the white part, in the outputs' units squared.
         coloured: (ny,) variance of the coloured part, likewise.
-        memory: (ny,) blocks in which the coloured part falls to 1/e.
+        memory: (ny,) time in which the coloured part falls to 1/e, in units of a block.
     """
 
     white: Array
@@ -34,15 +34,19 @@ class SensorNoise(NamedTuple):
 
     @classmethod
     def first_guess(cls, floor: Array) -> SensorNoise:
-        """From the noise (ny,) of block means by their second differences, in the outputs' units."""
+        """From the noise of block means.
+
+        Args:
+            floor: (ny,) by their second differences, in the outputs' units.
+        """
         return cls(0.7 * floor**2, 0.5 * floor**2, np.full(len(floor), FIRST_MEMORY))
 
     def whitened(self, values: Array, level: Array | float = 1.0) -> Array:
-        """Innovations (B, ny, K) of values (B, ny, K) in sd; a row with a missing value (NaN) is nothing.
+        """Innovations (B, ny, K) of values in sd; a row with a missing value (NaN) is nothing.
 
         Args:
-            values: in the outputs' units; the last column decides what is missing.
-            level: (ny,) variance of this recording's noise over that of the others.
+            values: (B, ny, K) in the outputs' units; the last column decides what is missing.
+            level: (ny,) dimensionless variance of this recording's noise over that of the others.
         """
         out = np.ascontiguousarray(values)
         out = out.copy() if out is values else out
@@ -54,10 +58,11 @@ class SensorNoise(NamedTuple):
         return out
 
     def learnt(self, series: Sequence[Array], floor: Array) -> SensorNoise:
-        """Maximum likelihood on what a fit leaves, (B, ny) per recording, in the outputs' units.
+        """Maximum likelihood on what a fit leaves.
 
         Args:
-            floor: (ny,) least noise of block means.
+            series: that, (B, ny) per recording, in the outputs' units.
+            floor: (ny,) least noise of block means, in the outputs' units.
         """
         found = [_most_likely([s[:, c] for s in series], floor[c], _of(self, c)) for c in range(len(self.white))]
         return SensorNoise(*(np.array(part) for part in zip(*found, strict=True)))

@@ -18,7 +18,12 @@ PARAMETER = 3e-4
 
 @dataclass(frozen=True)
 class Scored:
-    """A set in a view: its evidence, its sizes (k,) in prior sds with their sd, the discrepancy beside it."""
+    """A set in a view: its evidence, its sizes, the discrepancy beside it.
+
+    Attributes:
+        sizes: (k,) standardised: in prior sds.
+        sds: (k,) their posterior sds, likewise.
+    """
 
     key: Key
     log: float
@@ -33,13 +38,13 @@ class Sets:
 
     Attributes:
         reduced: over the V variants, in prior sds, then the F functions.
-        group: (F,) port of each function.
-        prior: (V,) log prior odds of each variant.
-        bounded: (V,) can its size have one sign only?
-        family: (V,) labels; one of a family is enough.
-        usable: (V,) is it more than a parameter?
+        group: (F,) positions of each function's port.
+        prior: (V,) log prior odds of each variant, dimensionless.
+        bounded: (V,) bool, can its size have one sign only?
+        family: (V,) labels, which have no unit; one of a family is enough.
+        usable: (V,) bool, is it more than a parameter?
         s: (P,) size of the discrepancy with nothing named, per cent.
-        since: (V,) time from which it is there; those of a set begin together.
+        since: (V,) time from which it is there, s, on the recordings' clock; those of a set begin together.
     """
 
     reduced: Reduced
@@ -92,7 +97,11 @@ class Sets:
         return cov @ outer.b, np.sqrt(np.diag(cov))
 
     def quick(self, key: Key, s: Array) -> Array:
-        """(V,) log evidence that each variant would add to a set, the discrepancy's size as it is."""
+        """(V,) log evidence that each variant would add to a set, the discrepancy's size as it is.
+
+        Args:
+            s: (P,) this size at each port, per cent.
+        """
         G, b, v = self.reduced.G, self.reduced.b, self.many
         block = np.array([*key, *(v + np.arange(len(self.group)))], dtype=int)
         precision = np.concatenate((np.ones(len(key)), 1.0 / s[self.group] ** 2))

@@ -48,15 +48,17 @@ class Settled:
 
     Attributes:
         effects: as they were proposed; ``now`` has them as they are.
-        problem, z: its fit; the effects' parameters are its last unknowns. Unknowns are in their own units.
+        problem: its fit; the effects' parameters are its last unknowns.
+        z: (K,) where the problem's unknowns stand, each in its own unit.
         first: how many unknowns are not the effects'.
         log: evidence in nats, its prior in it; comparable between hypotheses.
-        sizes: (E,) of each effect from absence, in its first parameter's unit, and their posterior ``sds``.
+        sizes: (E,) of each effect from absence, in its first parameter's unit.
+        sds: (E,) their posterior sds, in the same units.
         learnt: the discrepancy beside it.
         at: (K,) where its unknowns are, each in its own unit: the posterior mean, if the step there could be made.
-        cov: (K, K) posterior covariance of the unknowns, in prior sds.
-        products: of the columns there, and the prior ``mean`` (K + W,) of the unknowns and of what wanders, from there,
-            in prior sds.
+        cov: (K, K) posterior covariance of the standardised unknowns, which are in prior sds.
+        products: of the columns there.
+        mean: (K + W,) prior mean of the unknowns and of what wanders, from there, standardised: in prior sds.
     """
 
     effects: tuple[Effect, ...]
@@ -119,7 +121,8 @@ def settled(
     once it was made.
 
     Args:
-        problem: with no effect in it; its unknowns stand at z (K,).
+        problem: with no effect in it.
+        z: (K,) where the problem's unknowns stand, each in its own unit.
         s: (P,) discrepancy to begin with, per cent.
         far: is the calibrated machine so far off that the discrepancy would take all steps? Then the hypothesis is
             first fitted without one.
@@ -244,9 +247,12 @@ def _posterior(
 
 
 def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Problem], float]:
-    """Twice minus the log posterior of unknowns (K,), the discrepancy of a size (P,) integrated out, constants apart.
+    """Twice minus the log posterior of unknowns (K,), the discrepancy of a size integrated out, constants apart.
 
     It is asked with the unknowns and with the problem, which may differ from the one given in when effects begin.
+
+    Args:
+        s: (P,) size of the discrepancy at each port, per cent.
     """
     d = 1.0 / np.sqrt(ground.precision(s))
     FF = ground.FF.sum(axis=0)

@@ -163,7 +163,10 @@ def columns(E, G, Yx, Yf, rates, reads, start, out):  # type: ignore[no-untyped-
     """Changes of the readings' means, out (S, ny, K), of K changes at once.
 
     Args:
-        E, G, Yx, Yf: as of ``stretches``.
+        E: (S, na, na) as of ``stretches``, like the next three.
+        G: (S, na, na).
+        Yx: (S, ny, na).
+        Yf: (S, ny, na).
         rates: (S, na, K) changes of the active states' rates.
         reads: (S, ny, K) changes of the readings themselves.
         start: (na, K) changes of the start state.

@@ -22,10 +22,14 @@ NUDGED = 0.01
 
 @dataclass(frozen=True)
 class View:
-    """Columns around a fit, per recording (B, ny, K), in the outputs' units; residuals (B, ny) likewise.
+    """Columns around a fit, per recording (B, ny, K), in the outputs' units.
 
     The columns are per prior standard deviation of an unknown, or per typical size of a candidate, or per cent of
     discrepancy.
+
+    Attributes:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+        residuals: (B, ny) per recording, in the outputs' units.
     """
 
     problem: Problem
@@ -36,7 +40,11 @@ class View:
 
     @classmethod
     def around(cls, problem: Problem, z: Array) -> View:
-        """A view of a fit; its unknowns stand at z (K,), each in its own unit."""
+        """A view of a fit.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
         every = range(len(problem.tracks))
         courses = parallel([lambda r=r: Course(problem, r, z) for r in every])
         return cls(problem, z, tuple(courses), tuple(problem.residuals(z)))
@@ -118,7 +126,7 @@ class View:
         """Columns of absent candidates, (B, ny, V (1 + T)) per recording and per typical size.
 
         Args:
-            probes: (V,) share of the typical size that each is tried with.
+            probes: (V,) dimensionless share of the typical size that each is tried with.
             since_s: T times; each variant also as it would be from then on.
         """
         if not variants:

@@ -39,11 +39,11 @@ class Picture:
 
     Attributes:
         names: of the candidates, foreign ones among them.
-        gram: (K, K) inner products of the columns, in noise sds.
-        raw: (K,) squared norms before the projection.
-        severities: (K,) of the columns, which are secants at these sizes.
-        two_sided: (K,) may its size be negative?
-        foreign: (K,) is it in no catalogue?
+        gram: (K, K) inner products of the whitened columns.
+        raw: (K,) squared norms of the whitened columns before the projection.
+        severities: (K,) dimensionless, of the columns, which are secants at these sizes.
+        two_sided: (K,) bool, may its size be negative?
+        foreign: (K,) bool, is it in no catalogue?
     """
 
     names: tuple[str, ...]

@@ -32,7 +32,8 @@ class Ground:
     """What the effects of a machine are made from.
 
     Attributes:
-        x, u: (N, nx) and (N, nu), where its states and inputs go, in training and then held out, each in its unit.
+        x: (N, nx) where its states go, in training and then held out, each in its unit.
+        u: (N, nu) its inputs there, in their units.
     """
 
     network: Network
@@ -59,7 +60,11 @@ class Ground:
 
 @dataclass(frozen=True)
 class Made:
-    """An effect and its numbers (8,) in the law's parameters, as ``Form`` describes them."""
+    """An effect and how the law has it.
+
+    Attributes:
+        numbers: (8,) in the law's parameters, as ``Form`` describes them: positions, and sizes each in its unit.
+    """
 
     effect: Effect
     numbers: Array

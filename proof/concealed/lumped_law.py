@@ -221,7 +221,7 @@ def packed(network: Network, effects: Sequence[Array], ripple: Array, ambient_pe
     """The law's parameters by name: nominal values, no amplitudes, and the network's structure.
 
     Args:
-        effects: (8,) each, as ``Form`` describes them.
+        effects: (8,) each, as ``Form`` describes them: positions, and sizes each in its unit.
         ripple: (4,) the link whose parameter ripples, how many radians it turns per unit of its drive, a state that
             it depends on too, and radians per unit of that.
     """

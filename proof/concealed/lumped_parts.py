@@ -68,7 +68,12 @@ class Waves:
 
     @classmethod
     def drawn(cls, network: Network, x: Array, u: Array, rng: np.random.Generator) -> Self:
-        """Of a link that has a parameter, over states x (N, nx) and inputs u (N, nu), each in its unit."""
+        """Of a link that has a parameter, over where the machine goes.
+
+        Args:
+            x: (N, nx) each state in its unit.
+            u: (N, nu) inputs in their units.
+        """
         links = [j for j, link in enumerate(network.links) if link.parameter and link.kind != "inductor"]
         link, of = links[int(rng.integers(len(links)))], int(rng.integers(len(network.states)))
         per_drive = _BY_DRIVE / float(np.std(driven_by(network, link, x, u)))

@@ -115,7 +115,7 @@ def ideal_posterior(
     each of m candidates is 1 / m of that of "no effect"; its size has the s of severity 1.
 
     Args:
-        gram: (K, K) inner products, all else projected out.
+        gram: (K, K) inner products of the whitened columns, all else projected out.
         own: the true one's place.
         candidates: (K,) bool, what may be named.
         same: (K,) bool, what is in the true one's class.
@@ -147,10 +147,10 @@ def log_bayes(b: Array, g: Array, s: Array, one_sided: NDArray[np.bool_]) -> Arr
     2 Phi(b sqrt(v)) times that.
 
     Args:
-        b: inner products of the recording with the columns, in noise sds as all here.
-        g: squared norms of the columns.
-        s: sds of the sizes, normal or half-normal, in columns.
-        one_sided: can the size not be negative?
+        b: any shape, inner products of the whitened recording with the whitened columns.
+        g: any shape that goes with it, squared norms of the whitened columns.
+        s: any shape that goes with them, sds of the sizes, normal or half-normal, in units of the columns.
+        one_sided: bool, any shape that goes with them: can the size not be negative?
     """
     v = 1.0 / (g + s**-2.0)
     half = np.log(2.0) + log_ndtr(b * np.sqrt(v))

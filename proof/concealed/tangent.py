@@ -171,7 +171,7 @@ class Tangent:
 
         Args:
             moved: (J, n_parameters) each in its unit.
-            share: (J,) the part of the wanted change that each is.
+            share: (J,) dimensionless, the part of the wanted change that each is.
         """
         samples, n = self.states.shape
         ahead, reads = np.zeros((samples, n, len(moved))), np.zeros((samples, self._ys.shape[1], len(moved)))
@@ -181,16 +181,21 @@ class Tangent:
         return Forces(ahead, reads)
 
     def starts(self, changes: Array) -> Array:
-        """Changes of the readings (K, ny, N) by changes (nx, K) of the start state, each state in its unit."""
+        """Changes of the readings (K, ny, N) by changes of the start state.
+
+        Args:
+            changes: (nx, K) each state in its unit.
+        """
         nothing = Forces(np.zeros((len(self.states), len(changes), 1)), np.zeros((*self._ys.shape, 1)))
         count = changes.shape[1]
         return self._run(nothing, changes, np.zeros(count, dtype=np.int64), np.zeros((len(self.states), count)))
 
     def driven(self, forces: Forces, which: NDArray[Any], weights: Array, settled: int) -> Array:
-        """Changes of the readings (K, ny, N), weights (N, K) times the forces ``which`` (K,).
+        """Changes of the readings (K, ny, N) by weighted forces.
 
         Args:
-            weights: dimensionless, or in the input's unit.
+            which: (K,) positions of the forces.
+            weights: (N, K) of each sample, dimensionless, or in the input's unit.
             settled: for so many samples before the first everything was as at the first.
         """
         at_first = forces.steps[0][:, which] * weights[0]

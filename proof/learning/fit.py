@@ -28,10 +28,11 @@ class Findings(NamedTuple):
     """All findings of some cases.
 
     Attributes:
-        x: (n, F) features.
-        right, holds: (n,) bool, is the name right, and does the set hold the right one?
-        group: (n,) the machine's name.
-        case: (n,) which case.
+        x: (n, F) dimensionless features.
+        right: (n,) bool, is the name right?
+        holds: (n,) bool, does the set hold the right one?
+        group: (n,) the machine's name, which has no unit.
+        case: (n,) positions of the cases among the rows.
     """
 
     x: Array
@@ -70,7 +71,7 @@ def logistic(x: Array, y: np.ndarray) -> Array:
     """Constant and weights (1 + F,) of a ridge logistic regression in which nothing that speaks for speaks against.
 
     Args:
-        x: (n, F) features.
+        x: (n, F) dimensionless features.
         y: (n,) bool.
     """
     mean, spread = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
@@ -108,7 +109,7 @@ def least_probability(p: Array, wrong: np.ndarray, trials: int, rate: float) -> 
     Conformal risk control (Angelopoulos et al. 2022): one more wrong one is counted than was seen.
 
     Args:
-        p: (n,) probabilities.
+        p: (n,) dimensionless probabilities.
         wrong: (n,) bool.
         trials: cases, or what ``rate`` is a rate of.
     """
@@ -155,7 +156,7 @@ def reliability_error(p: Array, y: np.ndarray, bins: int = 10) -> float:
     """Mean difference of stated and seen rates over bins of equal size.
 
     Args:
-        p: (n,) stated probabilities.
+        p: (n,) stated probabilities, dimensionless.
         y: (n,) bool.
     """
     order = np.array_split(np.argsort(p), bins)

@@ -90,13 +90,14 @@ class Tables(NamedTuple):
     """A network as numbers, in the order of its states, inputs and parameters.
 
     Attributes:
-        kind: (L,) places in KINDS.
-        a, b: (L,) nodes: states, then inputs, then parameters, counted on; -1 is none.
-        k: (L,) places of the links' parameters, -1 where k is 1.
-        state: (L,) places of the links' own states, -1 where they have none.
+        kind: (L,) positions in KINDS.
+        a: (L,) positions of the nodes that links come from, in states, then inputs, then parameters; -1 is none.
+        b: (L,) likewise, of those that they go to.
+        k: (L,) positions of the links' parameters, -1 where k is 1.
+        state: (L,) positions of the links' own states, -1 where they have none.
         knee: (L,) in the unit of the nodes.
-        store: (nx,) places of the stores' parameters, -1 for an elongation.
-        read: (ny,) places of the states that outputs read.
+        store: (nx,) positions of the stores' parameters, -1 for an elongation.
+        read: (ny,) positions of the states that outputs read.
     """
 
     kind: np.ndarray

@@ -33,7 +33,11 @@ PRIOR_WIDTH = 5.0
 
 
 class Picked(NamedTuple):
-    """Candidates, fitted: their parameters are the problem's last unknowns, which stand at z (K,)."""
+    """Candidates, fitted: their parameters are the problem's last unknowns.
+
+    Attributes:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+    """
 
     chosen: tuple[Variant, ...]
     problem: Problem
