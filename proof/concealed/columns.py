@@ -1,4 +1,7 @@
-"""Everything that a case's readings could differ by, linearised by truth's own equations, as one Gram matrix."""
+"""Everything that a case's readings could differ by, as one Gram matrix.
+
+Effects that have a truth are linearised by its own equations, the rest of the catalogue by the twin's.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,15 @@ from twinbench.mismatch.model import whole_catalogue
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.faults import all_faults
+from twinbench.proof.concealed.forms import PROBED, forms
 from twinbench.proof.concealed.linear import FEATURES, Linear
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.severity import Yardstick
 from twinbench.proof.concealed.whiten import whitened
 from twinbench.proof.twins import simulator_of
 
-_PROBED, _PROBED_WITHIN = 0.5, 0.7
-"""Severity at which a candidate's column is taken, and by which share of it that may differ."""
+_PROBED_WITHIN = 0.7
+"""Share by which the severity of a candidate that has a truth may differ from that."""
 _UNIFORM_SD = 1.0 / np.sqrt(3.0)
 """sd of what is drawn evenly from -1 to 1: a parameter, in units of its spread."""
 _PHASE_SD = np.sqrt(0.5)
@@ -38,7 +42,7 @@ class Picture:
     """What is left of each candidate's column in the training recordings, all that is no mechanism projected out.
 
     Attributes:
-        names: of the candidates, foreign ones among them.
+        names: of the candidates, foreign ones among them; a form of several shapes stands there as often.
         gram: (K, K) inner products of the whitened columns.
         raw: (K,) squared norms of the whitened columns before the projection.
         severities: (K,) dimensionless, of the columns, which are secants at these sizes.
@@ -67,28 +71,32 @@ def picture(yardstick: Yardstick, there: Mapping[str, float], background_pct: fl
     listed = [*machine.effects, *(e for e in machine.foreign if e.name in there), *all_faults(machine)]
     linear = Linear(yardstick, onset_s)
     columns, severities = _candidates(linear, listed, there, onset_s)
+    added = forms(yardstick, {e.name for e in listed}, onset_s)
+    columns += [list(form.columns) for form in added]
+    severities = np.append(severities, [form.severity for form in added])
     ripple = background_pct / 100.0
     # The ripple's rms is half its size, and that of all features together the ripple's.
     feature_sd = 0.5 * ripple / np.sqrt(FEATURES)
     sds = [_UNIFORM_SD] * len(machine.calibrate) + [_PHASE_SD] * (2 if machine.ambient else 0)
     sds += [feature_sd] * (2 * FEATURES if ripple else 0)
-    gram, raw = np.zeros((len(listed) + len(sds),) * 2), np.zeros(len(listed))
+    gram, raw = np.zeros((len(columns) + len(sds),) * 2), np.zeros(len(columns))
     for i, take in enumerate(yardstick.takes):
         if take.held_out:  # no engine may learn from it
             continue
         own = np.stack([column[i] for column in columns])
         starts = linear.starts(i)
         part = _gram(machine, np.concatenate([own, linear.nuisances(i, ripple > 0.0), starts]))
-        raw += np.diag(part)[: len(listed)]
+        raw += np.diag(part)[: len(columns)]
         gram += _projected(part, np.full(len(starts), _START_SD**-2.0))
-    two_sided = _two_sided(machine)
+    two_sided, foreign = _two_sided(machine), {e.name for e in machine.foreign}
+    names = (*(e.name for e in listed), *(form.name for form in added))
     return Picture(
-        tuple(e.name for e in listed),
+        names,
         _projected(gram, np.array(sds) ** -2.0),
         raw,
         severities,
-        np.array([e.name in two_sided for e in listed]),
-        np.array([e in machine.foreign for e in listed]),
+        np.array([name in two_sided for name in names]),
+        np.array([name in foreign for name in names]),
     )
 
 
@@ -111,9 +119,9 @@ def _candidates(
     for _ in range(_PROBES):
         for i, column in zip(open_ones, linear.changes([(listed[i], sizes[i]) for i in open_ones]), strict=True):
             found[i], severities[i] = column, _severity(yardstick, listed[i], column)
-        wanted = sizes * np.clip(_PROBED / np.maximum(severities, _TINY), 1.0 / _PROBE_FACTOR, _PROBE_FACTOR)
+        wanted = sizes * np.clip(PROBED / np.maximum(severities, _TINY), 1.0 / _PROBE_FACTOR, _PROBE_FACTOR)
         wanted = np.minimum(wanted, [change.most for change in changes])
-        off = (np.abs(severities / _PROBED - 1.0) > _PROBED_WITHIN) & (wanted != sizes)
+        off = (np.abs(severities / PROBED - 1.0) > _PROBED_WITHIN) & (wanted != sizes)
         open_ones = [i for i in open_ones if off[i] and not listed[i].is_stuck]
         sizes = wanted
     return [found[i] for i in range(len(listed))], severities

@@ -84,12 +84,13 @@ def observe(picture: Picture, truth: str, beside: tuple[str, ...], rng: np.rando
     along = gram[own] / np.sqrt(np.maximum(norms * norms[own], np.finfo(float).tiny))
     cos_sq = np.where(picture.two_sided | (along > 0.0), along**2, 0.0) * there
     cos_sq[own] = 1.0
-    same = (cos_sq > SAME_COS_SQ) & ~picture.foreign
+    names = np.array(picture.names)
+    same = np.isin(names, names[cos_sq > SAME_COS_SQ]) & ~picture.foreign  # one shape of a name is enough
     rivals = there & ~same & ~picture.foreign
     apart = np.where(rivals, norms[own] * (1.0 - cos_sq), np.inf)
     close = apart < min(TOLD_SQ, 0.5 * norms[own])
     nearest = int(np.argmin(apart))
-    named, classed = ideal_posterior(picture, gram, own, there & (same | rivals), same, rng)
+    named, classed = ideal_posterior(picture, gram, own, there & ~picture.foreign, same, rng)
     return Seen(
         _those(picture.names, same),
         _those(picture.names, close),
@@ -112,7 +113,7 @@ def ideal_posterior(
     """Probabilities that the ideal observer is sure of the effect's name, and of its class.
 
     Recordings are drawn, each at once as the inner products b of its noise and effect with the columns. The prior of
-    each of m candidates is 1 / m of that of "no effect"; its size has the s of severity 1.
+    each of m names is 1 / m of that of "no effect", shared by its shapes; its size has the s of severity 1.
 
     Args:
         gram: (K, K) inner products of the whitened columns, all else projected out.
@@ -129,7 +130,9 @@ def ideal_posterior(
     mine = int(np.flatnonzero(at == own)[0])
     b = among[:, [mine]] + root @ rng.standard_normal((len(at), _DRAWS))
     s = 1.0 / np.maximum(picture.severities[at], _LEAST_SEVERITY)[:, None]
-    evidence = log_bayes(b, np.diag(among)[:, None], s, ~picture.two_sided[at][:, None]) - np.log(len(at))
+    _, of, shapes = np.unique([picture.names[i] for i in at], return_inverse=True, return_counts=True)
+    evidence = log_bayes(b, np.diag(among)[:, None], s, ~picture.two_sided[at][:, None])
+    evidence -= np.log(len(shapes) * shapes[of])[:, None]
     total = logsumexp(np.concatenate([np.zeros((1, _DRAWS)), evidence]), axis=0)
     posterior = np.exp(evidence - total)
     named, classed = posterior[mine], posterior[same[at]].sum(axis=0)
@@ -137,7 +140,7 @@ def ideal_posterior(
 
 
 def _those(names: tuple[str, ...], chosen: NDArray[np.bool_]) -> tuple[str, ...]:
-    return tuple(sorted(name for name, is_one in zip(names, chosen, strict=True) if is_one))
+    return tuple(sorted({name for name, is_one in zip(names, chosen, strict=True) if is_one}))
 
 
 def log_bayes(b: Array, g: Array, s: Array, one_sided: NDArray[np.bool_]) -> Array:

@@ -11,15 +11,18 @@ from scipy.integrate import quad
 from scipy.linalg import toeplitz
 from short_machines import SHORT, measured
 
+from twinbench.mismatch.model import whole_catalogue
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.columns import Picture, picture
 from twinbench.proof.concealed.faults import all_faults
+from twinbench.proof.concealed.forms import forms
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.linear import Linear
 from twinbench.proof.concealed.machine import Machine, Noise, behind_play
 from twinbench.proof.concealed.observer import Seen, log_bayes, observe
 from twinbench.proof.concealed.severity import readings
 from twinbench.proof.concealed.whiten import whitened
+from twinbench.proof.twins import simulator_of
 
 SMOOTH = {
     "compressor": ("suction_valve_loss", "discharge_head_metal", "flow_meter_gain", "input_gain@N_rpm"),
@@ -210,6 +213,36 @@ def test_what_is_the_same_to_all_readings_is_one_class_by_the_machines_own_equat
     ):
         view = picture(measured(SHORT[name]), {effect: size}, 0.0, -np.inf)
         assert other in observe(view, effect, (), np.random.default_rng(0)).same
+
+
+def test_forms_of_the_catalogue_without_a_truth_are_told_from_an_effect_too() -> None:
+    """Radiation, of which no truth is drawn, is a loss to the ambient over a few tens of kelvins."""
+    machine = SHORT["heat_exchanger"]
+    yardstick, effect = measured(machine), "loss_to_ambient@water_2_K"
+    view = picture(yardstick, {effect: 0.01}, 0.0, -np.inf)
+    catalogue = {
+        m.name for m in whole_catalogue(simulator_of(machine.simulator, machine.network), (), machine.period_s)
+    }
+    assert not {e.name for e in machine.effects} & {"radiation@water_2_K", "offset@water_2_K"}
+    assert set(view.names) >= {"radiation@water_2_K", "offset@water_2_K"}
+    assert set(view.names) <= catalogue
+    assert {effect, "radiation@water_2_K"} <= set(observe(view, effect, (), np.random.default_rng(0)).same)
+
+
+def test_a_form_begins_at_the_onset_and_does_what_the_truth_of_the_same_name_does() -> None:
+    machine = SHORT["two_tanks"]
+    yardstick, effect = measured(machine), named(SHORT["two_tanks"], "linear_leak@h1_cm")
+    onset_s = yardstick.takes[1].start_s + 20.0
+    made = {form.name: form for form in forms(yardstick, (), onset_s)}[effect.name]
+    ((_, second, third),) = Linear(yardstick, onset_s).changes([(effect, effect.typical)])
+    assert np.abs(made.columns[0]).max() < 1e-6 * np.abs(made.columns[1]).max()
+    assert cosine(made.columns[1], second) > 0.95, "of another size"
+    assert np.abs(made.columns[2]).max() == 0.0, "held out"
+    assert np.abs(third).max() > 0.0
+
+
+def cosine(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.sum(a * b) / np.sqrt(np.sum(a**2) * np.sum(b**2)))
 
 
 # The posterior.
