@@ -18,7 +18,7 @@ from twinbench.mismatch.residual_tests import Test
 from twinbench.mismatch.spikes import Spike
 from twinbench.mismatch.stuck import Stuck
 from twinbench.mismatch.tracks import Track
-from twinbench.physics.simulator import Array, Simulator
+from twinbench.physics.simulator import Array, Series, Simulator
 
 
 class Fit(NamedTuple):
@@ -48,6 +48,7 @@ class Diagnosis:
         floor: (ny,) noise of block means, in the outputs' units.
         joined: how inputs go between samples.
         stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
+        rounded: faults of sensors that move in steps; both fits have them.
         spikes: readings that were taken out, of all recordings.
         before: the calibrated simulator.
         answer: all hypotheses weighed, and the chosen one.
@@ -67,6 +68,7 @@ class Diagnosis:
     joined: Joined
     floor: Array
     stuck: list[Stuck]
+    rounded: list[Series]
     spikes: tuple[Spike, ...]
     remarks: list[str]
 

@@ -14,6 +14,7 @@ from twinbench.mismatch.naming.answer import Unnamed
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.regime import regime
 from twinbench.mismatch.sizes import Value, force, formula, sizes
+from twinbench.mismatch.stuck import STANDS_STILL
 from twinbench.mismatch.words import listed, number, sentence, with_unit
 from twinbench.physics.simulator import Port, Simulator
 
@@ -75,20 +76,20 @@ class Finding:
 
 
 def findings(d: Diagnosis) -> tuple[Finding, ...]:
-    """Sensors that stand still, then what the claims say.
+    """Sensors that stand still or move in steps, then what the claims say.
 
     Something unnamed at a port where a finding has no name either is the same thing.
     """
     unnamed = {claim.port for claim in d.claims if claim.found and not claim.names}
     told = [claim for claim in d.claims if claim.found or claim.port not in unnamed]
-    return (*_stuck(d), *(_claimed(d, claim) if claim.found else _beside(d, claim) for claim in told))
+    return (*_stuck(d), *_rounded(d), *(_claimed(d, claim) if claim.found else _beside(d, claim) for claim in told))
 
 
 def _stuck(d: Diagnosis) -> Iterator[Finding]:
     """Sensors that stand still, one finding per channel."""
     for c in sorted({s.channel for s in d.stuck}):
         v, stretches = d.simulator.outputs[c], [s for s in d.stuck if s.channel == c]
-        name, port = f"sensor_stuck@{v.name}", Port("output", v.name)
+        name, port = f"{STANDS_STILL}{v.name}", Port("output", v.name)
         where = listed(
             [
                 f"at {with_unit(s.value, v.unit)} from {s.since_s:.0f} to {s.until_s:.0f} s of {s.recording}, while "
@@ -101,6 +102,15 @@ def _stuck(d: Diagnosis) -> Iterator[Finding]:
         yield Finding(
             SENSOR, sentence(says), name, port=port, ports=((port, 1.0),), since_s=times[0][0], intervals_s=times
         )
+
+
+def _rounded(d: Diagnosis) -> Iterator[Finding]:
+    """Sensors that move in steps."""
+    for fault in d.rounded:
+        step = fault.parameters[0]
+        says = f"the sensor of {fault.port.variable} moves in steps of {with_unit(step.nominal, step.unit)}"
+        says += f" ({fault.name}, at {fault.port}), far beyond chance"
+        yield Finding(SENSOR, sentence(says), fault.name, port=fault.port, ports=((fault.port, 1.0),))
 
 
 def _claimed(d: Diagnosis, claim: Claim) -> Finding:

@@ -118,7 +118,9 @@ class Machine:
         self._own_states: dict[str, range] = {}
         state = len(simulator.states)
         self._faults: list[tuple[Candidate, Series, str, int]] = []
-        self._known = [(np.array([v.nominal for v in m.parameters]), m, *_channel(simulator, m)) for m in known]
+        self._known: list[tuple[Array, Series, str, int]] = []
+        for fault in known:
+            self.take_for_granted(fault)
         extra: list[float] = []
         for mechanism in catalogue:
             nominal = np.array([v.nominal for v in mechanism.parameters])
@@ -150,6 +152,11 @@ class Machine:
         self.epoch_s = 0.0
         self._clocks = np.array([v.name.startswith(CLOCK) for v in self.states])
         self._clocks[: len(simulator.states)] = False
+
+    def take_for_granted(self, fault: Series) -> None:
+        """A fault of a sensor or an input is there from now on, at its nominal size."""
+        sizes = np.array([v.nominal for v in fault.parameters])
+        self._known.append((sizes, fault, *_channel(self.simulator, fault)))
 
     @property
     def equations(self) -> tuple[Any, Any]:

@@ -14,8 +14,10 @@ from twinbench.mismatch.calibrate import block_noise, is_parameter
 from twinbench.mismatch.joining import AUTO, LINEAR, Joined, how_joined
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.model import whole_catalogue
+from twinbench.mismatch.rounded import ROUNDS
+from twinbench.mismatch.stuck import STANDS_STILL
 from twinbench.mismatch.tracks import Track, prepare
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Mechanism
 
 SHORTEST_BLOCKS = 30
 SPLIT = 0.7
@@ -32,6 +34,7 @@ class Audited:
         period_s: median time between samples.
         joined: how inputs go between samples.
         coarse: a remark if the machine could not be integrated finely enough; else empty.
+        may_round: positions of the outputs whose sensors may move in steps.
     """
 
     machine: Machine
@@ -41,6 +44,7 @@ class Audited:
     period_s: float
     joined: Joined
     coarse: str
+    may_round: tuple[int, ...]
 
 
 def audited(asked: Asked, progress: Progress) -> Audited:
@@ -53,7 +57,10 @@ def audited(asked: Asked, progress: Progress) -> Audited:
     simulator = asked.simulator
     recordings, hold_out = _split(asked.recordings, asked.hold_out)
     period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in recordings])))
-    machine = _machine(asked, period_s)
+    listed = _listed(asked, period_s)
+    machine = _machine(asked, listed)
+    names = {m.name for m in listed} - {m.name for m in asked.faults}
+    may_round = tuple(c for c, v in enumerate(simulator.outputs) if f"{ROUNDS}{v.name}" in names)
     tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
     machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
     _check_length([*tracks, *held])
@@ -71,16 +78,21 @@ def audited(asked: Asked, progress: Progress) -> Audited:
     except ValueError as error:
         raise BadInput(str(error)) from error
     progress("audit", 1.0)
-    return Audited(machine, tracks, held, floor, period_s, joined, coarse)
+    return Audited(machine, tracks, held, floor, period_s, joined, coarse, may_round)
 
 
-def _machine(asked: Asked, period_s: float) -> Machine:
-    """The simulator with all candidates. What calibration moves anyway, and sensors that stand still, are none."""
-    simulator, known = asked.simulator, {m.name for m in asked.faults}
+def _listed(asked: Asked, period_s: float) -> tuple[Mechanism, ...]:
+    """What may be missing, as far as the user leaves it in."""
+    simulator = asked.simulator
     listed = whole_catalogue(simulator, (), period_s) if asked.catalogue is None else tuple(asked.catalogue)
     asked.told.check(simulator, listed)
-    listed = asked.told.left(listed)
-    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith("sensor_stuck@")))
+    return asked.told.left(listed)
+
+
+def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
+    """The simulator with all candidates. What calibration moves anyway, or is found by itself, is none."""
+    simulator, known = asked.simulator, {m.name for m in asked.faults}
+    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith((STANDS_STILL, ROUNDS))))
     machine = Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
     machine.candidates = [replace(c, odds=asked.told.prior.get(c.name)) for c in machine.candidates]
     return machine

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from twinbench.mismatch.asked import Progress
 from twinbench.mismatch.calibrate import calibrated, own_unknowns
+from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.proof import Held, held_out
+from twinbench.mismatch.rounded import ROUNDS, find_rounded
 from twinbench.mismatch.stage_audit import Audited
 from twinbench.mismatch.stuck import Stuck, find_stuck, without
 from twinbench.mismatch.tracks import Track
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Series
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,7 @@ class Calibration:
         own: unknowns that each held-out recording has for itself.
         held_first: how the calibrated simulator does on the held-out recordings; None without any.
         stuck: the sensors that stand still.
+        rounded: the faults of sensors that move in steps; the machine has them now.
     """
 
     problem: Problem
@@ -35,10 +39,14 @@ class Calibration:
     own: tuple[Unknown, ...]
     held_first: Held | None
     stuck: list[Stuck]
+    rounded: list[Series]
 
 
 def calibration(audited: Audited, progress: Progress) -> Calibration:
-    """Fit the parameters, with spikes that the simulator follows put back, and stuck sensors found."""
+    """Fit the parameters, with spikes that the simulator follows put back, and found what no fit goes to.
+
+    Those are sensors that stand still, and sensors that move in steps.
+    """
     progress("calibrate", 0.0)
     machine, tracks, floor = audited.machine, audited.tracks, audited.floor
     problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 * share))
@@ -54,11 +62,28 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
         stuck = find_stuck(tracks, whole.residuals(z), floor) or found
         tracks = without(tracks, stuck)
         problem, z, cost = calibrated(machine, tracks, floor)
+    rounded = _rounded(audited, tracks, problem, z)
+    if rounded:
+        for fault in rounded:
+            machine.take_for_granted(fault)
+        problem, z, cost = calibrated(machine, tracks, floor)
     progress("calibrate", 0.8)
     own = own_unknowns(machine.simulator, audited.held)
     held_first = held_out(problem, z, audited.held, own) if audited.held else None
     held, stuck_held = _held_back(audited, held_first)
-    return Calibration(problem, z, cost, tracks, held, own, held_first, [*stuck, *stuck_held])
+    return Calibration(problem, z, cost, tracks, held, own, held_first, [*stuck, *stuck_held], rounded)
+
+
+def _rounded(audited: Audited, tracks: Sequence[Track], problem: Problem, z: Array) -> list[Series]:
+    """The faults of sensors that plainly move in steps, with their steps as nominal sizes."""
+    readings = [problem.readings(r, z) for r in range(len(tracks))]
+    outputs, found = problem.machine.simulator.outputs, []
+    named = {m.name: m for m in faults(problem.machine.simulator, audited.period_s)}
+    for one in find_rounded(tracks, readings, audited.may_round):
+        fault = named[f"{ROUNDS}{outputs[one.channel].name}"]
+        size = replace(fault.parameters[0], nominal=one.step)
+        found.append(replace(fault, parameters=(size,)))
+    return found
 
 
 def _held_back(audited: Audited, first: Held | None) -> tuple[list[Track], list[Stuck]]:

@@ -1,4 +1,7 @@
-"""Last stage: the recordings that were held back are asked once, and may only refuse."""
+"""Last stages: the chosen effects fitted by forward runs, and asked once on the recordings that were held back.
+
+Those choose nothing: how well they are foretold is part of what decides whether the chosen effects are said.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from twinbench.mismatch.diagnosis import Fit
 from twinbench.mismatch.followed import Followed, strangers, told_followed
+from twinbench.mismatch.naming.answer import Answer
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse, held_out, worse_outputs
@@ -18,6 +24,21 @@ from twinbench.physics.simulator import Array
 
 REFITTED = 6
 """Jacobians of a fit that begins where the hypothesis stands, twice."""
+
+
+class Tested(NamedTuple):
+    """The chosen effects by forward runs.
+
+    Attributes:
+        answer: with what these runs say of each finding.
+        mended: the simulator with the effects; None where there are none.
+        held_before, held_after: the held-out recordings by the calibrated simulator, and by the mended one.
+    """
+
+    answer: Answer
+    mended: Fit | None
+    held_before: Held | None
+    held_after: Held | None
 
 
 class Proved(NamedTuple):
@@ -33,19 +54,45 @@ class Proved(NamedTuple):
     strange: tuple[str, ...]
 
 
-def proved(chosen: Settled, claims: Sequence[Claim], fit: Calibration, floor: Array) -> Proved:
-    """Ask the held-out recordings of the calibrated simulator and of the chosen hypothesis.
+def tested(answer: Answer, fit: Calibration) -> Tested:
+    """Fit the chosen effects by forward runs, and ask the held-out recordings of them."""
+    held_before = held_out(fit.problem, fit.z, fit.held, fit.own, fit.held_first) if fit.held else None
+    if not answer.found:
+        return Tested(answer, None, held_before, None)
+    mended = _mended(answer.chosen)
+    held_after = held_out(*mended, fit.held, fit.own, held_before) if held_before is not None else None
+    noise = answer.naming.ground.noise
+    variance = noise.white + noise.coloured
+    fits = _beyond_noise(mended.residuals, variance)
+    foretells = _beyond_noise(held_after.residuals, variance) if held_after is not None else fits
+    said = {"misfit": fits, "held_misfit": foretells}
+    found = tuple(replace(f, evidence={**f.evidence, **said}) for f in answer.found)
+    return Tested(replace(answer, found=found), mended, held_before, held_after)
+
+
+def _beyond_noise(residuals: Sequence[Array], variance: Array) -> float:
+    """Mean square beyond the noise's, in noise variances, of the output that is furthest off.
+
+    Args:
+        residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
+        variance: (ny,) of the noise of block means, in the outputs' units squared.
+    """
+    whole = np.concatenate(residuals)
+    seen = np.isfinite(whole).any(axis=0)
+    ratio = np.nanmean(whole[:, seen] ** 2, axis=0) / variance[seen]
+    return max(0.0, float(ratio.max(initial=1.0)) - 1.0)
+
+
+def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Array) -> Proved:
+    """What stands of the claims.
 
     Args:
         floor: (ny,) noise of block means, in the outputs' units.
     """
-    before = Fit(fit.problem, fit.z)
-    mended = _mended(chosen) if any(c.names for c in claims) else None
-    held_before = held_out(*before, fit.held, fit.own, fit.held_first) if fit.held else None
-    held_after: Held | None = None
+    before, held_before = Fit(fit.problem, fit.z), found.held_before
+    mended, held_after = (found.mended, found.held_after) if any(c.names for c in claims) else (None, None)
     worse: tuple[Worse, ...] = ()
-    if mended is not None and held_before is not None:
-        held_after = held_out(*mended, fit.held, fit.own, held_before)
+    if held_before is not None and held_after is not None:
         worse = worse_outputs(held_before, held_after, fit.problem.machine.simulator.outputs)
     if worse:
         claims, mended, held_after = [replace(c, names=()) for c in claims], None, None

@@ -14,6 +14,8 @@ import numpy as np
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
+STANDS_STILL = "sensor_stuck@"
+"""How the fault's name begins."""
 STILL = 0.05
 """A sensor stands still where its variance is below this share of what the simulator says."""
 FOLLOWS = 0.3

@@ -151,7 +151,7 @@ def _leads(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
 
 
 def _one(d: Diagnosis, f: Finding) -> str:
-    known = {c.name: c.mechanism.says for c in d.machine.candidates}
+    known = {m.name: m.says for m in (*(c.mechanism for c in d.machine.candidates), *d.rounded)}
     if not f.names:
         return _unnamed(d, [str(f.port)])
     if len(f.names) == 1:

@@ -101,7 +101,7 @@ def conclude(d: Diagnosis) -> Verdict:
         parameters=told,
         fit=errors,
         more_data=telling.more_data(d, found),
-        mechanisms=tuple(d.machine.candidates[e.variant.candidate].mechanism for e in effects),
+        mechanisms=(*(d.machine.candidates[e.variant.candidate].mechanism for e in effects), *d.rounded),
         values=_values(d),
         located=locate(d),
         diagnosis=d,
@@ -115,7 +115,7 @@ def _verdict(d: Diagnosis, found: Sequence[Finding], missing: Sequence[str], cha
         return INCOMPLETE if unnamed else next(k for k in (PHYSICS, SENSOR, UNEXPLAINED) if k in kinds)
     if unnamed:
         return UNEXPLAINED
-    if d.stuck:
+    if d.stuck or d.rounded:
         return SENSOR
     return PARAMETERS if changed else CONSISTENT
 
@@ -123,6 +123,7 @@ def _verdict(d: Diagnosis, found: Sequence[Finding], missing: Sequence[str], cha
 def _values(d: Diagnosis) -> dict[str, float]:
     fit = d.mended or d.before
     found = {u.name: float(v) for u, v in zip(fit.problem.unknowns, fit.z, strict=True) if u.kind == "parameter"}
+    found |= {v.name: v.nominal for fault in d.rounded for v in fault.parameters}
     if d.mended is not None:
         for place in range(len(d.answer.chosen.effects)):
             found |= all_values(d.answer.chosen, place)

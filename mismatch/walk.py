@@ -9,7 +9,7 @@ from twinbench.mismatch.naming.decision import Rule, decided
 from twinbench.mismatch.naming.selfcheck import checked
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.residual_tests import residual_tests
-from twinbench.mismatch.stage_prove import proved
+from twinbench.mismatch.stage_prove import proved, tested
 
 
 def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None) -> Diagnosis:
@@ -28,7 +28,9 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     progress("prove", 0.0)
     self_check = checked(answer)
     progress("prove", 0.5)
-    found = proved(answer.chosen, decided(answer, rule), fit, seen.floor)
+    asked_of = tested(answer, fit)
+    answer = asked_of.answer
+    found = proved(asked_of, decided(answer, rule), fit, seen.floor)
     before, noise = Fit(fit.problem, fit.z), answer.naming.ground.noise
     tests = residual_tests(tracks, before.residuals, noise, seen.floor, simulator)
     progress("prove", 1.0)
@@ -40,6 +42,7 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         joined=seen.joined,
         floor=seen.floor,
         stuck=fit.stuck,
+        rounded=fit.rounded,
         spikes=tuple(s for t in (*tracks, *held) for s in t.spikes),
         remarks=[*audit([*tracks, *held], simulator), *([seen.coarse] if seen.coarse else [])],
         before=before,

@@ -13,6 +13,7 @@ from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, eliminated, lear
 from twinbench.mismatch.naming.name import Naming
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.settle import Effect, Settled
+from twinbench.mismatch.naming.steady import one_form, one_size
 from twinbench.physics.simulator import Array, Port
 
 PLAIN = np.log(20.0)
@@ -169,6 +170,8 @@ def _evidence(
         "unnamed_beside": left,
         "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
         "sds": float(abs(size) / max(sd, 1e-300)),
+        "one_size": one_size(chosen, i, ground),
+        "one_form": one_form(chosen, i, ground),
     }
 
 

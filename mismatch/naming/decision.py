@@ -25,7 +25,7 @@ LARGEST_SET = 3
 """Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
 FEATURES = (
     "against_nothing", "against_rival", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy",
-    "sds", "weight",
+    "sds", "weight", "one_size", "one_form", "fits", "foretells",
 )  # fmt: skip
 """What speaks for a finding; each the more, the larger. How many effects there are, of what kind and since when is left
 out on purpose: it foretells a little more on the cases drawn, and would be wrong where other machines are."""
@@ -90,6 +90,10 @@ def features(evidence: Mapping[str, float], weight: float) -> dict[str, float]:
         "little_discrepancy": -math.log(evidence["discrepancy"] + 0.1),
         "sds": math.log(evidence["sds"] + 0.1),
         "weight": math.log((weight + 1e-3) / (1.0 - weight + 1e-3)),
+        "one_size": _nats(min(evidence["one_size"], 0.0)),
+        "one_form": _nats(min(evidence["one_form"], 0.0)),
+        "fits": -math.log(evidence["misfit"] + 0.1),
+        "foretells": -math.log(evidence["held_misfit"] + 0.1),
     }
     return {name: found[name] for name in FEATURES}
 

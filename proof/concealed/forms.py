@@ -78,7 +78,9 @@ class _Run:
         columns, severity = self._at(variant, size, [self._shortest])
         if severity == 0.0:
             return columns, severity
-        return self._at(variant, size * np.clip(PROBED / severity, 1.0 / PROBED_FACTOR, PROBED_FACTOR), list(self._tracks))
+        return self._at(
+            variant, size * np.clip(PROBED / severity, 1.0 / PROBED_FACTOR, PROBED_FACTOR), list(self._tracks)
+        )
 
     def _at(self, variant: Variant, size: float, takes: Sequence[int]) -> tuple[tuple[Array, ...], float]:
         candidate, base = self.twin.candidates[variant.candidate], self._yardstick.base

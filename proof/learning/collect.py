@@ -16,6 +16,7 @@ from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.naming.answer import Answer, Found
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.recordings import read_recordings
+from twinbench.mismatch.stage_prove import tested
 from twinbench.proof.concealed.generate import Case, Item, draw, write
 from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.twins import left, simulator_of
@@ -36,7 +37,7 @@ def collected(item: Item, seed: int, out: Path) -> dict[str, Any]:
     return row
 
 
-_CODE = ("twinbench.mismatch.naming.weighed", "twinbench.proof.concealed.generate")
+_CODE = ("twinbench.mismatch.stage_prove", "twinbench.mismatch.naming.weighed", "twinbench.proof.concealed.generate")
 
 
 def _row(item: Item, seed: int) -> dict[str, Any]:
@@ -82,7 +83,8 @@ def _answer(case: Case) -> Answer:
     n = len(public["train"])
     period_s = float(recordings[0].time_s[1] - recordings[0].time_s[0])
     catalogue = left(whole_catalogue(simulator, (), period_s), public["without"])
-    return weighed(Asked(simulator, recordings[:n], recordings[n:], catalogue)).answer
+    found = weighed(Asked(simulator, recordings[:n], recordings[n:], catalogue))
+    return tested(found.answer, found.fit).answer
 
 
 def _finding(found: Found, case: Case, answer: Answer) -> dict[str, Any]:

@@ -1,0 +1,53 @@
+"""Is an effect the same everywhere? What stands in for physics that the catalogue lacks fits here more, there less."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.marginal import eliminated
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.naming.view import WANDERS
+from twinbench.physics.simulator import Array
+
+UNSTEADY = 0.3
+"""By which share of itself the size of a stand-in differs (sd), from recording to recording and from place to place."""
+
+
+def one_size(chosen: Settled, i: int, ground: Ground) -> float:
+    """Nats for one size of an effect in all recordings, against a size of its own in each."""
+    own, cross, _ = chosen.products
+    n, k = len(chosen.mean), chosen.entries(i).start
+    share = UNSTEADY * abs(chosen.mean[k])  # in prior sds, of which the column is one
+    G, b, _ = chosen.products.over()
+    many = len(own)
+    rows = share * np.concatenate((own[:, k, :-1], cross[:, k]), axis=1)
+    whole = np.block([[G, rows.T], [rows, np.diag(share**2 * own[:, k, k])]])
+    right = np.concatenate((b, share * own[:, k, -1]))
+    precision = np.concatenate((np.ones(n), ground.precision(chosen.learnt.s)))
+    mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
+    left = eliminated(whole, right, np.arange(len(b)), mean, precision)
+    assert len(left.b) == many
+    return -_log(left.G, left.b, 1.0)
+
+
+def one_form(chosen: Settled, i: int, ground: Ground) -> float:
+    """Nats for a form that is nearly exact, against one that is off by far more; 0 for a fault, which has no form."""
+    if chosen.entries(i).start not in chosen.wanders:
+        return 0.0
+    n, first = len(chosen.mean), len(chosen.z)
+    each = (n - first) // len(chosen.wanders)
+    at = first + each * chosen.wanders.index(chosen.entries(i).start) + np.arange(each)
+    G, b, _ = chosen.products.over()
+    precision = np.concatenate((np.ones(n), ground.precision(chosen.learnt.s)))
+    mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
+    rest = np.setdiff1d(np.arange(len(b)), at)
+    left = eliminated(G, b, rest, mean[rest], precision[rest])
+    return _log(left.G, left.b, 1.0) - _log(left.G, left.b, (WANDERS / UNSTEADY) ** 2)
+
+
+def _log(G: Array, b: Array, precision: float) -> float:
+    """Evidence of columns with a prior around nothing, against their absence, nats."""
+    A, _ = factor = cho_factor(G + precision * np.eye(len(b)), lower=True)
+    return float(0.5 * b @ cho_solve(factor, b) - np.log(np.diag(A)).sum() + 0.5 * len(b) * np.log(precision))
