@@ -43,7 +43,7 @@ OPPONENTS = (
 LEAK = "leak@h1_cm"
 EVIDENCE = (
     "against_nothing", "against_rival", "against_unnamed", "least_recording", "unnamed_beside", "discrepancy", "sds",
-    "shows", "effects", "left", "at_bound", "late", "fault",
+    "one_size", "one_form", "misfit", "held_misfit",
 )  # fmt: skip
 """What a finding's evidence holds."""
 
