@@ -20,6 +20,8 @@ from twinbench.mismatch.tracks import Track, prepare
 from twinbench.physics.simulator import Array, Mechanism
 
 SHORTEST_BLOCKS = 30
+WITHOUT_SIZE = ("input_quantisation@", "input_stuck@")
+"""Faults that have no small size which a fit could begin from, and are not found in another way."""
 SPLIT = 0.7
 """Share of a single recording that is learnt from when none is held out."""
 
@@ -92,7 +94,8 @@ def _listed(asked: Asked, period_s: float) -> tuple[Mechanism, ...]:
 def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
     """The simulator with all candidates. What calibration moves anyway, or is found by itself, is none."""
     simulator, known = asked.simulator, {m.name for m in asked.faults}
-    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith((STANDS_STILL, ROUNDS))))
+    none = (STANDS_STILL, ROUNDS, *WITHOUT_SIZE)
+    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith(none)))
     machine = Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
     machine.candidates = [replace(c, odds=asked.told.prior.get(c.name)) for c in machine.candidates]
     return machine

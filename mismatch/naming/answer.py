@@ -20,6 +20,9 @@ PLAIN = np.log(20.0)
 """Nats that the plainest set may lie behind the likeliest: twenty to one."""
 SAME = 0.998
 """Squared cosine from which two effects' columns, what else is unknown taken out, are one thing."""
+PERIODIC = "periodic@"
+SAME_PERIOD = 0.01
+"""Share by which two periods may differ and be one: periods are known to a thousandth, and drawn over a decade."""
 SOMETHING = 0.2
 """Prior odds of something that no catalogue holds."""
 
@@ -170,9 +173,21 @@ def _evidence(
         "unnamed_beside": left,
         "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
         "sds": float(abs(size) / max(sd, 1e-300)),
+        "echo": float(_echoes(chosen, i)),
         "one_size": one_size(chosen, i, ground),
         "one_form": one_form(chosen, i, ground),
     }
+
+
+def _echoes(chosen: Settled, i: int) -> bool:
+    """Does another effect of the set go with its period? Two periodic forces of one period are one, somewhere else."""
+
+    def period_s(effect: Effect) -> float:
+        found = chosen.problem.machine.candidates[effect.variant.candidate].name.startswith(PERIODIC)
+        return effect.variant.shape[0] if found else np.nan
+
+    own = period_s(chosen.now[i])
+    return any(abs(period_s(e) / own - 1.0) < SAME_PERIOD for k, e in enumerate(chosen.now) if k != i)
 
 
 def _known_without(naming: Naming, chosen: Settled, i: int) -> float:

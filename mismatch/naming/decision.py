@@ -1,8 +1,9 @@
 """What is said of each finding: a name, a set of names, or a place alone, by a rule that was learnt.
 
 Cases with known truth are free, so the rule is learnt from many of them (``proof.learning``): a logistic regression on
-what speaks for a finding gives the probability that its name is right, and that its set holds the right name. A name
-is said from the probability on at which the promised rate of wrong names was kept on machines that were left out.
+what speaks for a finding gives the probability that the right name is among those weighed. That times a name's share of
+the evidence is the probability that it is right. A name is said from the probability on at which the promised rate of
+wrong names was kept on machines that were left out.
 """
 
 from __future__ import annotations
@@ -24,11 +25,12 @@ CREDIBLE = 0.95
 LARGEST_SET = 3
 """Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
 FEATURES = (
-    "against_nothing", "against_rival", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy",
-    "sds", "weight", "one_size", "one_form", "fits", "foretells",
+    "against_nothing", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy", "sds", "one_size",
+    "one_form", "fits", "foretells",
 )  # fmt: skip
-"""What speaks for a finding; each the more, the larger. How many effects there are, of what kind and since when is left
-out on purpose: it foretells a little more on the cases drawn, and would be wrong where other machines are."""
+"""What speaks for a finding, whichever its name; each the more, the larger. How many effects there are, of what kind
+and since when is left out on purpose: it foretells a little more on the cases drawn, and would be wrong where other
+machines are."""
 MOST_NATS = 1000.0
 
 
@@ -37,12 +39,11 @@ class Rule:
     """A learnt rule.
 
     Attributes:
-        name, holds: weights by feature, and "constant": for the name, and for the set.
-        say_name, say_set: least probability with which each is said.
+        weights: by feature, and "constant".
+        say_name, say_set: least probability with which a name is said, and a set.
     """
 
-    name: Mapping[str, float]
-    holds: Mapping[str, float]
+    weights: Mapping[str, float]
     say_name: float
     say_set: float
 
@@ -71,25 +72,18 @@ class Claim:
 def learnt_rule() -> Rule:
     """The rule that was learnt last."""
     read = json.loads(RULE.read_text())
-    return Rule(read["name"], read["holds"], float(read["say_name"]), float(read["say_set"]))
+    return Rule(read["weights"], float(read["say_name"]), float(read["say_set"]))
 
 
-def features(evidence: Mapping[str, float], weight: float) -> dict[str, float]:
-    """What speaks for a finding, on scales on which it counts evenly.
-
-    Args:
-        evidence: of a ``Found``.
-        weight: probability of its name, those alike counted in, among all that could stand in its place.
-    """
+def features(evidence: Mapping[str, float]) -> dict[str, float]:
+    """What speaks for a finding (the evidence of a ``Found``), on scales on which it counts evenly."""
     found = {
         "against_nothing": _nats(evidence["against_nothing"]),
-        "against_rival": _nats(evidence["against_rival"]),
         "against_unnamed": _nats(evidence["against_unnamed"]),
         "least_recording": _nats(evidence["least_recording"]),
         "nothing_beside": _nats(-evidence["unnamed_beside"]),
         "little_discrepancy": -math.log(evidence["discrepancy"] + 0.1),
         "sds": math.log(evidence["sds"] + 0.1),
-        "weight": math.log((weight + 1e-3) / (1.0 - weight + 1e-3)),
         "one_size": _nats(min(evidence["one_size"], 0.0)),
         "one_form": _nats(min(evidence["one_form"], 0.0)),
         "fits": -math.log(evidence["misfit"] + 0.1),
@@ -130,16 +124,18 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
 
 
 def _claim(found: Found, port: Port, rule: Rule, contains: Mapping[str, str]) -> Claim:
-    values = features(found.evidence, sum(p for n, p in found.weights.items() if n in found.alike))
-    right = probability(rule.name, values)
+    among = probability(rule.weights, features(found.evidence))
+    right = among * sum(p for n, p in found.weights.items() if n in found.alike)
+    if found.evidence["echo"]:
+        return Claim((), False, 1.0 - right, port, found)
     if right >= rule.say_name:
         # What contains an effect can become it, and is no other thing; what is far less likely was told from it.
         least = found.weights[found.name] * math.exp(-PLAIN)
         others = [n for n in found.alike if contains[n] != found.name and found.weights.get(n, 0.0) > least]
         names = (found.name, *sorted(set(others) - {found.name}, key=lambda n: -found.weights[n]))
         return Claim(names, len(names) > 1, right, port, found)
-    holds = probability(rule.holds, values)
     names = found.credible(CREDIBLE)
+    holds = among * sum(found.weights[n] for n in names)
     things = len({n for n in names if n not in found.alike}) + bool(set(names) & found.alike)
     if holds >= rule.say_set and 1 < things <= LARGEST_SET:
         return Claim(names, set(names) <= found.alike, holds, port, found)

@@ -13,8 +13,9 @@ from twinbench.physics.simulator import Mechanism, Simulator
 
 SAID = 0.95
 """Probability that the evidence alone must give a name, or the names of a set, to be said."""
-_NOTHING = dict.fromkeys(FEATURES, 0.0) | {"constant": 0.0}
-EVIDENCE_ALONE = Rule(name=_NOTHING | {"weight": 1.0}, holds=_NOTHING, say_name=SAID, say_set=0.0)
+CERTAIN = 100.0
+"""Constant of a rule by which the right name is always among those weighed."""
+EVIDENCE_ALONE = Rule(weights=dict.fromkeys(FEATURES, 0.0) | {"constant": CERTAIN}, say_name=SAID, say_set=0.0)
 """A name's probability is its weight among all that could stand in its place; a set is always said."""
 
 

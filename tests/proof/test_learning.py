@@ -1,0 +1,72 @@
+"""The decision that is learnt from concealed cases, against another library, and from the rows that are kept."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import expit
+from sklearn.linear_model import LogisticRegression
+
+from twinbench.mismatch.naming.decision import FEATURES, RULE, Rule, learnt_rule
+from twinbench.proof.learning.__main__ import main
+from twinbench.proof.learning.fit import SHRINKAGE, WRONG_NAMES, learnt, least_probability, logistic
+
+ROWS = Path(__file__).parents[2] / "results" / "learning"
+
+
+def drawn(n: int = 3000) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    x = rng.normal(size=(n, 3)) * [1.0, 2.0, 0.5] + [0.0, 1.0, -1.0]
+    return x, rng.random(n) < expit(x @ [0.8, 0.3, 1.1] - 0.4)
+
+
+def test_with_no_share_it_is_the_ridge_regression_of_another_library() -> None:
+    x, y = drawn()
+    w = logistic(x, y, np.ones(len(x)))
+    mean, spread = x.mean(axis=0), x.std(axis=0)
+    other = LogisticRegression(C=1.0 / SHRINKAGE, tol=1e-10, max_iter=1000).fit((x - mean) / spread, y)
+    assert w[1:] == pytest.approx(other.coef_[0] / spread, rel=1e-3)
+    assert w[0] == pytest.approx(other.intercept_[0] - np.sum(other.coef_[0] * mean / spread), rel=1e-3)
+
+
+def test_a_known_share_is_taken_off_and_what_speaks_against_counts_nothing() -> None:
+    x, among = drawn(20_000)
+    rng = np.random.default_rng(2)
+    share = rng.uniform(0.2, 1.0, len(x))
+    y = among & (rng.random(len(x)) < share)
+    w = logistic(np.column_stack((x, -x[:, 0])), y, share)
+    assert w[1:4] == pytest.approx([0.8, 0.3, 1.1], abs=0.15)
+    assert w[4] == 0.0
+
+
+def test_a_verdict_with_two_wrong_names_is_wrong_once() -> None:
+    p = np.array([0.95, 0.94, 0.9, 0.8, 0.7, 0.6])
+    wrong, case = np.array([True, True, False, True, False, True]), np.array([0, 0, 1, 2, 3, 4])
+    cases = round(2.0 / WRONG_NAMES)  # so many that one wrong verdict is allowed, counting one more than is seen
+    assert least_probability(p, wrong, case, cases) == pytest.approx(0.9)
+    assert least_probability(p, wrong, case, 10) > 0.95, "too few cases say nothing"
+
+
+def test_the_rule_is_the_one_that_its_rows_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = tmp_path / "decision.json"
+    monkeypatch.setattr("twinbench.proof.learning.__main__.RULE", made)
+    assert main(["--rows", str(ROWS)]) == 0
+    kept, again = json.loads(RULE.read_text()), json.loads(made.read_text())
+    for name in ("weights", "say_name", "say_set", "left_out"):
+        assert again[name] == pytest.approx(kept[name], rel=1e-3), name
+    rule = learnt_rule()
+    assert isinstance(rule, Rule)
+    assert set(rule.weights) == {"constant", *FEATURES}
+
+
+def test_nothing_is_learnt_from_a_handful(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--rows", str(tmp_path)]) == 2
+    assert "too few to learn from" in capsys.readouterr().err
+
+
+def test_rows_that_failed_are_left_out() -> None:
+    rows = [json.loads(path.read_text()) for path in sorted(ROWS.glob("*.json"))]
+    assert learnt([*rows, {"failed": "it did", "case": "x"}])["left_out"] == learnt(rows)["left_out"]
