@@ -380,13 +380,8 @@ def _state(x, u, theta):  # type: ignore[no-untyped-def]
 
 
 def _ports(simulator: Simulator) -> tuple[Port, ...]:
-    groups = {
-        "balance": simulator.states,
-        "flux": simulator.fluxes,
-        "input": simulator.inputs,
-        "output": simulator.outputs,
-    }
-    return tuple(Port(place, v.name) for place, variables in groups.items() for v in variables)
+    of = {"balance": "states", "flux": "fluxes", "input": "inputs", "output": "outputs"}
+    return tuple(Port(place, v.name) for place, group in of.items() for v in getattr(simulator, group))
 
 
 def _last(x: Array, u: Array, theta: Array) -> float:

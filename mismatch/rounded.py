@@ -31,9 +31,9 @@ PLAIN_STEPS = 3.0
 """Of the recorder's resolution, that a step must be: a finer one is the recorder's, and known to all."""
 TRENDS = (0.0, 0.02, 0.1)
 """Shares of a recording over which the simulator may be off: a saw tooth averages out over them, a misfit does not."""
-FEWEST_READINGS = 100
+FEWEST_ROUNDED = 100
 """Fewer say nothing of a step."""
-_SCANNED, _PEAKS, _FINER = 3000, 8, 15
+_SCANNED, _PEAKS, _AROUND = 3000, 8, 15
 
 
 class Rounded(NamedTuple):
@@ -81,7 +81,7 @@ def _of_channel(c: int, y: Sequence[Array], simulated: Sequence[Array], share: f
     left = np.concatenate(y) - at
     seen = np.isfinite(left)
     at, left, begins = at[seen], left[seen], begins[seen]
-    if len(left) < FEWEST_READINGS:
+    if len(left) < FEWEST_ROUNDED:
         return None
     sd = float(np.median(np.abs(np.diff(left)))) / 0.954  # of a normal difference's sd, sqrt(2) of the noise's
     finest = max(FINEST_SD * sd, PLAIN_STEPS * _resolution(np.concatenate(y)[seen]))
@@ -95,8 +95,8 @@ def _of_channel(c: int, y: Sequence[Array], simulated: Sequence[Array], share: f
     peaks = _highest(rates, _power(at[some], left[some] - middle, rates))
     rates = np.maximum(peaks[:, None] + np.arange(-coarse, coarse, fine), FEWEST_STEPS / span).ravel()
     peaks = _highest(rates, _agreement(at[some], left[some] - middle, 1.0 / rates))
-    tried = (peaks[:, None] + fine * np.linspace(-1.0, 1.0, _FINER)).ravel()
-    many = len(TRENDS) * _FINER / (finest * fine)
+    tried = (peaks[:, None] + fine * np.linspace(-1.0, 1.0, _AROUND)).ravel()
+    many = len(TRENDS) * _AROUND / (finest * fine)
     best = Rounded(c, 0.0, -np.inf)
     for step in 1.0 / tried:
         tooth = np.round(at / step) * step - at
