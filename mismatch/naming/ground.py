@@ -42,6 +42,16 @@ class Products(NamedTuple):
     cross: Array
     FF: Array
 
+    def scaled(self, at: np.ndarray, factor: float) -> Products:
+        """With some of their own columns made smaller or larger.
+
+        Args:
+            at: positions of these columns.
+        """
+        by = np.ones(self.own.shape[1])
+        by[at] = factor
+        return Products(self.own * by[:, None] * by, self.cross * by[:, None], self.FF)
+
     def over(self, which: Sequence[int] | None = None) -> tuple[Array, Array, float]:
         """Over some of the recordings, or all: G (K + F, K + F), b (K + F,), and of residuals with themselves."""
         some = list(range(len(self.own))) if which is None else list(which)

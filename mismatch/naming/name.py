@@ -83,7 +83,9 @@ class Naming:
             view = View.around(hypothesis.problem, hypothesis.z)
             entries = hypothesis.entries(effect)
             wanders = [k for k in hypothesis.wanders if k != entries.start]
-            self._without[key] = Painter(view, self.ground, others, entries, self.painter.probes, wanders)
+            self._without[key] = Painter(
+                view, self.ground, others, entries, self.painter.probes, wanders, hypothesis.share
+            )
         return self._without[key]
 
     def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
@@ -195,9 +197,8 @@ def _fuller(found: Naming) -> bool:
     machine = best.problem.machine
     there = {machine.candidates[e.variant.candidate].family for e in best.effects}
     others = [v for v in found.forms if machine.candidates[v.candidate].family not in there]
-    shown = Painter(
-        View.around(best.problem, best.z), found.ground, others, probes=found.painter.probes, wanders=best.wanders
-    ).picture()
+    view, probes = View.around(best.problem, best.z), found.painter.probes
+    shown = Painter(view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share).picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
     tried = 0
     for i in np.argsort(-gains):

@@ -11,7 +11,7 @@ from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
-from twinbench.mismatch.naming.view import View, prior_mean
+from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.physics.simulator import Array
 
@@ -61,7 +61,7 @@ class Painter:
         listed: the variants in every picture.
         without: unknowns (an effect's) that are taken out of the view, as if they were at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
-        wanders: positions among the unknowns of sizes that may differ from place to place.
+        wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
     """
 
     def __init__(
@@ -72,6 +72,7 @@ class Painter:
         without: slice = slice(0, 0),
         probes: Mapping[Variant, float] | None = None,
         wanders: Sequence[int] = (),
+        share: float = WANDERS,
     ) -> None:
         mean = prior_mean(view)
         whole, out = view.unknowns(), np.arange(len(mean))[without]
@@ -82,7 +83,7 @@ class Painter:
         self._own = [np.delete(columns, out, axis=2) for columns in whole]
         self._mean = np.delete(mean, out)
         if wanders:
-            wandering = view.wandering(ground.discrepancy, wanders)
+            wandering = view.wandering(ground.discrepancy, wanders, share)
             self._own = [np.concatenate((j, w), axis=2) for j, w in zip(self._own, wandering, strict=True)]
             self._mean = np.concatenate((self._mean, np.zeros(wandering[0].shape[2])))
         self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)

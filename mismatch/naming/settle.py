@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import logsumexp
 
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, Reduced, eliminated, learn, one_sided
-from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.naming.view import HARDLY, WANDERS, View, scale_of
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.variants import Variant, is_amplitude, typical
 from twinbench.physics.simulator import Array, Series
@@ -58,6 +59,7 @@ class Settled:
         at: (K,) where its unknowns are, each in its own unit: the posterior mean, if the step there could be made.
         cov: (K, K) posterior covariance of the standardised unknowns, which are in prior sds.
         products: of the columns there.
+        share: by which its effects' sizes differ from place to place (sd), WANDERS or HARDLY.
         mean: (K + W,) prior mean of the unknowns and of what wanders, from there, standardised: in prior sds.
     """
 
@@ -72,6 +74,7 @@ class Settled:
     at: Array
     cov: Array
     products: Products
+    share: float
     mean: Array
 
     @property
@@ -132,6 +135,7 @@ def settled(
     z, firsts = _start(whole, z, effects)
     z = np.clip(z, bounds.low, bounds.high)
     wanders = [k for k, e in zip(firsts, effects, strict=True) if may_wander(problem, e)]
+    shares = (WANDERS, HARDLY) if wanders else (WANDERS,)
     if far:
         z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
@@ -140,19 +144,23 @@ def settled(
         products = ground.products(view, columns_of(view, ground, wanders))
         mean = np.zeros(len(products.own[0]) - 1)
         mean[: len(z)] = (whole.z0 - z) / bounds.scale
-        inner, learnt, cov, step, promised = _posterior(products, mean, ground, s)
+        either = [products.scaled(np.arange(len(z), len(mean)), share / WANDERS) for share in shares]
+        found = [_posterior(p, mean, ground, s) for p in either]
+        logs = np.array([inner.log + learnt.log for inner, learnt, *_ in found])
+        likelier = int(np.argmax(logs))
+        products, share, (_, learnt, cov, step, promised) = either[likelier], shares[likelier], found[likelier]
         cov, step = cov[: len(z), : len(z)], step[: len(z)]
         s = learnt.s
         moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
         at = moved if promised < SETTLED else z
         sizes, sds = (at - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
-        log = inner.log + learnt.log - 0.5 * products.over()[2] + sum(e.prior for e in effects)
+        log = float(logsumexp(logs)) - np.log(len(shares)) - 0.5 * products.over()[2] + sum(e.prior for e in effects)
         log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
         if promised > SETTLED:
             log -= promised
         if best is None or log > best.log:
             best = Settled(
-                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, mean
+                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, share, mean
             )
         if promised < SETTLED:
             break
@@ -174,7 +182,7 @@ def columns_of(view: View, ground: Ground, wanders: Sequence[int]) -> list[Array
     own = view.unknowns()
     if not wanders:
         return own
-    wandering = view.wandering(ground.discrepancy, wanders)
+    wandering = view.wandering(ground.discrepancy, wanders, WANDERS)
     return [np.concatenate((j, w), axis=2) for j, w in zip(own, wandering, strict=True)]
 
 

@@ -8,7 +8,6 @@ from scipy.linalg import cho_factor, cho_solve
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import eliminated
 from twinbench.mismatch.naming.settle import Settled
-from twinbench.mismatch.naming.view import WANDERS
 from twinbench.physics.simulator import Array
 
 UNSTEADY = 0.3
@@ -44,7 +43,7 @@ def one_form(chosen: Settled, i: int, ground: Ground) -> float:
     mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
     rest = np.setdiff1d(np.arange(len(b)), at)
     left = eliminated(G, b, rest, mean[rest], precision[rest])
-    return _log(left.G, left.b, 1.0) - _log(left.G, left.b, (WANDERS / UNSTEADY) ** 2)
+    return _log(left.G, left.b, 1.0) - _log(left.G, left.b, (chosen.share / UNSTEADY) ** 2)
 
 
 def _log(G: Array, b: Array, precision: float) -> float:

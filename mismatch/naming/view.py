@@ -14,8 +14,10 @@ from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
-WANDERS = 0.05
-"""Prior sd of how much an effect's size differs from place to place, as a share of it: no catalogue's form is exact."""
+WANDERS, HARDLY = 0.05, 0.005
+"""Prior sd of how much an effect's size differs from place to place, as a share of it: either, as likely as not. Most
+forms of a catalogue are not exact; but where parameters hide most of a large effect, not even a hundredth goes unseen.
+"""
 NUDGED = 0.01
 """Step of a difference quotient in an unknown, in scales of it."""
 
@@ -99,11 +101,12 @@ class View:
         n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.problem.unknowns)
         return np.interp(self.courses[r].grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
 
-    def wandering(self, d: Discrepancy, sizes: Sequence[int]) -> list[Array]:
+    def wandering(self, d: Discrepancy, sizes: Sequence[int], share: float) -> list[Array]:
         """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.
 
         Args:
             sizes: E positions of the sizes among the unknowns.
+            share: by which share of themselves they differ (sd).
         """
 
         def of(r: int) -> Array:
@@ -116,8 +119,8 @@ class View:
                 theta = course.setting.theta.copy()
                 theta[u.at] += step
                 one = course.of_parameters(theta, step, self._since(r, u))
-                share = WANDERS * (self.z[k] - u.mean)
-                acts.append(Acts(one.rates * share, one.reads * share).times(functions))
+                much = share * (self.z[k] - u.mean)
+                acts.append(Acts(one.rates * much, one.reads * much).times(functions))
             return course.columns(together(acts))
 
         return parallel([lambda r=r: of(r) for r in range(len(self.courses))])

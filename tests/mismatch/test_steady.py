@@ -45,6 +45,7 @@ class Made:
             mean=np.array([-SIZE, *np.zeros(PLACES)]),
             z=np.zeros(1),
             wanders=[0],
+            share=WANDERS,
             entries=lambda i: slice(0, 1),
             learnt=SimpleNamespace(s=np.ones(1)),
         )
