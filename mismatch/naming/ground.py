@@ -46,7 +46,7 @@ class Products(NamedTuple):
         """With some of their own columns made smaller or larger.
 
         Args:
-            at: positions of these columns.
+            at: (n,) positions of these columns.
         """
         by = np.ones(self.own.shape[1])
         by[at] = factor
