@@ -148,8 +148,9 @@ def settled(
         found = [_posterior(p, mean, ground, s) for p in either]
         logs = np.array([inner.log + learnt.log for inner, learnt, *_ in found])
         likelier = int(np.argmax(logs))
-        products, share, (_, learnt, cov, step, promised) = either[likelier], shares[likelier], found[likelier]
-        cov, step = cov[: len(z), : len(z)], step[: len(z)]
+        products, share, (_, learnt, _, step, promised) = either[likelier], shares[likelier], found[likelier]
+        # Intervals stay as wide as a form that is not exact makes them.
+        cov, step = found[0][2][: len(z), : len(z)], step[: len(z)]
         s = learnt.s
         moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
         at = moved if promised < SETTLED else z

@@ -25,6 +25,7 @@ from twinbench.proof.concealed.generate import CELLS, Case, Item, draw, write
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.judge import COLUMNS, score
 from twinbench.proof.concealed.machines import MACHINES, machines
+from twinbench.proof.concealed.observer import SEEN_SQ, TOLD_SQ
 from twinbench.proof.concealed.outcome import SOUND
 from twinbench.proof.concealed.plan import FULL, SEVERITIES, cases
 from twinbench.proof.concealed.seal import BrokenSeal, seal
@@ -318,7 +319,7 @@ def test_what_the_ideal_observer_sees_is_sealed_with_the_truth(dry: Case) -> Non
     (effect,) = dry.truth["effects"]
     assert COULOMB in effect["class"]
     assert dry.truth["D0_sq"] == effect["D0_sq"] > effect["Dk_sq"] == dry.truth["Dk_sq"]
-    assert dry.truth["detectable"]
+    assert dry.truth["detectable"] == (effect["D0_sq"] >= SEEN_SQ and effect["Dk_sq"] >= TOLD_SQ)
     # Severity 1 on each of some samples: what is seen of it sums up.
     assert effect["D0_sq"] > 100.0
     for cell in SOUND:
@@ -419,6 +420,7 @@ def test_wilson_is_statsmodels(hits: int, n: int) -> None:
 
 
 def test_rows_go_through_the_file(dry: Case, tmp_path: Path) -> None:
+    dry = replace(dry, truth=dry.truth | {"detectable": True})  # too short in itself to tell it from Stribeck friction
     wrong = judged(dry, finding("cubic_friction@omega_rad_s"))
     rows = [judged(dry, finding(probability=0.99))] * 9 + [wrong, judged(quick("clean"))]
     pd.DataFrame(rows).to_csv(tmp_path / "cases.csv", index=False)
