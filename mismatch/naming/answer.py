@@ -134,8 +134,7 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
     top = max(logs.values())
     raw = {n: float(np.exp(v - top)) for n, v in sorted(logs.items(), key=lambda t: -t[1])}
     weights = {n: p / sum(raw.values()) for n, p in raw.items()}
-    rival = max((log for n, log in logs.items() if n not in alike), default=-np.inf)
-    return Found(chosen.now[i], i, name, weights, alike, _evidence(naming, chosen, i, shown, (rival, left)))
+    return Found(chosen.now[i], i, name, weights, alike, _evidence(naming, chosen, i, shown, left))
 
 
 def name_of(machine: Machine, effect: Effect) -> str:
@@ -147,15 +146,12 @@ def _alike(shown: Picture, cosines2: Array) -> list[str]:
     return [name for name, c in zip(shown.names, cosines2, strict=True) if c > SAME]
 
 
-def _evidence(
-    naming: Naming, chosen: Settled, i: int, shown: Picture, against: tuple[float, float]
-) -> dict[str, float]:
+def _evidence(naming: Naming, chosen: Settled, i: int, shown: Picture, left: float) -> dict[str, float]:
     """What speaks for an effect, and against it.
 
     Args:
-        against: evidence of its best rival, and of something unnamed beside the whole, nats.
+        left: evidence of something unnamed beside the whole, nats.
     """
-    rival, left = against
     ground, sets = naming.ground, shown.sets
     v = sets.many
     prior = sum(e.prior for k, e in enumerate(chosen.effects) if k != i)
@@ -167,7 +163,6 @@ def _evidence(
     size, sd = chosen.sizes[i], chosen.sds[i]
     return {
         "against_nothing": chosen.log - max(none, _known_without(naming, chosen, i)),
-        "against_rival": float(np.clip(chosen.log - rival, -50.0, 50.0)),
         "against_unnamed": chosen.log - other,
         "least_recording": float(min(per_recording)),
         "unnamed_beside": left,
@@ -198,9 +193,7 @@ def _known_without(naming: Naming, chosen: Settled, i: int) -> float:
 
 def _left_out(chosen: Settled, i: int, ground: Ground) -> list[float]:
     """Nats by which each recording, the others known, is better predicted with an effect than without."""
-    n, out = len(chosen.mean), np.arange(len(chosen.mean))[chosen.entries(i)]
-    precision = np.concatenate((np.ones(n), ground.precision(chosen.learnt.s)))
-    mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
+    out, (mean, precision) = chosen.entries(i), chosen.prior(ground)
     fixed = precision.copy()
     fixed[out] = 1e12  # held at its prior's mean: absent
     every = list(range(len(chosen.products.own)))

@@ -109,6 +109,11 @@ class Settled:
         """Positions of the sizes that may differ from place to place."""
         return [self.entries(i).start for i, e in enumerate(self.effects) if may_wander(self.problem, e)]
 
+    def prior(self, ground: Ground) -> tuple[Array, Array]:
+        """Mean and precision (K + W + F,) of all that ``products`` has columns of, the discrepancy's functions last."""
+        mean = np.concatenate((self.mean, np.zeros(len(ground.group))))
+        return mean, np.concatenate((np.ones(len(self.mean)), ground.precision(self.learnt.s)))
+
     @property
     def since_s(self) -> float:
         """When its effects begin, on the recordings' clock; minus infinity if they were always there."""

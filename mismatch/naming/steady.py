@@ -17,17 +17,13 @@ UNSTEADY = 0.3
 def one_size(chosen: Settled, i: int, ground: Ground) -> float:
     """Nats for one size of an effect in all recordings, against a size of its own in each."""
     own, cross, _ = chosen.products
-    n, k = len(chosen.mean), chosen.entries(i).start
+    k = chosen.entries(i).start
     share = UNSTEADY * abs(chosen.mean[k])  # in prior sds, of which the column is one
     G, b, _ = chosen.products.over()
-    many = len(own)
     rows = share * np.concatenate((own[:, k, :-1], cross[:, k]), axis=1)
     whole = np.block([[G, rows.T], [rows, np.diag(share**2 * own[:, k, k])]])
     right = np.concatenate((b, share * own[:, k, -1]))
-    precision = np.concatenate((np.ones(n), ground.precision(chosen.learnt.s)))
-    mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
-    left = eliminated(whole, right, np.arange(len(b)), mean, precision)
-    assert len(left.b) == many
+    left = eliminated(whole, right, np.arange(len(b)), *chosen.prior(ground))
     return -_log(left.G, left.b, 1.0)
 
 
@@ -35,12 +31,11 @@ def one_form(chosen: Settled, i: int, ground: Ground) -> float:
     """Nats for a form that is nearly exact, against one that is off by far more; 0 for a fault, which has no form."""
     if chosen.entries(i).start not in chosen.wanders:
         return 0.0
-    n, first = len(chosen.mean), len(chosen.z)
-    each = (n - first) // len(chosen.wanders)
+    first = len(chosen.z)
+    each = (len(chosen.mean) - first) // len(chosen.wanders)
     at = first + each * chosen.wanders.index(chosen.entries(i).start) + np.arange(each)
     G, b, _ = chosen.products.over()
-    precision = np.concatenate((np.ones(n), ground.precision(chosen.learnt.s)))
-    mean = np.concatenate((chosen.mean, np.zeros(len(ground.group))))
+    mean, precision = chosen.prior(ground)
     rest = np.setdiff1d(np.arange(len(b)), at)
     left = eliminated(G, b, rest, mean[rest], precision[rest])
     return _log(left.G, left.b, 1.0) - _log(left.G, left.b, (chosen.share / UNSTEADY) ** 2)

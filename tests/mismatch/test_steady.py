@@ -39,7 +39,7 @@ class Made:
             np.array([o.T @ f for o, f in zip(own, self.f, strict=True)]),
             np.array([f.T @ f for f in self.f]),
         )
-        self.ground: Any = SimpleNamespace(group=np.zeros(FUNCTIONS, dtype=int), precision=lambda s: np.ones(FUNCTIONS))
+        self.ground: Any = SimpleNamespace()
         self.chosen: Any = SimpleNamespace(
             products=products,
             mean=np.array([-SIZE, *np.zeros(PLACES)]),
@@ -47,7 +47,7 @@ class Made:
             wanders=[0],
             share=WANDERS,
             entries=lambda i: slice(0, 1),
-            learnt=SimpleNamespace(s=np.ones(1)),
+            prior=lambda ground: (np.array([-SIZE, *np.zeros(PLACES + FUNCTIONS)]), np.ones(1 + PLACES + FUNCTIONS)),
         )
 
     def log(self, wide: float = 1.0, apart: float = 0.0) -> float:

@@ -42,7 +42,7 @@ OPPONENTS = (
 )  # fmt: skip
 LEAK = "leak@h1_cm"
 EVIDENCE = (
-    "against_nothing", "against_rival", "against_unnamed", "least_recording", "unnamed_beside", "discrepancy", "sds",
+    "against_nothing", "against_unnamed", "least_recording", "unnamed_beside", "discrepancy", "sds",
     "one_size", "one_form", "misfit", "held_misfit",
 )  # fmt: skip
 """What a finding's evidence holds."""
