@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.fft import next_fast_len, rfft, rfftfreq
 
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
@@ -36,6 +37,10 @@ TRENDS = (0.0, 0.02, 0.1)
 """Shares of a recording over which the simulator may be off: a saw tooth averages out over them, a misfit does not."""
 FEWEST_ROUNDED = 100
 """Fewer say nothing of a step."""
+MOST_STEPS = 1e5
+"""Steps over what a channel goes through, at most: a converter of 16 bits has 65,536."""
+CELLS = 8
+"""Parts of a step in which readings count as equal: so many leave 0.97 of its first wave."""
 _SCANNED, _PEAKS, _AROUND = 3000, 8, 15
 
 
@@ -87,15 +92,16 @@ def _of_channel(c: int, y: Sequence[Array], simulated: Sequence[Array], share: f
     if len(left) < FEWEST_ROUNDED:
         return None
     sd = float(np.median(np.abs(np.diff(left)))) / 0.954  # of a normal difference's sd, sqrt(2) of the noise's
-    finest = max(FINEST_SD * sd, PLAIN_STEPS * _resolution(np.concatenate(y)[seen]))
     span, most = float(np.ptp(at)), float(np.abs(at).max())
+    finest = max(FINEST_SD * sd, PLAIN_STEPS * _resolution(np.concatenate(y)[seen]), span / MOST_STEPS)
     if not 0.0 < finest < span / FEWEST_STEPS:
         return None
     some = slice(None, None, max(1, len(left) // _SCANNED))
     middle, coarse, fine = np.median(left), TURNED / span, TURNED / most
     # A wave of free phase first; then the phase that a step has at the channel's zero, which tells it most finely.
-    rates = np.arange(FEWEST_STEPS / span, 1.0 / finest, coarse)
-    peaks = _highest(rates, _power(at[some], left[some] - middle, rates))
+    rates, power = _waves(at, left - middle, finest, coarse)
+    told = (rates > FEWEST_STEPS / span) & (rates < 1.0 / finest)
+    peaks = _highest(rates[told], power[told])
     rates = np.maximum(peaks[:, None] + np.arange(-coarse, coarse, fine), FEWEST_STEPS / span).ravel()
     peaks = _highest(rates, _agreement(at[some], left[some] - middle, 1.0 / rates))
     tried = (peaks[:, None] + fine * np.linspace(-1.0, 1.0, _AROUND)).ravel()
@@ -136,18 +142,19 @@ def _highest(rates: Array, heights: Array) -> Array:
     return rates[np.argsort(-heights)[:_PEAKS]]
 
 
-@njit(cache=True, error_model="numpy")
-def _power(at: Array, left: Array, rates: Array) -> Array:
-    """How strongly waves of the value, so many to its unit, are in what is left; (F,)."""
-    out = np.empty(len(rates))
-    for k in range(len(rates)):
-        a = b = 0.0
-        for i in range(len(left)):
-            phase = 2.0 * np.pi * rates[k] * at[i]
-            a += left[i] * np.cos(phase)
-            b += left[i] * np.sin(phase)
-        out[k] = a * a + b * b
-    return out
+def _waves(at: Array, left: Array, finest: float, coarse: float) -> tuple[Array, Array]:
+    """How strongly waves of the value are in what is left: rates, so many to its unit, and powers, (F,) each.
+
+    Args:
+        at: (N,) values in the channel's unit.
+        left: (N,) in the channel's unit.
+        finest: the shortest wave that matters, in the channel's unit.
+        coarse: by how much neighbouring rates differ at most.
+    """
+    width = finest / CELLS
+    sums = np.bincount(((at - at.min()) / width).astype(int), left)
+    n = next_fast_len(max(len(sums), int(np.ceil(1.0 / (coarse * width)))), real=True)
+    return rfftfreq(n, width), np.abs(rfft(sums, n)) ** 2
 
 
 @njit(cache=True, error_model="numpy")
