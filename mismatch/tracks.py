@@ -85,11 +85,19 @@ class Track:
         """
         return _means(np.where(np.isnan(self.y), np.nan, readings), self.starts)
 
+    def reading(self, y: Array) -> Track:
+        """The same with other readings.
+
+        Args:
+            y: (N, ny) in the outputs' units; NaN where missing.
+        """
+        return replace(self, y=y, means=_means(y, self.starts))
+
     def without(self, channel: int, since_s: float, until_s: float) -> Track:
         """The same without a channel's readings of some time."""
         y = self.y.copy()
         y[(self.time_s >= since_s) & (self.time_s <= until_s), channel] = np.nan
-        return replace(self, y=y, means=_means(y, self.starts))
+        return self.reading(y)
 
     def followed(self, readings: Array) -> Track:
         """With those spikes put back that simulated readings (N, ny) show as well.

@@ -135,7 +135,7 @@ def settled(
         far: is the calibrated machine so far off that the discrepancy would take all steps? Then the hypothesis is
             first fitted without one.
     """
-    whole = replace(problem, unknowns=(*problem.unknowns, *(u for e in effects for u in _unknowns(problem, e))))
+    whole = replace(problem, unknowns=(*problem.unknowns, *(u for e in effects for u in unknowns_of(problem, e))))
     bounds = _Bounds.of(whole)
     z, firsts = _start(whole, z, effects)
     z = np.clip(z, bounds.low, bounds.high)
@@ -213,7 +213,7 @@ def _entries(problem: Problem, variant: Variant) -> int:
     return 1 if is_amplitude(candidate) else len(candidate.at)
 
 
-def _unknowns(problem: Problem, effect: Effect) -> list[Unknown]:
+def unknowns_of(problem: Problem, effect: Effect) -> list[Unknown]:
     """An effect's size and its shape, if it has one; of an amplitude the first parameter moves all the others."""
     candidate = problem.machine.candidates[effect.variant.candidate]
     found = []

@@ -19,6 +19,7 @@ from twinbench.proof.concealed.faults import all_faults
 from twinbench.proof.concealed.forms import PROBED, forms
 from twinbench.proof.concealed.linear import FEATURES, Linear
 from twinbench.proof.concealed.machine import Effect, Machine
+from twinbench.proof.concealed.on_twin import OnTwin
 from twinbench.proof.concealed.severity import Yardstick
 from twinbench.proof.concealed.whiten import whitened
 from twinbench.proof.twins import simulator_of
@@ -58,27 +59,24 @@ class Picture:
     foreign: NDArray[np.bool_]
 
 
-def picture(yardstick: Yardstick, there: Mapping[str, float], background_pct: float, onset_s: float) -> Picture:
+def picture(run: OnTwin, there: Mapping[str, float], background_pct: float) -> Picture:
     """The picture of a case.
 
     Args:
-        yardstick: the case's takes on its machine without effects and background.
+        run: the case's machine without effects and background, and its twin.
         there: sizes of what is really there, by name: their columns are taken at these.
         background_pct: the ripple's size.
-        onset_s: columns of effects begin here, on the suite's clock.
     """
+    yardstick, onset_s = run.yardstick, run.onset_s
     machine = yardstick.machine
     listed = [*machine.effects, *(e for e in machine.foreign if e.name in there), *all_faults(machine)]
     linear = Linear(yardstick, onset_s)
     columns, severities = _candidates(linear, listed, there, onset_s)
-    added = forms(yardstick, {e.name for e in listed}, onset_s)
+    added = forms(run, {e.name for e in listed})
     columns += [list(form.columns) for form in added]
     severities = np.append(severities, [form.severity for form in added])
     ripple = background_pct / 100.0
-    # The ripple's rms is half its size, and that of all features together the ripple's.
-    feature_sd = 0.5 * ripple / np.sqrt(FEATURES)
-    sds = [_UNIFORM_SD] * len(machine.calibrate) + [_PHASE_SD] * (2 if machine.ambient else 0)
-    sds += [feature_sd] * (2 * FEATURES if ripple else 0)
+    sds = [_UNIFORM_SD] * len(machine.calibrate) + background_sds(machine, ripple)
     gram, raw = np.zeros((len(columns) + len(sds),) * 2), np.zeros(len(columns))
     for i, take in enumerate(yardstick.takes):
         if take.held_out:  # no engine may learn from it
@@ -98,6 +96,17 @@ def picture(yardstick: Yardstick, there: Mapping[str, float], background_pct: fl
         np.array([name in two_sided for name in names]),
         np.array([name in foreign for name in names]),
     )
+
+
+def background_sds(machine: Machine, ripple: float) -> list[float]:
+    """sds of what ``Linear.nuisances`` has behind the parameters: the ambient's two phases, the ripple's features.
+
+    Args:
+        ripple: its size as a share.
+    """
+    # The ripple's rms is half its size, and that of all features together the ripple's.
+    feature_sd = 0.5 * ripple / np.sqrt(FEATURES)
+    return [_PHASE_SD] * (2 if machine.ambient else 0) + [feature_sd] * (2 * FEATURES if ripple else 0)
 
 
 def _candidates(

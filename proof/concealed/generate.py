@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,8 +21,10 @@ from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.observer import observe
+from twinbench.proof.concealed.on_twin import OnTwin
 from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.concealed.record import recorded
+from twinbench.proof.concealed.refit import refitted
 from twinbench.proof.concealed.severity import Take, Yardstick, readings
 
 CELLS = (
@@ -222,10 +225,18 @@ def _observe(
 ) -> None:
     """Add to every effect what the ideal observer makes of it."""
     there = {f["name"]: f["amplitude"] for f in found}
-    seen = picture(yardstick, there, background_pct, onset_s)
+    run = OnTwin(yardstick, onset_s)
+    seen = picture(run, there, background_pct)
+    machine = yardstick.machine
+    known = {e.name: e for e in (*machine.effects, *machine.foreign, *faults(machine))}
+    made = {name: change_of(yardstick, known[name], onset_s).of(size) for name, size in there.items()}
+    change = {name: {i: y[i] - yardstick.base[i] for i in run.tracks} for name, y in made.items()}
     for f in found:
         beside = tuple(name for name in there if name != f["name"])
-        f |= observe(seen, f["name"], beside, stream("ideal observer", item.case, f["name"])).told()
+        refit = functools.partial(
+            refitted, run, change[f["name"]], [change[name] for name in beside], background_pct
+        )
+        f |= observe(seen, f["name"], beside, stream("ideal observer", item.case, f["name"]), refit).told()
 
 
 def _with_faults(machine: Machine, plan: _Plan, side: str, series: Sequence[Array]) -> Sequence[Array]:

@@ -3,11 +3,12 @@
 It sees the recordings that an engine may learn from, and none held out. Parameters, starts, ambient and ripple are
 unknown to it as far as the draw left them open; they are projected out. Of two effects each is looked at with the other
 known but for its size, so that for both together the observer is a little too good. Distances are in sds of the noise
-that is left.
+that is left: to first order from all rivals, and by a fit of all that is unknown (``refit``) from the nearest.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.columns import Picture
+from twinbench.proof.concealed.refit import Refitted
 
 SEEN_SQ = 30.0
 """Squared distance from "no effect" at which an effect counts as there to be seen."""
@@ -27,6 +29,10 @@ PARAMETER_SQ = 9e-8
 """A column of which less than this share of the squared norm is left is a parameter."""
 SURE_POSTERIOR = 0.95
 """The ideal observer names what has this probability."""
+REFITTED = 5
+"""Nearest rivals that all is fitted anew for: to first order the next ones are mostly twice as far."""
+WITHOUT_SIZE = ("stuck@", "quantisation@")
+"""Parts of the names of rivals without a small size that a fit could begin from."""
 _DRAWS = 200
 """Simulated recordings per effect: a rate to within 3.5 points."""
 _LEAST_SEVERITY = 1e-3
@@ -70,36 +76,72 @@ class Seen(NamedTuple):
         }
 
 
-def observe(picture: Picture, truth: str, beside: tuple[str, ...], rng: np.random.Generator) -> Seen:
+def observe(
+    picture: Picture,
+    truth: str,
+    beside: tuple[str, ...],
+    rng: np.random.Generator,
+    refit: Callable[[Sequence[str]], Refitted] | None = None,
+) -> Seen:
     """What can be told of an effect whose column was taken at its true size.
 
     Args:
         beside: other effects of the case, of unknown size.
+        refit: distances of the effect from nothing and from rivals, by name, all that is unknown fitted anew; without
+            it all distances are first order's.
     """
-    own = picture.names.index(truth)
+    own, names = picture.names.index(truth), np.array(picture.names)
     gram = _without(picture.gram, [picture.names.index(name) for name in beside])
     norms = np.diag(gram)
-    there = (norms > PARAMETER_SQ * picture.raw) & ~np.isin(picture.names, beside)
+    there = (norms > PARAMETER_SQ * picture.raw) & ~np.isin(names, beside)
     there[own] = True
     along = gram[own] / np.sqrt(np.maximum(norms * norms[own], np.finfo(float).tiny))
     cos_sq = np.where(picture.two_sided | (along > 0.0), along**2, 0.0) * there
     cos_sq[own] = 1.0
-    names = np.array(picture.names)
+    norm = float(norms[own])
+    apart = np.where(there & ~picture.foreign & (names != truth), norm * (1.0 - cos_sq), np.inf)
+    if refit is not None and norm > SEEN_SQ and "stuck@" not in truth:
+        found = refit(_nearest(picture.names, apart))
+        norm = max(found.nothing, np.finfo(float).tiny)
+        apart = np.where(np.isfinite(apart), np.minimum(apart, norm), np.inf)
+        for name, distance_sq in found.rivals.items():
+            apart[names == name] = min(distance_sq, norm)
+        cos_sq = np.where(np.isfinite(apart), 1.0 - apart / norm, cos_sq)
+        gram = _moved(gram, own, norm, cos_sq)
     same = np.isin(names, names[cos_sq > SAME_COS_SQ]) & ~picture.foreign  # one shape of a name is enough
-    rivals = there & ~same & ~picture.foreign
-    apart = np.where(rivals, norms[own] * (1.0 - cos_sq), np.inf)
-    close = apart < min(TOLD_SQ, 0.5 * norms[own])
+    apart = np.where(same, np.inf, apart)
+    close = apart < min(TOLD_SQ, 0.5 * norm)
     nearest = int(np.argmin(apart))
     named, classed = ideal_posterior(picture, gram, own, there & ~picture.foreign, same, rng)
     return Seen(
         _those(picture.names, same),
         _those(picture.names, close),
-        float(norms[own]),
-        float(min(apart[nearest], norms[own])),
+        norm,
+        float(min(apart[nearest], norm)),
         picture.names[nearest] if np.isfinite(apart[nearest]) else "",
         named,
         classed,
     )
+
+
+def _nearest(names: Sequence[str], apart: Array) -> list[str]:
+    """The names that come nearest, each once, as far as a fit can go to them."""
+    found: list[str] = []
+    for i in np.argsort(apart):
+        if len(found) == REFITTED or not np.isfinite(apart[i]):
+            break
+        if names[i] not in found and not any(part in names[i] for part in WITHOUT_SIZE):
+            found.append(names[i])
+    return found
+
+
+def _moved(gram: Array, own: int, norm: float, cos_sq: Array) -> Array:
+    """A Gram matrix in which one column has another squared norm, and other cosines with the rest."""
+    moved = gram.copy()
+    moved[own] = np.sign(gram[own]) * np.sqrt(np.clip(cos_sq, 0.0, 1.0) * norm * np.maximum(np.diag(gram), 0.0))
+    moved[:, own] = moved[own]
+    moved[own, own] = norm
+    return moved
 
 
 def ideal_posterior(

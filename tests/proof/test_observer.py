@@ -20,6 +20,7 @@ from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.linear import Linear
 from twinbench.proof.concealed.machine import Machine, Noise, behind_play
 from twinbench.proof.concealed.observer import Seen, log_bayes, observe
+from twinbench.proof.concealed.on_twin import OnTwin
 from twinbench.proof.concealed.severity import readings
 from twinbench.proof.concealed.whiten import whitened
 from twinbench.proof.twins import simulator_of
@@ -93,7 +94,7 @@ def test_an_effects_column_is_nothing_before_its_onset() -> None:
 def test_the_ripple_is_there_to_be_projected_out_where_there_is_one() -> None:
     yardstick = measured(SHORT["two_tanks"])
     there = {"leak@h1_cm": 0.01}
-    without, with_ripple = (picture(yardstick, there, pct, -np.inf) for pct in (0.0, 1.0))
+    without, with_ripple = (picture(OnTwin(yardstick, -np.inf), there, pct) for pct in (0.0, 1.0))
     at = without.names.index("leak@h1_cm")
     assert with_ripple.gram[at, at] < 0.95 * without.gram[at, at]
     assert with_ripple.raw == pytest.approx(without.raw)
@@ -104,7 +105,7 @@ def test_the_distance_from_none_is_what_a_fit_of_all_nuisances_at_once_leaves() 
     """By whitened least squares over the training recordings together, starts and parameters one below the other."""
     machine = replace(SHORT["two_tanks"], ambient=0.0)
     yardstick, size = measured(machine), 0.01
-    view = picture(yardstick, {"leak@h1_cm": size}, 0.0, -np.inf)
+    view = picture(OnTwin(yardstick, -np.inf), {"leak@h1_cm": size}, 0.0)
     made = change_of(yardstick, named(machine, "leak@h1_cm")).of(size)
     training = [i for i, take in enumerate(yardstick.takes) if not take.held_out]
     linear, takes, K = Linear(yardstick, -np.inf), len(training), len(machine.calibrate)
@@ -211,7 +212,7 @@ def test_what_is_the_same_to_all_readings_is_one_class_by_the_machines_own_equat
         ("motor", "offset@omega_rad_s", 0.3, "input_bias@load_Nm"),
         ("compressor", "flow_meter_gain", 0.02, "sensor_gain@m_flow_kg_s"),
     ):
-        view = picture(measured(SHORT[name]), {effect: size}, 0.0, -np.inf)
+        view = picture(OnTwin(measured(SHORT[name]), -np.inf), {effect: size}, 0.0)
         assert other in observe(view, effect, (), np.random.default_rng(0)).same
 
 
@@ -219,7 +220,7 @@ def test_forms_of_the_catalogue_without_a_truth_are_told_from_an_effect_too() ->
     """Radiation, of which no truth is drawn, is a loss to the ambient over a few tens of kelvins."""
     machine = SHORT["heat_exchanger"]
     yardstick, effect = measured(machine), "loss_to_ambient@water_2_K"
-    view = picture(yardstick, {effect: 0.01}, 0.0, -np.inf)
+    view = picture(OnTwin(yardstick, -np.inf), {effect: 0.01}, 0.0)
     catalogue = {
         m.name for m in whole_catalogue(simulator_of(machine.simulator, machine.network), (), machine.period_s)
     }
@@ -233,7 +234,7 @@ def test_a_form_begins_at_the_onset_and_does_what_the_truth_of_the_same_name_doe
     machine = SHORT["two_tanks"]
     yardstick, effect = measured(machine), named(SHORT["two_tanks"], "linear_leak@h1_cm")
     onset_s = yardstick.takes[1].start_s + 20.0
-    made = {form.name: form for form in forms(yardstick, (), onset_s)}[effect.name]
+    made = {form.name: form for form in forms(OnTwin(yardstick, onset_s), ())}[effect.name]
     ((_, second, third),) = Linear(yardstick, onset_s).changes([(effect, effect.typical)])
     assert np.abs(made.columns[0]).max() < 1e-6 * np.abs(made.columns[1]).max()
     assert cosine(made.columns[1], second) > 0.95, "of another size"
@@ -271,5 +272,5 @@ def test_the_ideal_observer_is_sure_of_what_is_far_from_all_else_alone() -> None
 
 def test_a_machine_needs_neither_ambient_nor_slow_states() -> None:
     machine = replace(SHORT["two_tanks"], ambient=0.0, slow={})
-    view = picture(measured(machine), {"leak@h1_cm": 0.01}, 0.2, -np.inf)
+    view = picture(OnTwin(measured(machine), -np.inf), {"leak@h1_cm": 0.01}, 0.2)
     assert np.isfinite(view.gram).all()
