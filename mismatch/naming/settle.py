@@ -19,7 +19,7 @@ from twinbench.physics.simulator import Array, Series
 
 SETTLED = 1.0
 """Nats by which the evidence may still move."""
-TURNS, SHORTENINGS = 8, 5
+TURNS, SHORTENINGS = 24, 5
 """Linearisations of one hypothesis at most, and how often one step is shortened."""
 FAR_ROUNDS = 12
 """Jacobians of a fit without discrepancy, from far off."""
