@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -132,7 +133,7 @@ class Problem:
         y = np.where(np.abs(y) < ENDLESS, y, np.nan)  # as good as diverged: sums of its squares are no numbers
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 
-    def refined(self, z: Array) -> Problem:
+    def refined(self, z: Array) -> Self:
         """The problem with ``offsets`` such that residuals at z are those of runs sample by sample.
 
         Args:

@@ -51,7 +51,10 @@ def forms(run: OnTwin, covered: Collection[str]) -> list[Form]:
 
 def _probed(run: OnTwin, variant: Variant) -> tuple[tuple[Array, ...], float]:
     """A form's columns and severity; severity 0 where it does nothing, or where the twin cannot run with it."""
-    size, shortest = typical(run.twin.candidates[variant.candidate]), min(run.tracks, key=lambda i: len(run.tracks[i].y))
+    size, shortest = (
+        typical(run.twin.candidates[variant.candidate]),
+        min(run.tracks, key=lambda i: len(run.tracks[i].y)),
+    )
     columns, severity = _at(run, variant, size, [shortest])
     if severity == 0.0:
         return columns, severity

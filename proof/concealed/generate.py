@@ -233,9 +233,7 @@ def _observe(
     change = {name: {i: y[i] - yardstick.base[i] for i in run.tracks} for name, y in made.items()}
     for f in found:
         beside = tuple(name for name in there if name != f["name"])
-        refit = functools.partial(
-            refitted, run, change[f["name"]], [change[name] for name in beside], background_pct
-        )
+        refit = functools.partial(refitted, run, change[f["name"]], [change[name] for name in beside], background_pct)
         f |= observe(seen, f["name"], beside, stream("ideal observer", item.case, f["name"]), refit).told()
 
 

@@ -18,7 +18,6 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.settle import Effect, unknowns_of
 from twinbench.mismatch.solve import NEARLY, solve
-from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.columns import background_sds
@@ -102,6 +101,22 @@ class _Known(Problem):
         return np.concatenate([self.white(v).reshape(v.shape[0] * v.shape[1], -1) for v in values])
 
 
+class _At(NamedTuple):
+    """At the truth's constants: normal matrix, right side, columns (S, K) in sds, residuals (S, 1) in sds."""
+
+    G: Array
+    b: Array
+    columns: Array
+    left: Array
+
+
+class _Begun(NamedTuple):
+    """A rival with the size that it has to first order, and what that gains, in squared sds."""
+
+    effect: Effect
+    gain: float
+
+
 def refitted(
     run: OnTwin,
     change: Mapping[int, Array],
@@ -127,22 +142,6 @@ def refitted(
         if begun:
             found[name] = _distance_sq(problem, max(begun, key=lambda one: one.gain).effect)
     return Refitted(_distance_sq(problem, None), found)
-
-
-class _At(NamedTuple):
-    """At the truth's constants: normal matrix and right side of the unknowns, their columns (S, K), residuals (S, 1)."""
-
-    G: Array
-    b: Array
-    columns: Array
-    left: Array
-
-
-class _Begun(NamedTuple):
-    """A rival with the size that it has to first order, and what that gains, in squared sds."""
-
-    effect: Effect
-    gain: float
 
 
 def _name(run: OnTwin, variant: Variant) -> str:
@@ -191,19 +190,19 @@ def _problem(
     tracks = [track.reading(track.y + change[i]) for i, track in run.tracks.items()]
     unknowns = (*shared_unknowns(run.simulator), *own_unknowns(run.simulator, tracks))
     since = (run.onset_s,) * len(tracks) if np.isfinite(run.onset_s) else ()
-    noise = _of_means(machine, int(np.diff(tracks[0].starts)[0]))
+    noise = noise_of_means(machine, int(np.diff(tracks[0].starts)[0]))
     linear, rippled = Linear(run.yardstick, run.onset_s), background_pct > 0.0
     sds = np.array(background_sds(machine, background_pct / 100.0))
     beside = []
     for i, track in run.tracks.items():
         unsure = linear.nuisances(i, rippled)[len(machine.calibrate) :].transpose(2, 1, 0) * sds
-        known = [FREE * other[i][:, :, None] for other in others]
-        beside.append(np.stack([track.block_means(c) for c in np.moveaxis(np.concatenate((unsure, *known), 2), 2, 0)], 2))
+        columns = np.concatenate((unsure, *(FREE * other[i][:, :, None] for other in others)), axis=2)
+        beside.append(np.add.reduceat(columns, track.starts) / track.coarse.samples[:, None, None])
     first = _Known(run.twin, tracks, unknowns, sigma, since=since, noise=noise, beside=np.zeros((1, 0)))
     return replace(first, beside=first.stacked(beside))
 
 
-def _of_means(machine: Machine, block: int) -> SensorNoise:
+def noise_of_means(machine: Machine, block: int) -> SensorNoise:
     """The noise of means over blocks of so many samples."""
     apart = np.arange(1, block)
     found = []

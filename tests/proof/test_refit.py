@@ -1,0 +1,89 @@
+"""The ideal observer's fits: what is one thing comes to nothing, what the background does is taken off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import toeplitz
+from short_machines import SHORT, measured
+
+from twinbench.proof.concealed.changes import change_of
+from twinbench.proof.concealed.columns import Picture
+from twinbench.proof.concealed.machine import Noise
+from twinbench.proof.concealed.observer import TOLD_SQ, observe
+from twinbench.proof.concealed.on_twin import OnTwin
+from twinbench.proof.concealed.refit import Refitted, noise_of_means, refitted
+from twinbench.proof.concealed.severity import Yardstick
+
+LEAK, BIAS, OFFSET = "leak@h1_cm", "input_bias@pump_V", "offset@h1_cm"
+
+
+def what(yardstick: Yardstick, name: str, size: float, run: OnTwin) -> dict[int, np.ndarray]:
+    effect = yardstick.machine.effect(name)
+    made = change_of(yardstick, effect, run.onset_s).of(size)
+    return {i: made[i] - yardstick.base[i] for i in run.tracks}
+
+
+@pytest.fixture(scope="module")
+def tanks() -> OnTwin:
+    return OnTwin(measured(SHORT["two_tanks"]), -np.inf)
+
+
+def test_an_effect_comes_to_nothing_by_its_own_form_and_far_from_nothing_without(tanks: OnTwin) -> None:
+    found = refitted(tanks, what(tanks.yardstick, LEAK, 0.03, tanks), [], 0.0, [LEAK, "sensor_delay@level2_cm"])
+    assert found.rivals[LEAK] < 1e-3
+    assert found.rivals[LEAK] + 10.0 < found.rivals["sensor_delay@level2_cm"] < found.nothing
+
+
+def test_what_two_names_call_one_thing_comes_to_nothing_by_either(tanks: OnTwin) -> None:
+    found = refitted(tanks, what(tanks.yardstick, "dead_zone@pump_V", 0.3, tanks), [], 0.0, [BIAS, OFFSET])
+    assert max(found.rivals.values()) < 1.0 < found.nothing
+
+
+def test_what_the_background_or_another_effect_may_be_is_taken_off(tanks: OnTwin) -> None:
+    change = what(tanks.yardstick, LEAK, 0.03, tanks)
+    alone = refitted(tanks, change, [], 0.0, []).nothing
+    rippled = refitted(tanks, change, [], 1.0, []).nothing
+    beside = refitted(tanks, change, [{i: 0.5 * c for i, c in change.items()}], 0.0, []).nothing
+    assert rippled < 0.9 * alone
+    assert beside < 0.01 * alone
+
+
+@settings(max_examples=20, deadline=None)
+@given(white=st.floats(0.1, 2.0), coloured=st.floats(0.0, 2.0), tau=st.floats(0.3, 30.0), block=st.integers(1, 12))
+def test_noise_of_means_is_that_of_the_samples_covariance(
+    white: float, coloured: float, tau: float, block: int
+) -> None:
+    machine = SHORT["two_tanks"]
+    changed = machine.noise | dict.fromkeys(machine.outputs, Noise(white, coloured, tau))
+    made = type(machine)(**{**machine.__dict__, "noise": changed})
+    lags = np.arange(block) * machine.period_s
+    covariance = coloured**2 * toeplitz(np.exp(-lags / tau))
+    lsb2 = np.array([machine.lsb[name] ** 2 / 12.0 for name in machine.outputs])
+    found = noise_of_means(made, block)
+    assert found.coloured == pytest.approx(covariance.mean(), rel=1e-9, abs=1e-12)
+    assert found.white == pytest.approx((white**2 + lsb2) / block)
+
+
+def test_the_observer_takes_distances_from_fits_where_it_has_them() -> None:
+    columns = np.stack([[100.0, 0.0, 0.0], [80.0, 60.0, 0.0], [60.0, 0.0, 80.0], [0.0, 10.0, 0.0]])
+    gram = columns @ columns.T
+    none = np.zeros(4, dtype=bool)
+    picture = Picture(("a", "b", "c", "stuck@d"), gram, np.diag(gram), np.ones(4), none, none)
+    asked: list[str] = []
+
+    def refit(names: Sequence[str]) -> Refitted:
+        asked.extend(names)
+        return Refitted(2500.0, {"b": 1.0, "c": 900.0})
+
+    first = observe(picture, "a", (), np.random.default_rng(0))
+    assert (first.same, first.from_none, first.from_rival) == (("a",), 10_000.0, pytest.approx(3600.0))
+    found = observe(picture, "a", (), np.random.default_rng(0), refit)
+    assert asked == ["b", "c"], "what has no small size is not asked"
+    assert (found.same, found.from_none) == (("a", "b"), 2500.0)
+    assert (found.rival, found.from_rival) == ("c", 900.0)
+    assert found.classed > 0.9 > TOLD_SQ / 2500.0
