@@ -26,13 +26,14 @@ def power_figure(curves: pd.DataFrame) -> Figure:
         if len(own):
             label = f"{kind} machines, {own['cases'].sum()} cases"
             axes.plot(own["distance"], own["right"], color=colour, marker=marker, markersize=3, label=label)
-            axes.plot(own["distance"], own["ideal"], color=colour, linestyle="--", label="ideal observer")
+            axes.plot(own["distance"], own["ideal"], color=colour, linestyle="--")
     log_axis(axes, pooled["distance"].to_numpy(dtype=float), axis="x")
     axes.set_ylim(-0.02, 1.02)
     axes.set_xlabel('distance from "no effect", noise sds')
     axes.set_ylabel("right name or class, rate")
     if len(pooled):
-        axes.legend(loc="lower right")
+        axes.plot([], [], color=INK, linestyle="--", label="ideal observer of these")
+        figure.legend(loc="outside right center")
     return figure
 
 
@@ -47,8 +48,10 @@ def reliability_figure(bins: pd.DataFrame) -> Figure:
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], color=MUTED, linestyle=":")
     axes.plot(bins["stated"], bins["right"], color=INK, marker="o", markersize=3)
-    for _, b in bins.iterrows():
-        axes.annotate(f"{b['cases']:.0f}", (b["stated"], b["right"]), xytext=(4, -8), textcoords="offset points")
+    for k, (_, b) in enumerate(bins.iterrows()):
+        # Neighbours' counts stand on either side, so that they do not overlap.
+        beside = (4, -8) if k % 2 else (-10, 4)
+        axes.annotate(f"{b['cases']:.0f}", (b["stated"], b["right"]), xytext=beside, textcoords="offset points")
     axes.set_xlim(-0.02, 1.02)
     axes.set_ylim(-0.02, 1.02)
     axes.set_xlabel("stated probability")
