@@ -25,12 +25,14 @@ TOLD_SQ = 16.4
 """Squared distance from the nearest rival at which it counts as told from it: 1 of 50 choices is then wrong."""
 SAME_COS_SQ = 0.998
 """Columns at a smaller angle than this one's are one thing."""
+SAME_SQ, SAME_SHARE = 1.0, 0.05
+"""So are effects nearer than one sd of the noise, if that is also less than this share of the distance from none."""
 PARAMETER_SQ = 9e-8
 """A column of which less than this share of the squared norm is left is a parameter."""
 SURE_POSTERIOR = 0.95
 """The ideal observer names what has this probability."""
 REFITTED = 5
-"""Nearest rivals that all is fitted anew for: to first order the next ones are mostly twice as far."""
+"""Nearest rivals that all is fitted anew for, and so many more if none of them can be told from the effect."""
 WITHOUT_SIZE = ("stuck@", "quantisation@")
 """Parts of the names of rivals without a small size that a fit could begin from."""
 _DRAWS = 200
@@ -101,14 +103,18 @@ def observe(
     norm = float(norms[own])
     apart = np.where(there & ~picture.foreign & (names != truth), norm * (1.0 - cos_sq), np.inf)
     if refit is not None and norm > SEEN_SQ and "stuck@" not in truth:
-        found = refit(_nearest(picture.names, apart))
+        asked = _nearest(picture.names, apart)
+        found = refit(asked[:REFITTED])
+        if max(found.rivals.values(), default=np.inf) < TOLD_SQ:  # then there may be more that cannot be told from it
+            found = Refitted(found.nothing, {**found.rivals, **refit(asked[REFITTED:]).rivals})
         norm = max(found.nothing, np.finfo(float).tiny)
         apart = np.where(np.isfinite(apart), np.minimum(apart, norm), np.inf)
         for name, distance_sq in found.rivals.items():
             apart[names == name] = min(distance_sq, norm)
         cos_sq = np.where(np.isfinite(apart), 1.0 - apart / norm, cos_sq)
         gram = _moved(gram, own, norm, cos_sq)
-    same = np.isin(names, names[cos_sq > SAME_COS_SQ]) & ~picture.foreign  # one shape of a name is enough
+    one = (cos_sq > SAME_COS_SQ) | (apart < min(SAME_SQ, SAME_SHARE * norm))
+    same = np.isin(names, names[one]) & ~picture.foreign  # one shape of a name is enough
     apart = np.where(same, np.inf, apart)
     close = apart < min(TOLD_SQ, 0.5 * norm)
     nearest = int(np.argmin(apart))
@@ -128,7 +134,7 @@ def _nearest(names: Sequence[str], apart: Array) -> list[str]:
     """The names that come nearest, each once, as far as a fit can go to them."""
     found: list[str] = []
     for i in np.argsort(apart):
-        if len(found) == REFITTED or not np.isfinite(apart[i]):
+        if len(found) == 2 * REFITTED or not np.isfinite(apart[i]):
             break
         if names[i] not in found and not any(part in names[i] for part in WITHOUT_SIZE):
             found.append(names[i])

@@ -177,9 +177,9 @@ def _distance_sq(problem: _Known, effect: Effect | None) -> float:
         begins = [unknowns[0].mean + effect.size, *(effect.variant.shape if len(unknowns) > 1 else ())]
         z = np.concatenate((z, begins))
     cost = np.inf
-    for rounds in ROUNDS:
+    for rounds, share in zip(ROUNDS, (NEARLY, 0.0), strict=True):
         problem = problem.refined(z)
-        z, cost = solve(problem, z, rounds, chords=0, share=NEARLY)
+        z, cost = solve(problem, z, rounds, chords=0, share=share)
     return cost
 
 
