@@ -145,6 +145,7 @@ def settled(
         z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
     for _ in range(TURNS):
+        whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
         view = View.around(whole, z)
         products = ground.products(view, columns_of(view, ground, wanders))
         mean = np.zeros(len(products.own[0]) - 1)
