@@ -46,6 +46,15 @@ def test_what_is_there_is_likelier_than_nothing_and_what_is_not_is_less_likely()
     assert hypothesis(0.0, "sensor_gain@T_probe_K").log < null.log
 
 
+def test_where_it_stands_its_residuals_are_those_of_runs_sample_by_sample():
+    """What blocks leave out under an effect is another than without: stale, it drives the size away from the truth."""
+    found = hypothesis(0.3)
+    for r, residual in enumerate(found.problem.residuals(found.z)):
+        track = found.problem.tracks[r]
+        exact = track.means - track.block_means(found.problem.readings(r, found.z))
+        assert residual == pytest.approx(exact, abs=1e-9, nan_ok=True)
+
+
 def test_the_null_is_the_problem_as_it_was():
     null = friction_found().diagnosis.answer.naming.null
     assert null.effects == ()
