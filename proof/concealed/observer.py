@@ -31,7 +31,7 @@ PARAMETER_SQ = 9e-8
 """A column of which less than this share of the squared norm is left is a parameter."""
 SURE_POSTERIOR = 0.95
 """The ideal observer names what has this probability."""
-REFITTED = 5
+FITTED = 5
 """Nearest rivals that all is fitted anew for, and so many more if none of them can be told from the effect."""
 WITHOUT_SIZE = ("stuck@", "quantisation@")
 """Parts of the names of rivals without a small size that a fit could begin from."""
@@ -104,9 +104,9 @@ def observe(
     apart = np.where(there & ~picture.foreign & (names != truth), norm * (1.0 - cos_sq), np.inf)
     if refit is not None and norm > SEEN_SQ and "stuck@" not in truth:
         asked = _nearest(picture.names, apart)
-        found = refit(asked[:REFITTED])
+        found = refit(asked[:FITTED])
         if max(found.rivals.values(), default=np.inf) < TOLD_SQ:  # then there may be more that cannot be told from it
-            found = Refitted(found.nothing, {**found.rivals, **refit(asked[REFITTED:]).rivals})
+            found = Refitted(found.nothing, {**found.rivals, **refit(asked[FITTED:]).rivals})
         norm = max(found.nothing, np.finfo(float).tiny)
         apart = np.where(np.isfinite(apart), np.minimum(apart, norm), np.inf)
         for name, distance_sq in found.rivals.items():
@@ -134,7 +134,7 @@ def _nearest(names: Sequence[str], apart: Array) -> list[str]:
     """The names that come nearest, each once, as far as a fit can go to them."""
     found: list[str] = []
     for i in np.argsort(apart):
-        if len(found) == 2 * REFITTED or not np.isfinite(apart[i]):
+        if len(found) == 2 * FITTED or not np.isfinite(apart[i]):
             break
         if names[i] not in found and not any(part in names[i] for part in WITHOUT_SIZE):
             found.append(names[i])

@@ -42,7 +42,11 @@ class OnTwin:
         self.tracks = {i: t.reading(self.readings(t, self.twin.theta)) for i, t in given.items()}
 
     def readings(self, track: Track, theta: Array) -> Array:
-        """(N, ny) in the outputs' units, with the twin's parameters theta (n_theta,), each in its unit."""
+        """(N, ny) in the outputs' units.
+
+        Args:
+            theta: (n_theta,) the twin's parameters, each in its unit.
+        """
         return self.twin.run(Setting(track, theta, self.twin.start(track), since_s=self.onset_s))
 
     def _track(self, take: Take, y: Array, block: int) -> Track:
