@@ -167,7 +167,6 @@ def _evidence(naming: Naming, chosen: Settled, i: int, shown: Picture, left: flo
         "least_recording": float(min(per_recording)),
         "unnamed_beside": left,
         "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
-        "discrepancy_log": chosen.learnt.log,
         "sds": float(abs(size) / max(sd, 1e-300)),
         "echo": float(_echoes(chosen, i)),
         "one_size": one_size(chosen, i, ground),
