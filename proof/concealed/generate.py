@@ -209,7 +209,7 @@ def _scaled(
             }
         )
     if yardstick is not None:
-        _observe(item, yardstick, found, 100.0 * p[machine.at("ripple")], onset_s)
+        _observe(item, yardstick, effects, found, 100.0 * p[machine.at("ripple")], onset_s)
     return _Plan(takes, Parameters(p, after, onset_s), tuple(wrong)), found
 
 
@@ -221,15 +221,18 @@ def _quiet(machine: Machine, p: Array) -> Array:
 
 
 def _observe(
-    item: Item, yardstick: Yardstick, found: Sequence[dict[str, Any]], background_pct: float, onset_s: float
+    item: Item,
+    yardstick: Yardstick,
+    effects: Sequence[Effect],
+    found: Sequence[dict[str, Any]],
+    background_pct: float,
+    onset_s: float,
 ) -> None:
     """Add to every effect what the ideal observer makes of it."""
     there = {f["name"]: f["amplitude"] for f in found}
     run = OnTwin(yardstick, onset_s)
     seen = picture(run, there, background_pct)
-    machine = yardstick.machine
-    known = {e.name: e for e in (*machine.effects, *machine.foreign, *faults(machine))}
-    made = {name: change_of(yardstick, known[name], onset_s).of(size) for name, size in there.items()}
+    made = {e.name: change_of(yardstick, e, onset_s).of(there[e.name]) for e in effects}
     change = {name: {i: y[i] - yardstick.base[i] for i in run.tracks} for name, y in made.items()}
     for f in found:
         beside = tuple(name for name in there if name != f["name"])
