@@ -12,7 +12,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, eliminated, learn
 from twinbench.mismatch.naming.name import Naming
 from twinbench.mismatch.naming.picture import Picture
-from twinbench.mismatch.naming.settle import Effect, Settled
+from twinbench.mismatch.naming.settle import Effect, Settled, squared
 from twinbench.mismatch.naming.steady import one_form, one_size
 from twinbench.physics.simulator import Array, Port
 
@@ -20,6 +20,9 @@ PLAIN = np.log(20.0)
 """Nats that the plainest set may lie behind the likeliest: twenty to one."""
 SAME = 0.998
 """Squared cosine from which two effects' columns, what else is unknown taken out, are one thing."""
+SAME_SQ, SAME_SHARE = 1.0, 0.05
+"""So are hypotheses whose readings are nearer than one sd of the noise, if that is also less than this share of what
+the effect does to them: forms and phases of their own can make one thing of columns that differ."""
 PERIODIC = "periodic@"
 SAME_PERIOD = 0.01
 """Share by which two periods may differ and be one: periods are known to a thousandth, and drawn over a decade."""
@@ -122,13 +125,16 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
     painter = naming.without(chosen, i)
     shown = painter.picture()
-    alike = frozenset({name, *_alike(shown, painter.cosines())})
+    same = {name, *_alike(shown, painter.cosines())}
     logs = {name: chosen.log}
     for h in naming.hypotheses:
         names = frozenset(name_of(machine, e) for e in h.effects)
         if len(names) == len(rest) + 1 and rest < names:
             (other,) = names - rest
             logs[other] = max(h.log, logs.get(other, -np.inf))
+            if h.log > chosen.log - PLAIN and _same_readings(naming.ground, chosen, h, i):
+                same.add(other)
+    alike = frozenset(same)
     for other in alike - set(logs):
         logs[other] = chosen.log  # the same thing under another name
     top = max(logs.values())
@@ -144,6 +150,14 @@ def name_of(machine: Machine, effect: Effect) -> str:
 
 def _alike(shown: Picture, cosines2: Array) -> list[str]:
     return [name for name, c in zip(shown.names, cosines2, strict=True) if c > SAME]
+
+
+def _same_readings(ground: Ground, chosen: Settled, other: Settled, i: int) -> bool:
+    """Do two hypotheses, each where it settled, say the same readings, up to little of what an effect does to them?"""
+    pairs = zip(chosen.problem.residuals(chosen.at), other.problem.residuals(other.at), strict=True)
+    apart = squared(ground, chosen.learnt.s)([a - b for a, b in pairs])
+    seen = (chosen.sizes[i] / chosen.sds[i]) ** 2
+    return apart < max(min(SAME_SQ, SAME_SHARE * seen), (1.0 - SAME) * seen)
 
 
 def _evidence(naming: Naming, chosen: Settled, i: int, shown: Picture, left: float) -> dict[str, float]:

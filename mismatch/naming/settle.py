@@ -269,20 +269,34 @@ def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Probl
     Args:
         s: (P,) size of the discrepancy at each port, per cent.
     """
-    d = 1.0 / np.sqrt(ground.precision(s))
-    FF = ground.FF.sum(axis=0)
-    some = np.flatnonzero(d**2 * np.diag(FF) > UNTOLD)
-    d = d[some]
-    factor = cho_factor(np.eye(len(some)) + d[:, None] * FF[np.ix_(some, some)] * d) if len(some) else None
+    square = squared(ground, s)
     scale = np.array([scale_of(u) for u in problem.unknowns])
 
     def of(z: Array, problem: Problem) -> float:
         residuals = problem.residuals(z)
         if any(np.isnan(r[np.isfinite(t.means)]).any() for r, t in zip(residuals, problem.tracks, strict=True)):
             return np.inf
-        total, right = float(np.sum(((z - problem.z0) / scale) ** 2)), np.zeros(len(some))
-        for r, residual in enumerate(residuals):
-            white = ground.whitened(r, np.empty((*residual.shape, 0)), residual)[:, 0]
+        return float(np.sum(((z - problem.z0) / scale) ** 2)) + square(residuals)
+
+    return of
+
+
+def squared(ground: Ground, s: Array) -> Callable[[Sequence[Array]], float]:
+    """Squares of what readings differ by, (B, ny) per recording, in sds of the noise; the discrepancy integrated out.
+
+    Args:
+        s: (P,) size of the discrepancy at each port, per cent.
+    """
+    d = 1.0 / np.sqrt(ground.precision(s))
+    FF = ground.FF.sum(axis=0)
+    some = np.flatnonzero(d**2 * np.diag(FF) > UNTOLD)
+    d = d[some]
+    factor = cho_factor(np.eye(len(some)) + d[:, None] * FF[np.ix_(some, some)] * d) if len(some) else None
+
+    def of(differences: Sequence[Array]) -> float:
+        total, right = 0.0, np.zeros(len(some))
+        for r, difference in enumerate(differences):
+            white = ground.whitened(r, np.empty((*difference.shape, 0)), difference)[:, 0]
             total += float(white @ white)
             right += ground.white[r][:, some].T @ white
         return total - (float((d * right) @ cho_solve(factor, d * right)) if factor is not None else 0.0)

@@ -16,7 +16,7 @@ from twinbench.mismatch.model import whole_catalogue
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.faults import all_faults
-from twinbench.proof.concealed.forms import PROBED, forms
+from twinbench.proof.concealed.forms import PERIODIC, PROBED, forms
 from twinbench.proof.concealed.linear import FEATURES, Linear
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.on_twin import OnTwin
@@ -72,7 +72,8 @@ def picture(run: OnTwin, there: Mapping[str, float], background_pct: float) -> P
     listed = [*machine.effects, *(e for e in machine.foreign if e.name in there), *all_faults(machine)]
     linear = Linear(yardstick, onset_s)
     columns, severities = _candidates(linear, listed, there, onset_s)
-    added = forms(run, {e.name for e in listed})
+    periodic = [i for i, e in enumerate(listed) if e.name in there and e.name.startswith(PERIODIC)]
+    added = forms(run, {e.name for e in listed}, [{k: columns[i][k].T for k in run.tracks} for i in periodic])
     columns += [list(form.columns) for form in added]
     severities = np.append(severities, [form.severity for form in added])
     ripple = background_pct / 100.0

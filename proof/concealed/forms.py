@@ -5,11 +5,13 @@ Whoever names an effect may name any of these instead, so the ideal observer has
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from twinbench.mismatch.periods import loudest_periods_s
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.on_twin import OnTwin
@@ -18,6 +20,7 @@ PROBED = 0.5
 """Severity near which a candidate's column is taken: that of what it may stand for."""
 PROBED_FACTOR = 30.0
 """A form's size is changed by this factor at most, up or down, to come near that severity."""
+PERIODIC = "periodic@"
 
 
 class Form(NamedTuple):
@@ -33,20 +36,35 @@ class Form(NamedTuple):
     severity: float
 
 
-def forms(run: OnTwin, covered: Collection[str]) -> list[Form]:
+def forms(run: OnTwin, covered: Collection[str], changes: Sequence[Mapping[int, Array]] = ()) -> list[Form]:
     """The forms of a machine's catalogue but for those names that have a truth or a fault of their own.
 
     Args:
         covered: names that are looked at by truth's own equations.
+        changes: what periodic forces of the case do to the readings of each take that may be learnt from, (N, ny), in
+            the channels' units: others of their period are looked at too.
     """
-    found = []
-    for variant in variants(run.twin.candidates):
-        name = run.twin.candidates[variant.candidate].name
-        if name not in covered:
-            columns, severity = _probed(run, variant)
-            if severity > 0.0:
-                found.append(Form(name, columns, severity))
-    return found
+    names = [c.name for c in run.twin.candidates]
+    tried = [v for v in variants(run.twin.candidates) if names[v.candidate] not in covered]
+    tried += [v for change in changes for v in in_step(run, change)]
+    found = [(names[v.candidate], *_probed(run, v)) for v in tried]
+    return [Form(name, columns, severity) for name, columns, severity in found if severity > 0.0]
+
+
+def in_step(run: OnTwin, change: Mapping[int, Array]) -> list[Variant]:
+    """Periodic forces anywhere with the period at which a change of the readings is loudest, in either phase.
+
+    Args:
+        change: of each take that may be learnt from, (N, ny), in the channels' units.
+    """
+    tracks, sigma = list(run.tracks.values()), run.yardstick.machine.sigma()
+    white = [
+        np.add.reduceat(c, t.starts) / t.coarse.samples[:, None] / sigma
+        for t, c in zip(tracks, change.values(), strict=True)
+    ]
+    period_s = loudest_periods_s(tracks, white, max(float(np.ptp(t.time_s)) for t in tracks))[1]
+    places = [i for i, c in enumerate(run.twin.candidates) if c.name.startswith(PERIODIC)]
+    return [Variant(i, (period_s, phase)) for i in places for phase in (0.0, 0.5 * math.pi)]
 
 
 def _probed(run: OnTwin, variant: Variant) -> tuple[tuple[Array, ...], float]:

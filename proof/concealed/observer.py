@@ -3,12 +3,13 @@
 It sees the recordings that an engine may learn from, and none held out. Parameters, starts, ambient and ripple are
 unknown to it as far as the draw left them open; they are projected out. Of two effects each is looked at with the other
 known but for its size, so that for both together the observer is a little too good. Distances are in sds of the noise
-that is left: to first order from all rivals, and by a fit of all that is unknown (``refit``) from the nearest.
+that is left: to first order from all rivals, and by a fit of all that is unknown (``refit``) from the nearest. The class of
+an effect is what nobody can tell from it, and what comes nearest of all if the catalogue's form of its name does not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.columns import Picture
-from twinbench.proof.concealed.refit import Refitted
+from twinbench.proof.concealed.refit import NOTHING
 
 SEEN_SQ = 30.0
 """Squared distance from "no effect" at which an effect counts as there to be seen."""
@@ -27,6 +28,8 @@ SAME_COS_SQ = 0.998
 """Columns at a smaller angle than this one's are one thing."""
 SAME_SQ, SAME_SHARE = 1.0, 0.05
 """So are effects nearer than one sd of the noise, if that is also less than this share of the distance from none."""
+MOST_SHARE = 0.5
+"""What is left of an effect when something explains most of it, as a share of its squared distance from none."""
 PARAMETER_SQ = 9e-8
 """A column of which less than this share of the squared norm is left is a parameter."""
 SURE_POSTERIOR = 0.95
@@ -83,14 +86,14 @@ def observe(
     truth: str,
     beside: tuple[str, ...],
     rng: np.random.Generator,
-    refit: Callable[[Sequence[str]], Refitted] | None = None,
+    refit: Callable[[Sequence[str]], Mapping[str, float]] | None = None,
 ) -> Seen:
     """What can be told of an effect whose column was taken at its true size.
 
     Args:
         beside: other effects of the case, of unknown size.
-        refit: distances of the effect from nothing and from rivals, by name, all that is unknown fitted anew; without
-            it all distances are first order's.
+        refit: squared distances of the effect from ``NOTHING``, from its name's own form in the catalogue and from
+            rivals, all that is unknown fitted anew; without it all distances are first order's.
     """
     own, names = picture.names.index(truth), np.array(picture.names)
     gram = _without(picture.gram, [picture.names.index(name) for name in beside])
@@ -102,21 +105,24 @@ def observe(
     cos_sq[own] = 1.0
     norm = float(norms[own])
     apart = np.where(there & ~picture.foreign & (names != truth), norm * (1.0 - cos_sq), np.inf)
+    form = 0.0
     if refit is not None and norm > SEEN_SQ and "stuck@" not in truth:
         asked = _nearest(picture.names, apart)
-        found = refit(asked[:FITTED])
-        if max(found.rivals.values(), default=np.inf) < TOLD_SQ:  # then there may be more that cannot be told from it
-            found = Refitted(found.nothing, {**found.rivals, **refit(asked[FITTED:]).rivals})
-        norm = max(found.nothing, np.finfo(float).tiny)
+        found = dict(refit([NOTHING, truth, *asked[:FITTED]]))
+        norm, form = max(found.pop(NOTHING), np.finfo(float).tiny), found.pop(truth, 0.0)
+        if max(found.values(), default=np.inf) < TOLD_SQ:  # then there may be more that cannot be told from it
+            found |= refit(asked[FITTED:])
         apart = np.where(np.isfinite(apart), np.minimum(apart, norm), np.inf)
-        for name, distance_sq in found.rivals.items():
+        for name, distance_sq in found.items():
             apart[names == name] = min(distance_sq, norm)
         cos_sq = np.where(np.isfinite(apart), 1.0 - apart / norm, cos_sq)
         gram = _moved(gram, own, norm, cos_sq)
     one = (cos_sq > SAME_COS_SQ) | (apart < min(SAME_SQ, SAME_SHARE * norm))
+    # What the catalogue has under the effect's name is another form. What comes nearer than it, and nearest, is as right.
+    one |= apart < min(float(apart.min()) + SAME_SQ, form, MOST_SHARE * norm)
     same = np.isin(names, names[one]) & ~picture.foreign  # one shape of a name is enough
     apart = np.where(same, np.inf, apart)
-    close = apart < min(TOLD_SQ, 0.5 * norm)
+    close = apart < min(TOLD_SQ, MOST_SHARE * norm)
     nearest = int(np.argmin(apart))
     named, classed = ideal_posterior(picture, gram, own, there & ~picture.foreign, same, rng)
     return Seen(

@@ -21,6 +21,7 @@ from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.columns import background_sds
+from twinbench.proof.concealed.forms import PERIODIC, in_step
 from twinbench.proof.concealed.linear import Linear
 from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.on_twin import OnTwin
@@ -29,15 +30,10 @@ ROUNDS = 5, 2
 """Jacobians of a fit, and of the same after blocks were brought in line with samples where it stands."""
 TRIED = 0.03
 """Of a candidate's typical size: the step that its column is taken with, and the least size that a fit begins at."""
+NOTHING = ""
+"""The name of no effect at all."""
 FREE = 1e3
 """sd of the size of another effect of the case, in its true sizes: as good as unknown."""
-
-
-class Refitted(NamedTuple):
-    """Squared distances of an effect's readings, in sds of the noise, all else fitted: nothing there, or a rival."""
-
-    nothing: float
-    rivals: Mapping[str, float]
 
 
 @dataclass
@@ -123,29 +119,30 @@ def refitted(
     others: Sequence[Mapping[int, Array]],
     background_pct: float,
     names: Iterable[str],
-) -> Refitted:
-    """Squared distances of an effect's readings from what the twin can do with nothing, or with a rival.
+) -> dict[str, float]:
+    """Squared distances of an effect's readings from what the twin comes nearest to with each of these, in sds.
 
     Args:
         change: what the effect does to the readings of each take that may be learnt from, (N, ny), in their units.
         others: likewise what other effects of the case do, whose sizes are unknown.
         background_pct: the ripple's size.
-        names: of the rivals.
+        names: of the catalogue, or ``NOTHING``. What the twin has no small size of is left out.
     """
     problem = _problem(run, change, others, background_pct)
     residuals = problem.residuals(problem.z0)
     G, b, whitened = problem.normal(problem.z0, residuals)
     at = _At(G, b, np.concatenate([w.reshape(-1, len(b)) for w in whitened]), problem.stacked(residuals))
-    found = {}
+    names, found = list(names), {}
+    tried = list(variants(run.twin.candidates))
+    if any(name.startswith(PERIODIC) for name in names):
+        tried += in_step(run, change)
     for name in names:
-        begun = [_begun(problem, v, at) for v in variants(run.twin.candidates) if _name(run, v) == name]
-        if begun:
+        begun = [_begun(problem, v, at) for v in tried if run.twin.candidates[v.candidate].name == name]
+        if name == NOTHING:
+            found[name] = _distance_sq(problem, None)
+        elif begun:
             found[name] = _distance_sq(problem, max(begun, key=lambda one: one.gain).effect)
-    return Refitted(_distance_sq(problem, None), found)
-
-
-def _name(run: OnTwin, variant: Variant) -> str:
-    return run.twin.candidates[variant.candidate].name
+    return found
 
 
 def _begun(problem: _Known, variant: Variant, at: _At) -> _Begun:

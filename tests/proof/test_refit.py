@@ -16,10 +16,10 @@ from twinbench.proof.concealed.columns import Picture
 from twinbench.proof.concealed.machine import Noise
 from twinbench.proof.concealed.observer import TOLD_SQ, observe
 from twinbench.proof.concealed.on_twin import OnTwin
-from twinbench.proof.concealed.refit import Refitted, noise_of_means, refitted
+from twinbench.proof.concealed.refit import NOTHING, noise_of_means, refitted
 from twinbench.proof.concealed.severity import Yardstick
 
-LEAK, BIAS, OFFSET = "leak@h1_cm", "input_bias@pump_V", "offset@h1_cm"
+LEAK, BIAS, OFFSET, DELAY = "leak@h1_cm", "input_bias@pump_V", "offset@h1_cm", "sensor_delay@level2_cm"
 
 
 def what(yardstick: Yardstick, name: str, size: float, run: OnTwin) -> dict[int, np.ndarray]:
@@ -34,21 +34,28 @@ def tanks() -> OnTwin:
 
 
 def test_an_effect_comes_to_nothing_by_its_own_form_and_far_from_nothing_without(tanks: OnTwin) -> None:
-    found = refitted(tanks, what(tanks.yardstick, LEAK, 0.03, tanks), [], 0.0, [LEAK, "sensor_delay@level2_cm"])
-    assert found.rivals[LEAK] < 1e-3
-    assert found.rivals[LEAK] + 10.0 < found.rivals["sensor_delay@level2_cm"] < found.nothing
+    found = refitted(tanks, what(tanks.yardstick, LEAK, 0.03, tanks), [], 0.0, [NOTHING, LEAK, DELAY])
+    assert found[LEAK] < 1e-3
+    assert found[LEAK] + 10.0 < found[DELAY] < found[NOTHING]
+
+
+def test_a_periodic_force_next_door_is_tried_with_the_period_that_is_there(tanks: OnTwin) -> None:
+    change = what(tanks.yardstick, "periodic@h1_cm", 0.05, tanks)
+    found = refitted(tanks, change, [], 0.0, [NOTHING, "periodic@h1_cm", "periodic@h2_cm"])
+    assert found["periodic@h1_cm"] < 0.2 * found[NOTHING]
+    assert found["periodic@h1_cm"] < found["periodic@h2_cm"] < found[NOTHING]
 
 
 def test_what_two_names_call_one_thing_comes_to_nothing_by_either(tanks: OnTwin) -> None:
-    found = refitted(tanks, what(tanks.yardstick, "dead_zone@pump_V", 0.3, tanks), [], 0.0, [BIAS, OFFSET])
-    assert max(found.rivals.values()) < 1.0 < found.nothing
+    found = refitted(tanks, what(tanks.yardstick, "dead_zone@pump_V", 0.3, tanks), [], 0.0, [NOTHING, BIAS, OFFSET])
+    assert max(found[BIAS], found[OFFSET]) < 1.0 < found[NOTHING]
 
 
 def test_what_the_background_or_another_effect_may_be_is_taken_off(tanks: OnTwin) -> None:
     change = what(tanks.yardstick, LEAK, 0.03, tanks)
-    alone = refitted(tanks, change, [], 0.0, []).nothing
-    rippled = refitted(tanks, change, [], 1.0, []).nothing
-    beside = refitted(tanks, change, [{i: 0.5 * c for i, c in change.items()}], 0.0, []).nothing
+    alone = refitted(tanks, change, [], 0.0, [NOTHING])[NOTHING]
+    rippled = refitted(tanks, change, [], 1.0, [NOTHING])[NOTHING]
+    beside = refitted(tanks, change, [{i: 0.5 * c for i, c in change.items()}], 0.0, [NOTHING])[NOTHING]
     assert rippled < 0.9 * alone
     assert beside < 0.01 * alone
 
@@ -74,16 +81,28 @@ def test_the_observer_takes_distances_from_fits_where_it_has_them() -> None:
     gram = columns @ columns.T
     none = np.zeros(4, dtype=bool)
     picture = Picture(("a", "b", "c", "stuck@d"), gram, np.diag(gram), np.ones(4), none, none)
-    asked: list[str] = []
+    asked: list[list[str]] = []
 
-    def refit(names: Sequence[str]) -> Refitted:
-        asked.extend(names)
-        return Refitted(2500.0, {"b": 1.0, "c": 900.0})
+    def refit(names: Sequence[str]) -> dict[str, float]:
+        asked.append(list(names))
+        return {name: {NOTHING: 2500.0, "a": form, "b": 1.0, "c": 900.0}[name] for name in names}
 
     first = observe(picture, "a", (), np.random.default_rng(0))
     assert (first.same, first.from_none, first.from_rival) == (("a",), 10_000.0, pytest.approx(3600.0))
+    form = 0.0
     found = observe(picture, "a", (), np.random.default_rng(0), refit)
-    assert asked == ["b", "c"], "what has no small size is not asked"
+    assert asked == [[NOTHING, "a", "b", "c"]], "what has no small size is not asked"
     assert (found.same, found.from_none) == (("a", "b"), 2500.0)
     assert (found.rival, found.from_rival) == ("c", 900.0)
     assert found.classed > 0.9 > TOLD_SQ / 2500.0
+
+
+@pytest.mark.parametrize(("form", "same"), [(1200.0, ("a", "b")), (250.0, ("a",)), (0.0, ("a",))])
+def test_what_comes_nearer_than_the_catalogues_form_of_the_name_is_as_right(form: float, same: tuple[str, ...]) -> None:
+    columns = np.stack([[100.0, 0.0, 0.0], [80.0, 60.0, 0.0], [60.0, 0.0, 80.0]])
+    gram = columns @ columns.T
+    none = np.zeros(3, dtype=bool)
+    picture = Picture(("a", "b", "c"), gram, np.diag(gram), np.ones(3), none, none)
+    distances = {NOTHING: 2500.0, "a": form, "b": 300.0, "c": 900.0}
+    found = observe(picture, "a", (), np.random.default_rng(0), lambda names: {name: distances[name] for name in names})
+    assert found.same == same, "only the nearest, and only if it comes nearer"
