@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twinbench.mismatch.limits import SELDOM
+from twinbench.mismatch.limits import OUTERMOST
 from twinbench.mismatch.place import CLOCK, TYPICAL_SHARE, Memory, Place, Range, bracketed
 from twinbench.physics.simulator import Array, Term, Variable
 
@@ -156,7 +156,7 @@ def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
 def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:
     """Size and threshold of what happens to a balance when a state exceeds a limit."""
     v = of.variable
-    low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + SELDOM * v.scale)
+    low, high = max(v.low, v.nominal - v.scale), min(v.high, v.nominal + OUTERMOST * v.scale)
     limit = p.shape(
         effect, "above", v.unit, Range(low, high, v.nominal + 0.5 * v.scale), f"{v.name} at which it begins"
     )

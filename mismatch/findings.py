@@ -33,7 +33,7 @@ class Finding:
     Attributes:
         mechanism: its name, the likeliest where several fit; None where none does.
         indistinguishable_from: the other names that it may have.
-        alike: are these one thing, which no recording of these channels tells apart?
+        alike: do these do the same in these recordings?
         probability: that what is said is right; None of what was not weighed.
         weights: probability of each name in its place, likeliest first.
         since_s: when it began, on the recordings' clock; None where it began in none of them.
@@ -192,7 +192,7 @@ def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
     if len(each) == 1:
         said.append(each[0])
     elif found.alike:
-        said.append(f"{each[0]}, or, which no recording of these channels can tell, {' or '.join(each[1:])}")
+        said.append(f"{' or '.join(each)}, which do the same in these recordings")
     else:
         said.append(
             f"one of {listed([f'{name} (probability {probable(claim.found.weights[name])})' for name in found.names])}"

@@ -19,7 +19,7 @@ CRITICAL_RATIO = 0.528
 """Pressure ratio of air below which a flow is choked: (2/2.4)^3.5."""
 WIDTH = 0.2
 """A typical dead zone or play is so many scales of a channel wide."""
-SELDOM = 1.2
+OUTERMOST = 1.2
 """Scales from its middle within which a channel's limit is looked for. The channel is within one nearly always: a limit
 farther off shows in too little, and a trial value there, of the three that are tried, would be lost."""
 OFTEN = 0.5
@@ -143,20 +143,20 @@ def knees(v: Variable, effect: str, lower: bool) -> tuple[Variable, ...]:
     if v.low == -v.high:
         reach = abs(v.nominal)
         least = max(reach - OFTEN * v.scale, OFTEN * half)
-        within = Range(min(least, v.high), min(v.high, reach + SELDOM * v.scale), reach + half)
+        within = Range(min(least, v.high), min(v.high, reach + OUTERMOST * v.scale), reach + half)
         return (_knee(v, f"{effect}_limit", within, f"largest magnitude of {v.name}"),)
     within = upper_limit(v)
     above = _knee(v, f"{effect}_limit", within, f"highest value of {v.name}")
     if not lower:
         return (above,)
     most = min(v.high, v.nominal + OFTEN * v.scale)
-    below = Range(max(v.low, v.nominal - SELDOM * v.scale), most, max(v.low, v.nominal - half))
+    below = Range(max(v.low, v.nominal - OUTERMOST * v.scale), most, max(v.low, v.nominal - half))
     return (_knee(v, f"{effect}_lower_limit", below, f"lowest value of {v.name}"), above)
 
 
 def upper_limit(v: Variable) -> Range:
     """Where a channel saturates: from a little below its middle on, typically half a scale above."""
-    low, high = max(v.low, v.nominal - OFTEN * v.scale), min(v.high, v.nominal + SELDOM * v.scale)
+    low, high = max(v.low, v.nominal - OFTEN * v.scale), min(v.high, v.nominal + OUTERMOST * v.scale)
     return Range(low, high, min(v.nominal + 0.5 * v.scale, high))
 
 

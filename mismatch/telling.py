@@ -157,9 +157,7 @@ def _one(d: Diagnosis, f: Finding) -> str:
     if len(f.names) == 1:
         return known.get(f.names[0], f"the sensor of {f.port.variable if f.port else ''} stands still")
     if f.alike:
-        return f"{known[f.names[0]]}, or, which no recording of these channels can tell, " + " or ".join(
-            known[name] for name in f.names[1:]
-        )
+        return f"{' or '.join(known[name] for name in f.names)}, which do the same in these recordings"
     if f.kind == PHYSICS:
         return f"the simulator lacks one of {listed(f.names)}"
     return f"one of {listed(f.names)} is missing or at fault"

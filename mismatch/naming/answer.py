@@ -37,7 +37,7 @@ class Found:
     Attributes:
         effect: as it stands in the chosen hypothesis, ``place`` there.
         weights: probability of each name in its place, likeliest first; they sum to one.
-        alike: names that no record of these could tell from it.
+        alike: names that do the same in these recordings.
         evidence: what speaks for it, by name; ``naming.decision`` weighs it.
     """
 

@@ -32,6 +32,9 @@ FEATURES = (
 and since when is left out on purpose: it foretells a little more on the cases drawn, and would be wrong where other
 machines are."""
 MOST_NATS = 1000.0
+"""Nats beyond which more of them say no more."""
+SLIGHTLY = 0.1
+"""Misfit, in noise variances, discrepancy, in its usual sizes, and sds below which less says little more."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Claim:
     Attributes:
         names: one is a name; several are what these recordings cannot tell apart, likeliest first; none is something
             unnamed.
-        alike: do the names stand for one thing, which no record of these channels tells apart?
+        alike: do the names do the same in these recordings?
         probability: that this claim is right.
         port: where it acts.
         found: the finding that it is made of; None if nothing of the catalogue explains it.
@@ -82,12 +85,12 @@ def features(evidence: Mapping[str, float]) -> dict[str, float]:
         "against_unnamed": _nats(evidence["against_unnamed"]),
         "least_recording": _nats(evidence["least_recording"]),
         "nothing_beside": _nats(-evidence["unnamed_beside"]),
-        "little_discrepancy": -math.log(evidence["discrepancy"] + 0.1),
-        "sds": math.log(evidence["sds"] + 0.1),
+        "little_discrepancy": -math.log(evidence["discrepancy"] + SLIGHTLY),
+        "sds": math.log(evidence["sds"] + SLIGHTLY),
         "one_size": _nats(min(evidence["one_size"], 0.0)),
         "one_form": _nats(min(evidence["one_form"], 0.0)),
-        "fits": -math.log(evidence["misfit"] + 0.1),
-        "foretells": -math.log(evidence["held_misfit"] + 0.1),
+        "fits": -math.log(evidence["misfit"] + SLIGHTLY),
+        "foretells": -math.log(evidence["held_misfit"] + SLIGHTLY),
     }
     return {name: found[name] for name in FEATURES}
 

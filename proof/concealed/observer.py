@@ -3,8 +3,10 @@
 It sees the recordings that an engine may learn from, and none held out. Parameters, starts, ambient and ripple are
 unknown to it as far as the draw left them open; they are projected out. Of two effects each is looked at with the other
 known but for its size, so that for both together the observer is a little too good. Distances are in sds of the noise
-that is left: to first order from all rivals, and by a fit of all that is unknown (``refit``) from the nearest. The class of
-an effect is what nobody can tell from it, and what comes nearest of all if the catalogue's form of its name does not.
+that is left: to first order from all rivals, and by a fit of all that is unknown (``refit``) from the nearest.
+
+The class of an effect is what nobody can tell from it, and what comes nearest of all if the catalogue's form of its
+name does not.
 """
 
 from __future__ import annotations
@@ -118,7 +120,7 @@ def observe(
         cos_sq = np.where(np.isfinite(apart), 1.0 - apart / norm, cos_sq)
         gram = _moved(gram, own, norm, cos_sq)
     one = (cos_sq > SAME_COS_SQ) | (apart < min(SAME_SQ, SAME_SHARE * norm))
-    # What the catalogue has under the effect's name is another form. What comes nearer than it, and nearest, is as right.
+    # The catalogue's form of the name is another than truth's: what comes nearer than that, and nearest, is as right.
     one |= apart < min(float(apart.min()) + SAME_SQ, form, MOST_SHARE * norm)
     same = np.isin(names, names[one]) & ~picture.foreign  # one shape of a name is enough
     apart = np.where(same, np.inf, apart)

@@ -74,6 +74,17 @@ def test_one_that_only_goes_no_higher_is_saturated_not_stuck():
     assert [s.channel for s in found(stays)] == [0, 1, 2]
 
 
+def test_one_that_stands_still_while_the_machine_moves_little_is_stuck_too():
+    (track,) = prepare([record("run", 3)], MOTOR)
+    reads, last = track.means.copy(), len(track.means) - 200
+    reads[last:] = reads.mean(axis=0)
+    simulated = reads.copy()
+    # A fifth of what the channels commonly do, and far more than their noise.
+    simulated[last:] += 0.2 * reads.std(axis=0) * np.sin(np.arange(200) / 20.0)[:, None]
+    found = find_stuck([replace(track, means=reads)], [reads - simulated], np.full(3, 0.02))
+    assert SPEED in [s.channel for s in found]
+
+
 def test_a_machine_that_rests_is_no_stuck_sensor():
     track = prepare([record("run", 3, sensor=lambda t, y: 0.0 * y)], MOTOR)[0]
     assert find_stuck([track], [track.means - 0.0], np.array([0.5, 0.3, 0.3])) == []

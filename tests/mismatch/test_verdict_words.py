@@ -116,8 +116,8 @@ def test_a_set_lists_its_names_with_probabilities_and_what_to_record(friction):
 def test_names_that_are_one_thing_are_said_in_one_sentence(friction):
     verdict = claiming(friction, DRY, BIAS, alike=True)
     (finding,) = verdict.findings
-    assert f"({DRY}, at balance:omega_rad_s), or, which no recording of these channels can tell, " in finding.says
-    assert f"({BIAS}, at output:amps_A)." in finding.says
+    assert f"({DRY}, at balance:omega_rad_s) or " in finding.says
+    assert f"({BIAS}, at output:amps_A), which do the same in these recordings." in finding.says
     assert finding.kind == verdict.verdict == "missing physics", "of the likelier one's kind"
     assert verdict.more_data == "", "no recording helps"
 
