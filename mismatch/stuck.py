@@ -24,7 +24,8 @@ PLAINLY_MOVED_SD = 5.0
 """Noises (sd) that the simulator must say it moved by."""
 COMMON = 0.01
 """Share of its variance over all recordings that the simulator must say the channel had meanwhile: what hardly
-moved may have rested. Of seven stuck sensors in 200 cases a share of 0.1 missed three; 0.01 found all and blamed no other."""
+moved may have rested. Of seven stuck sensors in 200 cases a share of 0.1 missed three; 0.01 found all and blamed no
+other."""
 BELOW = 0.3
 """Share of the time that the simulator may be below a sensor that only does not go higher."""
 STUCK_SHARE, _EDGES = 0.1, 61
