@@ -8,12 +8,15 @@ from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError
 from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, variable_names
 from twinbench.mismatch.followed import Followed
+from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 AGREES = "the simulator agrees with the recordings"
 MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
+INEXACT_NATS = 10.0
+"""Nats from which on it is told where the equations are inexact: twenty thousand to one, since every simulator is."""
 NAMED_IN_ONE = 3
 """Recordings that a sentence names one by one."""
 
@@ -72,6 +75,7 @@ def points(
         if e is not furthest(d, shown):
             yield sentence(f"on {_held_out(d)} {_error(e, d.mended is not None)}")
     yield from (sentence(text) for text in missing)
+    yield from _inexact(d)
     if changed:
         moved = [f"{v.name} from {number(v.before or 0.0)} to {v.words()}" for v in changed]
         yield sentence(f"parameters moved, with 90 % intervals: {listed(moved)}")
@@ -81,6 +85,26 @@ def points(
     yield from _taken_out(d)
     yield from _joined(d)
     yield held_out_use(d)
+
+
+def inexact(d: Diagnosis) -> tuple[Unnamed, ...]:
+    """Where the equations, with all that is named, are plainly inexact, by less than what has to be missing.
+
+    At most two ports are told, the likelier first.
+    """
+    answer = d.answer
+    if answer.left and answer.left[0].log > 0.0:
+        return ()
+    return tuple(u for u in answer.inexact[:2] if u.log > max(INEXACT_NATS, answer.inexact[0].log - PLAIN))
+
+
+def _inexact(d: Diagnosis) -> Iterator[str]:
+    if places := inexact(d):
+        where = " or ".join(str(u.port) for u in places)
+        yield sentence(
+            f"the equations are not exact at {where}: they miss about {number(places[0].size_pct, 2)} % of what commonly "
+            "acts there, which may be the simulator as it is, or something small that is missing"
+        )
 
 
 def what_else(d: Diagnosis) -> tuple[str, ...]:

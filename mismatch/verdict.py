@@ -69,6 +69,7 @@ class Verdict:
             ],
             "weighed": [{"effects": sorted(names), "probability": p} for names, p in weighed(d).items()],
             "unnamed": [{"port": str(u.port), "nats": u.log, "size_pct": u.size_pct} for u in d.answer.left],
+            "inexact": [{"port": str(u.port), "nats": u.log, "size_pct": u.size_pct} for u in telling.inexact(d)],
             "unfollowed": [u._asdict() for u in d.unfollowed],
             "held_out": {"recordings": [t.name for t in d.held], "worse": [w._asdict() for w in d.worse]},
             "self_check": asdict(d.self_check),

@@ -9,7 +9,7 @@ import numpy as np
 
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, eliminated, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
 from twinbench.mismatch.naming.name import Naming
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.settle import Effect, Settled, squared
@@ -74,12 +74,15 @@ class Answer:
 
     Attributes:
         left: something unnamed beside it, the likeliest port first.
+        inexact: what its equations are inexact by where only one port's were, against nowhere; the likeliest port
+            first. It may be as small as in any simulator.
     """
 
     naming: Naming
     chosen: Settled
     found: tuple[Found, ...]
     left: tuple[Unnamed, ...]
+    inexact: tuple[Unnamed, ...]
 
 
 def answered(naming: Naming) -> Answer:
@@ -89,7 +92,7 @@ def answered(naming: Naming) -> Answer:
     chosen = _plainer(near, min(near, key=lambda h: (len(h.effects), -h.log)))
     left = unnamed_beside(naming.ground, chosen)
     found = tuple(_found(naming, chosen, i, left[0].log) for i in range(len(chosen.effects)))
-    return Answer(naming, chosen, found, left)
+    return Answer(naming, chosen, found, left, inexact_beside(naming.ground, chosen))
 
 
 def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
@@ -101,11 +104,27 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
 
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
     """Something unnamed beside a hypothesis, at each port, the likeliest first."""
-    G, b, q = hypothesis.products.over()
-    n = len(hypothesis.mean)
-    inner = eliminated(G, b, np.arange(n), hypothesis.mean, np.ones(n))
-    base = inner.log - 0.5 * q + sum(e.prior for e in hypothesis.effects)
+    inner = _known(hypothesis)
+    base = inner.log - 0.5 * hypothesis.products.over()[2] + sum(e.prior for e in hypothesis.effects)
     return _unnamed(ground, inner.G, inner.b, base, hypothesis.log)
+
+
+def inexact_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
+    """The usual discrepancy of a hypothesis at each port alone, against none at all, the likeliest first."""
+    inner, found = _known(hypothesis), []
+    for p, port in enumerate(ground.ports):
+        mine = ground.group == p
+        G, b, one = inner.G[np.ix_(mine, mine)], inner.b[mine], np.zeros(int(mine.sum()), dtype=int)
+        learnt = learn(G, b, one, np.array([DISCREPANCY_PCT]))
+        found.append(Unnamed(port, learnt.log, float(learnt.s[0])))
+    return tuple(sorted(found, key=lambda u: -u.log))
+
+
+def _known(hypothesis: Settled) -> Reduced:
+    """The discrepancy's functions with the unknowns of a hypothesis integrated out."""
+    G, b, _ = hypothesis.products.over()
+    n = len(hypothesis.mean)
+    return eliminated(G, b, np.arange(n), hypothesis.mean, np.ones(n))
 
 
 def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) -> tuple[Unnamed, ...]:

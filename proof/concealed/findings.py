@@ -11,7 +11,8 @@ import pandas as pd
 from twinbench.proof.concealed.judge import COLUMNS
 from twinbench.proof.concealed.outcome import SOUND, UNKNOWN, wrong_names
 
-TEXTS = ("case", "truth", "class", "verdict", "named", "set", "probability", "ports", "port_truth", "detectable")
+TEXTS = ("case", "truth", "class", "verdict", "named", "set", "probability", "ports", "port_truth", "detectable",
+         "inexact")  # fmt: skip
 SINGLE = ("mechanism", "onset")
 """Cells with one effect that the catalogue has."""
 
@@ -100,7 +101,7 @@ def _wrong(row: pd.Series) -> list[str]:
 
 
 def _pointed(row: pd.Series) -> bool:
-    at = set(parts(row["ports"].replace("+", "|"), "|"))
+    at = set(parts((row["ports"] or row["inexact"]).replace("+", "|"), "|"))
     return all(at & set(parts(ports, "|")) for ports in parts(row["port_truth"], "+"))
 
 

@@ -15,10 +15,11 @@ COLUMNS = (
     "case", "seed", "machine", "kind", "cell", "severity", "background_pct", "truth", "class", "D0_sq", "Dk_sq",
     "detectable", "verdict", "named", "set", "probability", "outcome", "ports", "gain", "size_error_pct",
     "size_covered", "parameters_covered", "engine", "seconds", "onset_error_s", "port_truth", "ideal_name",
-    "ideal_class",
+    "ideal_class", "inexact",
 )  # fmt: skip
 """In ``truth``, ``class`` and ``port_truth`` effects are joined by ``+``, what is the same for one of them by ``|``.
 ``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``.
+``inexact`` holds where the equations are said to be inexact, joined by ``|``: a place, if no finding is one.
 ``probability`` holds what the verdict states for each of them, in their order: single names, then sets."""
 PORTS = 2
 """So many ports a location may hold."""
@@ -66,9 +67,10 @@ def score(
         "named": "+".join(c.names[0] for c in single),
         "set": "+".join("|".join(c.names) for c in several),
         "probability": "+".join(_stated(c) for c in (*single, *several)),
-        "outcome": outcome(truth, [c.names for c in found], [c.ports for c in found]),
+        "outcome": outcome(truth, [c.names for c in found], [c.ports for c in found] or [inexact_at(verdict)]),
         "port_truth": "+".join("|".join(e["ports"]) for e in effects),
         "ports": "+".join("|".join(c.ports) for c in found),
+        "inexact": "|".join(inexact_at(verdict)),
         "onset_error_s": onset_error(truth["onset_s"], found, effects),
         "size_error_pct": error,
         "size_covered": covered,
@@ -93,6 +95,11 @@ def claims(verdict: Mapping[str, Any]) -> list[Claim]:
         ports = list(dict.fromkeys([*([port] if port else []), *(p["port"] for p in ranked)]))
         found.append(Claim(names, tuple(ports[:PORTS]), finding))
     return found
+
+
+def inexact_at(verdict: Mapping[str, Any]) -> tuple[str, ...]:
+    """Where a verdict says that the equations are inexact: a place, where no finding is one."""
+    return tuple(str(one["port"]) for one in verdict.get("inexact", ()))
 
 
 def parameters_covered(truth: Mapping[str, Any], verdict: Mapping[str, Any]) -> float:

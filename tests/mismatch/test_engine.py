@@ -33,6 +33,7 @@ def test_a_clean_machine_with_other_parameters_is_only_that():
     after = {v.name: v for v in verdict.parameters}
     assert after["R_ohm"].low < 0.65 < after["R_ohm"].high
     assert after["J_kg_m2"].value == pytest.approx(1.35, rel=0.02)
+    assert verdict.to_dict()["inexact"] == []
 
 
 def test_friction_of_another_form_is_named_sized_and_proved(friction):
@@ -72,6 +73,13 @@ def test_a_false_sensor_is_no_physics():
 def test_what_no_candidate_can_be_is_not_named():
     cogging = examined(lambda t, x, u: np.array([0.0, 2.0 * np.sin(0.05 * x[1] ** 2), 0.0]))
     assert cogging.mechanisms == () or "and that is not all" in cogging.says
+
+
+def test_what_is_too_small_to_be_missing_is_told_where_it_is():
+    wavy = examined(lambda t, x, u: np.array([0.0, 0.3 * np.sin(0.05 * x[1]), 0.0]))
+    assert (wavy.verdict, wavy.findings) == ("parameter change", ())
+    assert wavy.to_dict()["inexact"][0]["port"] == "balance:omega_rad_s"
+    assert any(p.startswith("The equations are not exact at balance:omega_rad_s: they miss ") for p in wavy.points)
 
 
 def test_two_effects_are_both_named():

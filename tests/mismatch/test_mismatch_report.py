@@ -29,7 +29,7 @@ FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "wh
 NUMBER = (int, float)
 VERDICT = [
     "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "spikes", "weighed", "unnamed",
-    "unfollowed", "held_out", "self_check", "more_data",
+    "inexact", "unfollowed", "held_out", "self_check", "more_data",
 ]  # fmt: skip
 NULL = type(None)
 FINDING = {

@@ -65,7 +65,7 @@ def test_a_verdict_comes_to_one_word(case: dict, claims: list, ports: list, come
 
 
 def row(**values: object) -> dict:
-    usual = dict.fromkeys(COLUMNS, np.nan) | dict.fromkeys(("named", "set", "probability", "ports"), "")
+    usual = dict.fromkeys(COLUMNS, np.nan) | dict.fromkeys(("named", "set", "probability", "ports", "inexact"), "")
     usual |= {"verdict": "missing physics", "engine": "ours", "machine": "motor", "kind": "tuned", "cell": "mechanism"}
     usual |= {"truth": RUB, "class": f"{RUB}|{DRY}", "port_truth": "balance:w", "detectable": True, "D0_sq": 100.0}
     return usual | {"outcome": "abstained", "ideal_name": 0.9, "ideal_class": 0.95} | values

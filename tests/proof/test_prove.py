@@ -371,6 +371,13 @@ def test_a_right_name_is_right(dry: Case) -> None:
     assert row["class"].split("|") == dry.truth["effects"][0]["class"]
 
 
+def test_where_equations_are_inexact_is_a_place_if_no_finding_is_one(dry: Case) -> None:
+    here, elsewhere = [{"port": "balance:omega_rad_s"}], [{"port": "balance:current_A"}]
+    assert judged(dry, inexact=here)["outcome"] == "located"
+    assert judged(dry, inexact=elsewhere)["outcome"] == "abstained"
+    assert judged(dry, finding(None, port="balance:current_A"), inexact=here)["outcome"] == "abstained", "it is said"
+
+
 def test_a_row_holds_what_was_claimed_in_order(dry: Case) -> None:
     said = judged(
         dry,
