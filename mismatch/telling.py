@@ -102,8 +102,8 @@ def _inexact(d: Diagnosis) -> Iterator[str]:
     if places := inexact(d):
         where = " or ".join(str(u.port) for u in places)
         yield sentence(
-            f"the equations are not exact at {where}: they miss about {number(places[0].size_pct, 2)} % of what commonly "
-            "acts there, which may be the simulator as it is, or something small that is missing"
+            f"the equations are not exact at {where}: they miss about {number(places[0].size_pct, 2)} % of what "
+            "commonly acts there, which may be the simulator as it is, or something small that is missing"
         )
 
 
