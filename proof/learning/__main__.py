@@ -1,7 +1,8 @@
 """Learn the decision: ``python -m twinbench.proof.learning --cases 400 --seed 3001`` draws cases and writes the rule.
 
 Cases that are finished are kept in ``results/learning`` and serve again while engine and generator are as they were.
-``--rows FOLDER`` learns from rows that are there and draws none.
+``--rows FOLDER`` learns from rows that are there and draws none. ``tradeoff.csv`` and ``tradeoff.svg`` show what
+stricter and laxer rules would say.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from twinbench.common.errors import BadInput
 from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, write_text
+from twinbench.common.style import svg
 from twinbench.common.versions import provenance
 from twinbench.common.workers import side_by_side
 from twinbench.mismatch.naming.decision import RULE
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.learning.collect import collected
 from twinbench.proof.learning.fit import learnt
+from twinbench.proof.learning.tradeoff import tradeoff, tradeoff_figure
 
 ROOT = Path(__file__).resolve().parents[2]
 FEWEST = 50
@@ -38,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=3001, help="of the cases; never one that is reported on")
     parser.add_argument("--jobs", type=int, default=0, help="processes; as many as there are cores if 0")
     parser.add_argument("--rows", type=Path, help="a folder with rows that were collected, in place of drawing cases")
-    parser.add_argument("--out", type=Path, default=ROOT / "results" / "learning", help="where rows are kept")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "learning", help="for rows, table and figure")
     asked = parser.parse_args(arguments)
     try:
         rows = _read(asked.rows) if asked.rows else _collected(asked.cases, asked.seed, asked.out, asked.jobs)
@@ -49,6 +52,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     rule = learnt(rows)
     seeds = sorted({int(row["seed"]) for row in rows})
+    curve = tradeoff(rows)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    write_text(asked.out / "tradeoff.csv", curve.to_csv(index=False, float_format="%.4g"))
+    write_text(asked.out / "tradeoff.svg", svg(tradeoff_figure(curve, rule["say_name"])))
     facts = {"command": _command(asked.rows), "seeds": seeds, **provenance()}
     write_text(RULE, json.dumps({**rule, "provenance": facts}, indent=1) + "\n")
     print(json.dumps(rule["left_out"], indent=1))

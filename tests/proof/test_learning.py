@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
@@ -53,10 +54,16 @@ def test_a_verdict_with_two_wrong_names_is_wrong_once() -> None:
 def test_the_rule_is_the_one_that_its_rows_give(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = tmp_path / "decision.json"
     monkeypatch.setattr("twinbench.proof.learning.__main__.RULE", made)
-    assert main(["--rows", str(ROWS)]) == 0
+    assert main(["--rows", str(ROWS), "--out", str(tmp_path)]) == 0
     kept, again = json.loads(RULE.read_text()), json.loads(made.read_text())
     for name in ("weights", "say_name", "say_set", "left_out"):
         assert again[name] == pytest.approx(kept[name], rel=1e-3), name
+    curve = pd.read_csv(tmp_path / "tradeoff.csv")
+    pd.testing.assert_frame_equal(curve, pd.read_csv(ROWS / "tradeoff.csv"), rtol=1e-2)
+    assert curve["wrong"].is_monotonic_decreasing
+    assert curve["named"].is_monotonic_decreasing
+    own = curve[curve["say_name"] >= again["say_name"]].iloc[0]
+    assert own["wrong"] * again["left_out"]["cases"] <= again["left_out"]["named_wrong"]
     rule = learnt_rule()
     assert isinstance(rule, Rule)
     assert set(rule.weights) == {"constant", *FEATURES}
