@@ -255,7 +255,7 @@ def test_sindy_without_its_library_says_what_to_install(monkeypatch: pytest.Monk
 
 def rows(named: dict[str, list[str]]) -> pd.DataFrame:
     """Rows of engines that say one name per case; the truth is always a leak."""
-    texts = dict.fromkeys(("verdict", "set", "probability", "ports"), "")
+    texts = dict.fromkeys(("verdict", "set", "probability", "ports", "inexact"), "")
     blank = dict.fromkeys(COLUMNS, np.nan) | texts | {"machine": "two_tanks", "kind": "tuned", "detectable": True}
     return pd.DataFrame(
         [
