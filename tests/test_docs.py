@@ -27,6 +27,7 @@ from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
 from twinbench.physics.steady import steady_state
+from twinbench.proof.concealed.findings import read_cases, with_marks
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -223,16 +224,15 @@ def test_the_proof_page_shows_what_the_results_hold(name):
 
 
 def test_what_the_pages_say_of_the_proof_is_in_its_rows():
-    rows = pd.read_csv(ROOT / "results/proof/cases.csv", keep_default_na=False)
+    rows = with_marks(read_cases(ROOT / "results/proof/cases.csv"))
     page, readme = (" ".join((ROOT / p).read_text(encoding="utf-8").split()) for p in ("docs/proof.md", "README.md"))
-    seen = rows["detectable"].astype(str) == "True"
+    seen = rows["detectable"]
 
     def by_class(*cells):
         mine = rows[rows["cell"].isin(cells) & seen]
         return f"{mine['outcome'].isin(['name', 'class']).sum()} of {len(mine)}"
 
-    wrong = rows[rows["outcome"] == "wrong"]
-    names, sets = (int((wrong["named"] != "").sum()), int((wrong["named"] == "").sum()))
+    names, sets = int(rows["wrong_name"].sum()), int(((rows["outcome"] == "wrong") & ~rows["wrong_name"]).sum())
     sound = rows[rows["cell"].isin(["clean", "parameters", "poor_excitation"])]
     false = int((sound["outcome"] == "false").sum())
     holds, was = ("holds" if names == 1 else "hold"), ("were" if false > 1 else "was")

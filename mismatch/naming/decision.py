@@ -15,6 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from scipy.special import expit
+
 from twinbench.mismatch.naming.answer import PLAIN, Answer, Found
 from twinbench.physics.simulator import Port
 
@@ -102,7 +104,7 @@ def _nats(value: float) -> float:
 
 def probability(weights: Mapping[str, float], values: Mapping[str, float]) -> float:
     """Of a logistic regression."""
-    return 1.0 / (1.0 + math.exp(-(weights["constant"] + sum(weights[name] * v for name, v in values.items()))))
+    return float(expit(weights["constant"] + sum(weights[name] * v for name, v in values.items())))
 
 
 def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
@@ -121,8 +123,7 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
         # From far off many sets fit about as well, and none of them all: what fits best is no name yet.
         claims = [replace(claim, names=(), alike=False, probability=1.0 - claim.probability) for claim in claims]
     if more:
-        odds = math.exp(min(answer.left[0].log, MOST_NATS))
-        claims.append(Claim((), False, odds / (1.0 + odds), answer.left[0].port, None))
+        claims.append(Claim((), False, float(expit(answer.left[0].log)), answer.left[0].port, None))
     return tuple(claims)
 
 

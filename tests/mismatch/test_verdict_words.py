@@ -15,7 +15,7 @@ from twinbench.mismatch import Verdict
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.naming.answer import Unnamed
-from twinbench.mismatch.naming.decision import Claim
+from twinbench.mismatch.naming.decision import Claim, decided, probability
 from twinbench.mismatch.telling import headline
 from twinbench.mismatch.verdict import conclude
 from twinbench.mismatch.words import number
@@ -100,6 +100,13 @@ def claiming(verdict: Verdict, *names: str, alike: bool = False, probability: fl
 
 
 DRY, BIAS, GAIN = "coulomb_friction@omega_rad_s", "sensor_bias@amps_A", "sensor_gain@T_probe_K"
+
+
+def test_what_is_missing_by_thousands_of_nats_is_certain_and_stops_nothing(friction):
+    answer = friction.diagnosis.answer
+    left = (replace(answer.left[0], log=5000.0), *answer.left[1:])
+    assert decided(replace(answer, left=left))[-1].probability == 1.0
+    assert probability({"constant": -5000.0}, {}) == 0.0
 
 
 def test_a_set_lists_its_names_with_probabilities_and_what_to_record(friction):
