@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,14 +144,14 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
     painter = naming.without(chosen, i)
     shown = painter.picture()
-    same = {name, *_alike(shown, painter.cosines())}
+    same, reads_the_same = {name, *_alike(shown, painter.cosines())}, _same_readings(naming.ground, chosen, i)
     logs = {name: chosen.log}
     for h in naming.hypotheses:
         names = frozenset(name_of(machine, e) for e in h.effects)
         if len(names) == len(rest) + 1 and rest < names:
             (other,) = names - rest
             logs[other] = max(h.log, logs.get(other, -np.inf))
-            if h.log > chosen.log - PLAIN and _same_readings(naming.ground, chosen, h, i):
+            if h.log > chosen.log - PLAIN and reads_the_same(h):
                 same.add(other)
     alike = frozenset(same)
     for other in alike - set(logs):
@@ -171,12 +171,16 @@ def _alike(shown: Picture, cosines2: Array) -> list[str]:
     return [name for name, c in zip(shown.names, cosines2, strict=True) if c > SAME]
 
 
-def _same_readings(ground: Ground, chosen: Settled, other: Settled, i: int) -> bool:
-    """Do two hypotheses, each where it settled, say the same readings, up to little of what an effect does to them?"""
-    pairs = zip(chosen.problem.residuals(chosen.at), other.problem.residuals(other.at), strict=True)
-    apart = squared(ground, chosen.learnt.s)([a - b for a, b in pairs])
+def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled], bool]:
+    """Does another hypothesis, where it settled, say the same readings, up to little of what an effect does to them?"""
+    own, square = chosen.problem.residuals(chosen.at), squared(ground, chosen.learnt.s)
     seen = (chosen.sizes[i] / chosen.sds[i]) ** 2
-    return apart < max(min(SAME_SQ, SAME_SHARE * seen), (1.0 - SAME) * seen)
+    least = max(min(SAME_SQ, SAME_SHARE * seen), (1.0 - SAME) * seen)
+
+    def of(other: Settled) -> bool:
+        return square([a - b for a, b in zip(own, other.problem.residuals(other.at), strict=True)]) < least
+
+    return of
 
 
 def _evidence(naming: Naming, chosen: Settled, i: int, shown: Picture, left: float) -> dict[str, float]:

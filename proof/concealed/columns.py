@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.model import whole_catalogue
+from twinbench.mismatch.naming.answer import PERIODIC
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.faults import all_faults
-from twinbench.proof.concealed.forms import PERIODIC, PROBED, forms
+from twinbench.proof.concealed.forms import PROBED, forms
 from twinbench.proof.concealed.linear import FEATURES, Linear
 from twinbench.proof.concealed.machine import Effect, Machine
 from twinbench.proof.concealed.on_twin import OnTwin

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twinbench.mismatch.naming.answer import PERIODIC
 from twinbench.mismatch.periods import loudest_periods_s
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array
@@ -20,7 +21,6 @@ PROBED = 0.5
 """Severity near which a candidate's column is taken: that of what it may stand for."""
 PROBED_FACTOR = 30.0
 """A form's size is changed by this factor at most, up or down, to come near that severity."""
-PERIODIC = "periodic@"
 
 
 class Form(NamedTuple):

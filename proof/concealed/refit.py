@@ -15,13 +15,14 @@ from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
 from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.naming.answer import PERIODIC
 from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.settle import Effect, unknowns_of
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.columns import background_sds
-from twinbench.proof.concealed.forms import PERIODIC, in_step
+from twinbench.proof.concealed.forms import in_step
 from twinbench.proof.concealed.linear import Linear
 from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.on_twin import OnTwin

@@ -10,12 +10,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from twinbench.common.style import BLUE, COLUMN_MM, INK, MUTED, PAGE_MM, VERMILION, canvas, styled
+from twinbench.proof.concealed.findings import SINGLE
 from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.learning.fit import WRONG_NAMES, findings, left_out
 
-SINGLE = ("mechanism", "onset")
-"""Cells with one effect of the catalogue."""
 THRESHOLDS = np.round(np.arange(0.3, 0.991, 0.01), 2)
+"""Probabilities from which on a name would be said: below, more verdicts are wrong than anybody would bear."""
 
 
 def tradeoff(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
