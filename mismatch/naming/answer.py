@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
-from twinbench.mismatch.naming.name import Naming
+from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.settle import Effect, Settled, squared
 from twinbench.mismatch.naming.steady import one_form, one_size
@@ -36,7 +36,8 @@ class Found:
 
     Attributes:
         effect: as it stands in the chosen hypothesis, ``place`` there.
-        weights: probability of each name in its place, likeliest first; they sum to one.
+        weights: probability of each name in its place, all else as it is, likeliest first; they sum to one.
+        sets: probability of every set of names that was weighed; they sum to one.
         alike: names that do the same in these recordings.
         evidence: what speaks for it, by name; ``naming.decision`` weighs it.
     """
@@ -45,8 +46,13 @@ class Found:
     place: int
     name: str
     weights: Mapping[str, float]
+    sets: Mapping[frozenset[str], float]
     alike: frozenset[str]
     evidence: Mapping[str, float]
+
+    def marginal(self, names: Collection[str]) -> float:
+        """Probability that one of these names is there, over all sets that were weighed."""
+        return sum(p for one, p in self.sets.items() if not one.isdisjoint(names))
 
     def credible(self, probability: float) -> tuple[str, ...]:
         """Names that hold the right one with so much probability, likeliest first."""
@@ -144,22 +150,39 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
     painter = naming.without(chosen, i)
     shown = painter.picture()
-    same, reads_the_same = {name, *_alike(shown, painter.cosines())}, _same_readings(naming.ground, chosen, i)
-    logs = {name: chosen.log}
+    logs, same, reads_the_same = {name: chosen.log}, {name}, _same_readings(naming.ground, chosen, i)
     for h in naming.hypotheses:
         names = frozenset(name_of(machine, e) for e in h.effects)
         if len(names) == len(rest) + 1 and rest < names:
             (other,) = names - rest
             logs[other] = max(h.log, logs.get(other, -np.inf))
-            if h.log > chosen.log - PLAIN and reads_the_same(h):
+            if h.log > chosen.log - NEAR and reads_the_same(h):
                 same.add(other)
-    alike = frozenset(same)
-    for other in alike - set(logs):
-        logs[other] = chosen.log  # the same thing under another name
-    top = max(logs.values())
-    raw = {n: float(np.exp(v - top)) for n, v in sorted(logs.items(), key=lambda t: -t[1])}
-    weights = {n: p / sum(raw.values()) for n, p in raw.items()}
-    return Found(chosen.now[i], i, name, weights, alike, _evidence(naming, chosen, i, shown, left))
+    for other in _alike(shown, painter.cosines()):
+        # The same thing under another name; but what was settled and is far less likely is not.
+        if logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
+            same.add(other)
+    weights = dict(sorted(zip(logs, _shares(logs.values()), strict=True), key=lambda t: -t[1]))
+    others = [log for other, log in logs.items() if other not in same]
+    apart = max(logs[n] for n in same) - max(others, default=naming.null.log)
+    evidence = {"told_apart": apart, **_evidence(naming, chosen, i, shown, left)}
+    return Found(chosen.now[i], i, name, weights, _sets(naming), frozenset(same), evidence)
+
+
+def _sets(naming: Naming) -> dict[frozenset[str], float]:
+    """Probability of each set of names that was weighed."""
+    machine = naming.best.problem.machine
+    logs: dict[frozenset[str], float] = {}
+    for h in naming.hypotheses:
+        names = frozenset(name_of(machine, e) for e in h.effects)
+        logs[names] = max(h.log, logs.get(names, -np.inf))
+    return dict(zip(logs, _shares(logs.values()), strict=True))
+
+
+def _shares(logs: Collection[float]) -> list[float]:
+    """Evidence in nats as probabilities that sum to one."""
+    raw = np.exp(np.array([*logs]) - max(logs))
+    return list((raw / raw.sum()).tolist())
 
 
 def name_of(machine: Machine, effect: Effect) -> str:
@@ -196,12 +219,10 @@ def _evidence(naming: Naming, chosen: Settled, i: int, shown: Picture, left: flo
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
     other = _unnamed(ground, G, b, base, 0.0)[0].log
-    per_recording = _left_out(chosen, i, ground)
     size, sd = chosen.sizes[i], chosen.sds[i]
     return {
         "against_nothing": chosen.log - max(none, _known_without(naming, chosen, i)),
         "against_unnamed": chosen.log - other,
-        "least_recording": float(min(per_recording)),
         "unnamed_beside": left,
         "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
         "sds": float(abs(size) / max(sd, 1e-300)),
@@ -226,22 +247,3 @@ def _known_without(naming: Naming, chosen: Settled, i: int) -> float:
     """Evidence of the same set less an effect, where that was weighed at its own fixed point."""
     rest = {e.variant.candidate for k, e in enumerate(chosen.effects) if k != i}
     return max((h.log for h in naming.hypotheses if {e.variant.candidate for e in h.effects} == rest), default=-np.inf)
-
-
-def _left_out(chosen: Settled, i: int, ground: Ground) -> list[float]:
-    """Nats by which each recording, the others known, is better predicted with an effect than without."""
-    out, (mean, precision) = chosen.entries(i), chosen.prior(ground)
-    fixed = precision.copy()
-    fixed[out] = 1e12  # held at its prior's mean: absent
-    every = list(range(len(chosen.products.own)))
-
-    def log(which: Sequence[int], weights: Array) -> float:
-        G, b, q = chosen.products.over(which)
-        return eliminated(G, b, np.arange(len(mean)), mean, weights).log - 0.5 * q
-
-    whole, without_it = log(every, precision), log(every, fixed)
-    found = []
-    for r in every:
-        others = [k for k in every if k != r]
-        found.append((whole - log(others, precision)) - (without_it - log(others, fixed)))
-    return found

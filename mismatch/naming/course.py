@@ -210,6 +210,8 @@ class Course:
         rates = np.empty((self.sizes[0], self.sizes[1]))
         reads = np.empty((self.sizes[0], self.sizes[2])) if read else self._base.reads[:, :, 0]
         varying, values = self._plain
+        # A parameter that drifts is nudged along its whole course.
+        values = values + (theta - self.setting.theta)[varying]
         self.machine.loop(tangent.acting)(
             *self.machine.equations,
             u,

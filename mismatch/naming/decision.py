@@ -1,9 +1,9 @@
 """What is said of each finding: a name, a set of names, or a place alone, by a rule that was learnt.
 
 Cases with known truth are free, so the rule is learnt from many of them (``proof.learning``): a logistic regression on
-what speaks for a finding gives the probability that the right name is among those weighed. That times a name's share of
-the evidence is the probability that it is right. A name is said from the probability on at which the promised rate of
-wrong names was kept on machines that were left out.
+what speaks for a finding gives the probability that the right name is among those weighed. That times the name's share
+of the evidence of all sets that were weighed is the probability that it is right. A name is said from the probability
+on at which the promised rate of wrong names was kept on machines that were left out.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from scipy.special import expit
 
-from twinbench.mismatch.naming.answer import PLAIN, Answer, Found
+from twinbench.mismatch.naming.answer import Answer, Found
 from twinbench.physics.simulator import Port
 
 RULE = Path(__file__).with_name("decision.json")
@@ -27,8 +27,8 @@ CREDIBLE = 0.95
 LARGEST_SET = 3
 """Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
 FEATURES = (
-    "against_nothing", "against_unnamed", "least_recording", "nothing_beside", "little_discrepancy", "sds", "one_size",
-    "one_form", "fits", "foretells",
+    "against_nothing", "against_unnamed", "told_apart", "nothing_beside", "little_discrepancy", "sds", "one_size",
+    "one_form", "fits", "foretells_more",
 )  # fmt: skip
 """What speaks for a finding, whichever its name; each the more, the larger. How many effects there are, of what kind
 and since when is left out on purpose: it foretells a little more on the cases drawn, and would be wrong where other
@@ -85,14 +85,14 @@ def features(evidence: Mapping[str, float]) -> dict[str, float]:
     found = {
         "against_nothing": _nats(evidence["against_nothing"]),
         "against_unnamed": _nats(evidence["against_unnamed"]),
-        "least_recording": _nats(evidence["least_recording"]),
+        "told_apart": _nats(evidence["told_apart"]),
         "nothing_beside": _nats(-evidence["unnamed_beside"]),
         "little_discrepancy": -math.log(evidence["discrepancy"] + SLIGHTLY),
         "sds": math.log(evidence["sds"] + SLIGHTLY),
         "one_size": _nats(min(evidence["one_size"], 0.0)),
         "one_form": _nats(min(evidence["one_form"], 0.0)),
         "fits": -math.log(evidence["misfit"] + SLIGHTLY),
-        "foretells": -math.log(evidence["held_misfit"] + SLIGHTLY),
+        "foretells_more": _nats(evidence["held_gain"]),
     }
     return {name: found[name] for name in FEATURES}
 
@@ -129,18 +129,22 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
 
 def _claim(found: Found, port: Port, rule: Rule, contains: Mapping[str, str]) -> Claim:
     among = probability(rule.weights, features(found.evidence))
-    right = among * sum(p for n, p in found.weights.items() if n in found.alike)
+    right = among * found.marginal(found.alike)
     if found.evidence["echo"]:
         return Claim((), False, 1.0 - right, port, found)
     if right >= rule.say_name:
-        # What contains an effect can become it, and is no other thing; what is far less likely was told from it.
-        least = found.weights[found.name] * math.exp(-PLAIN)
-        others = [n for n in found.alike if contains[n] != found.name and found.weights.get(n, 0.0) > least]
+        # What contains an effect can become it, and is no other thing.
+        others = [n for n in found.alike if contains[n] != found.name]
         names = (found.name, *sorted(set(others) - {found.name}, key=lambda n: -found.weights[n]))
         return Claim(names, len(names) > 1, right, port, found)
     names = found.credible(CREDIBLE)
-    holds = among * sum(found.weights[n] for n in names)
-    things = len({n for n in names if n not in found.alike}) + bool(set(names) & found.alike)
-    if holds >= rule.say_set and 1 < things <= LARGEST_SET:
+    holds = among * found.marginal(names)
+    if holds >= rule.say_set and is_set(names, found.alike):
         return Claim(names, set(names) <= found.alike, holds, port, found)
     return Claim((), False, 1.0 - right, port, found)
+
+
+def is_set(names: Collection[str], alike: Collection[str]) -> bool:
+    """Are these several things, those alike counted once, and few enough to say something?"""
+    things = len(set(names) - set(alike)) + (not set(alike).isdisjoint(names))
+    return 1 < things <= LARGEST_SET

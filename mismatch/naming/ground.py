@@ -15,7 +15,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, eliminated, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, HAIR, LEAST_PCT, eliminated, learn
 from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.physics.simulator import Array, Port
@@ -73,6 +73,8 @@ class Ground:
         ports: where a discrepancy was found.
         discrepancy: the functions.
         s: (P,) its size at each with nothing named, per cent of what is common there.
+        kept: per port, its position among the discrepancy's and the combinations (R, k) of its R functions that the
+            columns are of, dimensionless.
     """
 
     noise: SensorNoise
@@ -84,6 +86,7 @@ class Ground:
     ports: tuple[Port, ...]
     s: Array
     discrepancy: Discrepancy
+    kept: tuple[tuple[int, Array], ...]
 
     @classmethod
     def learnt(cls, view: View, discrepancy: Discrepancy, floor: Array) -> Ground:
@@ -94,17 +97,15 @@ class Ground:
         """
         own, levels = view.unknowns(), tuple(t.level for t in view.problem.tracks)
         every = list(range(len(discrepancy.ports)))
-        whole = view.of_discrepancy(discrepancy, every)
-        group = np.repeat(every, len(discrepancy.points))
+        whole, all_of_it = view.of_discrepancy(discrepancy, every), np.eye(len(discrepancy.points))
         first = SensorNoise.first_guess(floor)
-        made = cls._whitened(first, levels, whole, view, group, discrepancy, discrepancy.ports)
+        made = cls._whitened(first, levels, whole, view, [(p, all_of_it) for p in every], discrepancy)
         made = made._without_the_unseen(view, own)
         rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
             left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
-            made = cls._whitened(noise, levels, made.whole, view, made.group, discrepancy, made.ports)
-            made = replace(made, s=s)
+            made = replace(cls._whitened(noise, levels, made.whole, view, made.kept, discrepancy), s=s)
         return made
 
     @classmethod
@@ -114,9 +115,8 @@ class Ground:
         levels: tuple[Array | float, ...],
         whole: Sequence[Array],
         view: View,
-        group: np.ndarray,
+        kept: Sequence[tuple[int, Array]],
         discrepancy: Discrepancy,
-        ports: tuple[Port, ...],
     ) -> Ground:
         def white(r: int) -> Array:
             both = np.concatenate((whole[r], view.residuals[r][:, :, None]), axis=2)
@@ -124,8 +124,9 @@ class Ground:
 
         found = parallel([lambda r=r: white(r) for r in range(len(whole))])
         FF = np.array([w.T @ w for w in found])
-        first = np.full(len(ports), FIRST_PCT)
-        return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy)
+        group = np.repeat(np.arange(len(kept)), [turn.shape[1] for _, turn in kept])
+        ports, first = tuple(discrepancy.ports[p] for p, _ in kept), np.full(len(kept), FIRST_PCT)
+        return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy, tuple(kept))
 
     def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
@@ -134,17 +135,17 @@ class Ground:
         inner = eliminated(G, b, np.arange(n), prior_mean(view), np.ones(n))
         s = learn(inner.G, inner.b, self.group, self.s).s
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
-        turns, group = [], []
-        for place, p in enumerate(there):
+        whole: list[list[Array]] = [[] for _ in self.whole]
+        kept = []
+        for p in there:
             mine = self.group == p
             seen, turn = np.linalg.eigh(inner.G[np.ix_(mine, mine)])
             turn = turn[:, seen * (3.0 * max(s[p], DISCREPANCY_PCT)) ** 2 > UNSEEN]
-            turns.append((mine, turn))
-            group += [place] * turn.shape[1]
-        whole = [np.concatenate([f[:, :, mine] @ turn for mine, turn in turns], axis=2) for f in self.whole]
-        ports = tuple(self.ports[p] for p in there)
-        made = Ground._whitened(self.noise, self.levels, whole, view, np.array(group), self.discrepancy, ports)
-        return replace(made, s=s[there])
+            kept.append((p, turn))
+            for own_columns, columns in zip(whole, self.whole, strict=True):
+                own_columns.append(columns[:, :, mine] @ turn)
+        joined = [np.concatenate(columns, axis=2) for columns in whole]
+        return replace(self._whitened(self.noise, self.levels, joined, view, kept, self.discrepancy), s=s[there])
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
@@ -155,7 +156,7 @@ class Ground:
         precision = np.concatenate((np.ones(n), self.precision(s)))
         A, right = G + np.diag(precision), b + np.concatenate((mean, np.zeros(len(self.group))))
         scale = 1.0 / np.sqrt(np.diag(A))
-        factor = cho_factor(A * np.outer(scale, scale) + 1e-10 * np.eye(len(A)), lower=True)
+        factor = cho_factor(A * np.outer(scale, scale) + HAIR * np.eye(len(A)), lower=True)
         drawn = solve_triangular(factor[0], rng.normal(size=len(A)), lower=True, trans=1)
         weights = scale * (cho_solve(factor, scale * right) + drawn)
         left = [

@@ -39,13 +39,19 @@ MEANS_IT = 0.9
 
 @dataclass(frozen=True)
 class Item:
-    """What a case is about. ``effects`` are names of the machine's; none on a sound machine."""
+    """What a case is about.
+
+    Attributes:
+        effects: names of the machine's; none on a sound machine.
+        background_pct: ripple that no catalogue has; drawn by ``BACKGROUND_PCT`` if None.
+    """
 
     case: str
     cell: str
     machine: str
     effects: tuple[str, ...] = ()
     severity: float = 0.0
+    background_pct: float | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,8 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
     """
     machine = machine_of(item.machine, seed) if machines is None else machines[item.machine]
     rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
-    background = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
+    usual = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
+    background = usual if item.background_pct is None else item.background_pct
     p = _parameters(machine, item.cell, background, rng)
     takes = _takes(machine, "poor" if item.cell == "poor_excitation" else "", rng)
     known = {e.name: e for e in (*machine.effects, *machine.foreign, *faults(machine))}

@@ -1,8 +1,8 @@
 """Learn the decision: ``python -m twinbench.proof.learning --cases 400 --seed 3001`` draws cases and writes the rule.
 
 Cases that are finished are kept in ``results/learning`` and serve again while engine and generator are as they were.
-``--rows FOLDER`` learns from rows that are there and draws none. ``tradeoff.csv`` and ``tradeoff.svg`` show what
-stricter and laxer rules would say.
+``--rough`` draws cases whose simulator is as rough as those of real rigs. ``--rows FOLDER`` learns from rows that are
+there and draws none. ``tradeoff.csv`` and ``tradeoff.svg`` show what stricter and laxer rules would say.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from twinbench.common.versions import provenance
 from twinbench.common.workers import side_by_side
 from twinbench.mismatch.naming.decision import RULE
 from twinbench.proof.concealed.plan import cases
-from twinbench.proof.learning.collect import collected
+from twinbench.proof.learning.collect import collected, roughened
 from twinbench.proof.learning.fit import learnt
 from twinbench.proof.learning.tradeoff import tradeoff, tradeoff_figure
 
@@ -39,12 +39,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.learning", description=__doc__)
     parser.add_argument("--cases", type=int, default=1080, help="development cases to draw")
     parser.add_argument("--seed", type=int, default=3001, help="of the cases; never one that is reported on")
+    parser.add_argument("--rough", action="store_true", help="let simulators be as rough as those of real rigs")
     parser.add_argument("--jobs", type=int, default=0, help="processes; as many as there are cores if 0")
     parser.add_argument("--rows", type=Path, help="a folder with rows that were collected, in place of drawing cases")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "learning", help="for rows, table and figure")
     asked = parser.parse_args(arguments)
     try:
-        rows = _read(asked.rows) if asked.rows else _collected(asked.cases, asked.seed, asked.out, asked.jobs)
+        rows = _read(asked.rows) if asked.rows else _collected(asked)
         if len(rows) < FEWEST:
             raise BadInput(f"{len(rows)} cases are too few to learn from; collect at least {FEWEST}")
     except BadInput as error:
@@ -70,13 +71,14 @@ def _read(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))]
 
 
-def _collected(n: int, seed: int, out: Path, jobs: int) -> list[dict[str, Any]]:
-    out = out.absolute()
+def _collected(asked: argparse.Namespace) -> list[dict[str, Any]]:
+    out, seed = asked.out.absolute(), asked.seed
     check_writable(out)
-    items = cases(n, seed)
+    items = cases(asked.cases, seed)
+    items = roughened(items, seed) if asked.rough else items
     several = [(item, seed, out) for item in items]
-    with Progress(Console(stderr=True)) as progress, progress.stage("cases", n) as going:
-        for _ in side_by_side(collected, several, min(jobs or cores(), n)):
+    with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
+        for _ in side_by_side(collected, several, min(asked.jobs or cores(), len(items))):
             going.step(1)
     return [json.loads((out / f"{seed}-{item.case}.json").read_text()) for item in items]
 

@@ -5,21 +5,36 @@ from __future__ import annotations
 import json
 import tempfile
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from twinbench.common.store import key_of, write_text
 from twinbench.common.versions import code_version
+from twinbench.data.scenario import stream
 from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.naming.answer import Answer, Found
+from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.stage_prove import tested
 from twinbench.proof.concealed.generate import Case, Item, draw, write
 from twinbench.proof.concealed.outcome import UNKNOWN
 from twinbench.proof.twins import left, simulator_of
+
+ROUGH_PCT = (2.0, 10.0)
+"""Range of the ripple of a rough simulator, even in its logarithm: what real rigs' simulators leave."""
+
+
+def roughened(items: Sequence[Item], seed: int) -> list[Item]:
+    """The same cases with simulators as rough as those of real rigs."""
+    low, high = np.log(ROUGH_PCT)
+    ripples = np.exp(stream(seed, "rough").uniform(low, high, len(items))).round(2)
+    return [replace(item, background_pct=float(pct)) for item, pct in zip(items, ripples, strict=True)]
 
 
 def collected(item: Item, seed: int, out: Path) -> dict[str, Any]:
@@ -101,6 +116,8 @@ def _finding(found: Found, case: Case, answer: Answer) -> dict[str, Any]:
         "exactly": found.name in {e["name"] for e in known},
         "weights": dict(list(found.weights.items())[:8]),
         "alike": sorted(found.alike),
+        "set": list(found.credible(CREDIBLE)),
+        "marginals": [found.marginal(found.alike), found.marginal(found.credible(CREDIBLE))],
         "holds": [bool(right & set(found.credible(p))) for p in (0.8, 0.95)],
         "evidence": dict(found.evidence),
         "size": [float(chosen.sizes[i]), float(chosen.sds[i]), None if true is None else true - absent],

@@ -57,11 +57,24 @@ def test_what_differs_by_chance_alone_spoils_nothing():
     assert refused <= 12
 
 
+def with_spoilt_output(monkeypatch, gain: float):
+    """The verdict on the motor with dry friction, one output spoilt, and held-out readings foretold so much better."""
+    monkeypatch.setattr("twinbench.mismatch.stage_prove.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
+    logs = iter((gain, 0.0))
+    monkeypatch.setattr("twinbench.mismatch.stage_prove.foretold", lambda *a: next(logs))
+    fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
+    return diagnosed(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
+
+
+def test_a_run_that_errs_by_what_its_parameters_leave_uncertain_refuses_nothing(monkeypatch):
+    verdict = with_spoilt_output(monkeypatch, 50.0)
+    assert [f.names for f in verdict.findings] == [("coulomb_friction@omega_rad_s",)]
+    assert verdict.diagnosis.worse == ()
+
+
 def test_a_spoilt_output_makes_the_verdict_refuse(friction, monkeypatch):
     assert friction.diagnosis.worse == ()
-    monkeypatch.setattr("twinbench.mismatch.stage_prove.worse_outputs", lambda *a: (Worse("amps_A", 1.0, 1.5, 0.001),))
-    fitted = [record(f"run {s}", s, dry_friction) for s in (1, 2)]
-    verdict = diagnosed(MOTOR, fitted, [record("held out", 9, dry_friction, reach=1.3)], CATALOGUE)
+    verdict = with_spoilt_output(monkeypatch, -1.0)
     assert verdict.verdict == "unexplained"
     assert verdict.mechanisms == ()
     (finding,) = verdict.findings

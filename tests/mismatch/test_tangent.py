@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from motor import MOTOR
@@ -91,10 +93,14 @@ def tanks_recording() -> Recording:
     return Recording("tanks", np.arange(900.0), ("pump_V", "level1_cm", "level2_cm"), np.column_stack((u, y[0])))
 
 
-@pytest.fixture(scope="module", params=["motor", "tanks"])
+WEARS = replace(MOTOR, drifts=("R_ohm",))
+
+
+@pytest.fixture(scope="module", params=["motor", "a motor that wears", "tanks"])
 def view(request) -> View:
     simulator, recording, period_s = {
         "motor": (MOTOR, record("motor", 1, seconds=60.0), 0.08),
+        "a motor that wears": (WEARS, record("motor", 1, seconds=60.0), 0.08),
         "tanks": (TANKS, tanks_recording(), 1.0),
     }[request.param]
     tracks = prepare([recording], simulator)
