@@ -118,7 +118,7 @@ def held_out_use(d: Diagnosis) -> str:
         return "No recording was held back, so nothing was proved on one."
     own = "where it starts" + (" and how what drifts went" if d.simulator.drifts else "")
     return sentence(
-        f"nothing but {own} was learnt from {_held_out(d)}, and nothing was chosen by it: it may only refuse"
+        f"nothing but {own} was learnt from {_held_out(d)}, and nothing was chosen by it: it counts only in whether a name is given"
     )
 
 

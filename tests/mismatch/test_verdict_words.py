@@ -204,7 +204,7 @@ def test_what_was_refused_is_not_said_to_be_in_no_catalogue(friction):
 
 def test_what_was_held_back_may_only_refuse(friction):
     (use,) = (p for p in friction.points if p.startswith("Nothing but where it starts was learnt from day 3"))
-    assert use.endswith("nothing was chosen by it: it may only refuse.")
+    assert use.endswith("nothing was chosen by it: it counts only in whether a name is given.")
     assert friction.to_dict()["held_out"] == {"recordings": ["day 3"], "worse": []}
 
 
