@@ -117,9 +117,8 @@ def held_out_use(d: Diagnosis) -> str:
     if not d.held:
         return "No recording was held back, so nothing was proved on one."
     own = "where it starts" + (" and how what drifts went" if d.simulator.drifts else "")
-    return sentence(
-        f"nothing but {own} was learnt from {_held_out(d)}, and nothing was chosen by it: it counts only in whether a name is given"
-    )
+    said = "nothing was chosen by it: it counts only in whether a name is given"
+    return sentence(f"nothing but {own} was learnt from {_held_out(d)}, and {said}")
 
 
 def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:

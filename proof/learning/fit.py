@@ -21,7 +21,7 @@ SLIGHT = 1e-9
 """Keeps logarithms finite."""
 WRONG_NAMES = 0.02
 """Promised rate of wrong names among all verdicts."""
-SURE = 0.8
+CONFIDENCE = 0.8
 """Confidence with which the promise is kept on other cases. What is just kept on the cases at hand is broken on others
 in one of two trials, with this in one of five. At 0.9 a quarter less would be named."""
 WRONG_SETS = 0.07
@@ -127,7 +127,7 @@ def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, cases: int)
     """
     for t in np.unique(np.concatenate((p, [0.5]))):
         seen = len(np.unique(case[wrong & (p >= t)]))
-        if t >= 0.5 and beta.ppf(SURE, seen + 1, cases - seen) <= WRONG_NAMES:
+        if t >= 0.5 and beta.ppf(CONFIDENCE, seen + 1, cases - seen) <= WRONG_NAMES:
             return float(t)
     return float(np.nextafter(p.max(initial=0.5), 1.0))
 

@@ -14,7 +14,7 @@ from sklearn.linear_model import LogisticRegression
 
 from twinbench.mismatch.naming.decision import FEATURES, RULE, Rule, learnt_rule
 from twinbench.proof.learning.__main__ import main
-from twinbench.proof.learning.fit import SHRINKAGE, SURE, WRONG_NAMES, learnt, least_probability, logistic
+from twinbench.proof.learning.fit import CONFIDENCE, SHRINKAGE, WRONG_NAMES, learnt, least_probability, logistic
 
 ROWS = Path(__file__).parents[2] / "results" / "learning"
 
@@ -48,7 +48,9 @@ def test_a_verdict_with_two_wrong_names_is_wrong_once() -> None:
     p = np.array([0.95, 0.94, 0.9, 0.8, 0.7, 0.6])
     wrong, case = np.array([True, True, False, True, False, True]), np.array([0, 0, 1, 2, 3, 4])
     cases = 200
-    assert binom.cdf(1, cases, WRONG_NAMES) < 1.0 - SURE < binom.cdf(2, cases, WRONG_NAMES), "one wrong verdict may be"
+    assert binom.cdf(1, cases, WRONG_NAMES) < 1.0 - CONFIDENCE < binom.cdf(2, cases, WRONG_NAMES), (
+        "one wrong verdict may be"
+    )
     assert least_probability(p, wrong, case, cases) == pytest.approx(0.9)
     assert least_probability(p, wrong, case, 10) > 0.95, "too few cases say nothing"
 
