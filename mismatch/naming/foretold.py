@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.fit import ENDLESS, Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import HAIR, LEAST_PCT
 from twinbench.mismatch.naming.settle import Settled, columns_of
@@ -43,7 +43,7 @@ def foretold(
     for r, (track, start) in enumerate(zip(tracks, at, strict=True)):
         mine = [replace(u, recording=0) for u in own if u.recording == r]
         columns, residual = _seen(hypothesis, ground, track, mine, start, mean, root)
-        if np.isnan(residual[np.isfinite(track.means)]).any():
+        if np.isnan(residual[np.isfinite(track.means)]).any() or np.abs(columns).max(initial=0.0) > ENDLESS:
             return UNFORETOLD
         both = np.concatenate((columns, residual[:, :, None]), axis=2)
         log += density(ground.noise.whitened(both, track.level))
