@@ -97,7 +97,8 @@ def answered(naming: Naming) -> Answer:
     near = [h for h in naming.hypotheses if h.log > best.log - PLAIN]
     chosen = _plainer(near, min(near, key=lambda h: (len(h.effects), -h.log)))
     left = unnamed_beside(naming.ground, chosen)
-    found = tuple(_found(naming, chosen, i, left[0].log) for i in range(len(chosen.effects)))
+    sets = _sets(naming)
+    found = tuple(_found(naming, chosen, i, left[0].log, sets) for i in range(len(chosen.effects)))
     return Answer(naming, chosen, found, left, inexact_beside(naming.ground, chosen))
 
 
@@ -144,7 +145,7 @@ def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) ->
     return tuple(sorted(found, key=lambda u: -u.log))
 
 
-def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
+def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[frozenset[str], float]) -> Found:
     machine = chosen.problem.machine
     name = name_of(machine, chosen.effects[i])
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
@@ -166,7 +167,7 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float) -> Found:
     others = [log for other, log in logs.items() if other not in same]
     apart = max(logs[n] for n in same) - max(others, default=naming.null.log)
     evidence = {"told_apart": apart, **_evidence(naming, chosen, i, shown, left)}
-    return Found(chosen.now[i], i, name, weights, _sets(naming), frozenset(same), evidence)
+    return Found(chosen.now[i], i, name, weights, sets, frozenset(same), evidence)
 
 
 def _sets(naming: Naming) -> dict[frozenset[str], float]:

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg import solve_triangular
 
 from twinbench.mismatch.fit import ENDLESS, Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import HAIR, LEAST_PCT
+from twinbench.mismatch.naming.marginal import LEAST_PCT, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
 from twinbench.mismatch.tracks import Track
@@ -57,7 +57,7 @@ def _posterior(hypothesis: Settled, ground: Ground) -> tuple[Array, Array]:
     """
     G, b, _ = hypothesis.products.over()
     mean, precision = hypothesis.prior(ground)
-    scale, L = _scaled(G + np.diag(precision))
+    scale, L = factored(G + np.diag(precision))
     root = scale[:, None] * np.linalg.inv(L).T
     return root @ (root.T @ (b + precision * mean)), root
 
@@ -109,17 +109,6 @@ def density(white: Array) -> float:
     """
     flat = white.reshape(-1, white.shape[2])
     X, y = flat[:, :-1], flat[:, -1]
-    scale, L = _scaled(np.eye(X.shape[1]) + X.T @ X)
+    scale, L = factored(np.eye(X.shape[1]) + X.T @ X)
     right = solve_triangular(L, scale * (X.T @ y), lower=True)
     return -0.5 * float(y @ y - right @ right) - float(np.log(np.diag(L) / scale).sum())
-
-
-def _scaled(A: Array) -> tuple[Array, Array]:
-    """Scales (U,), dimensionless, that make the diagonal of A one, and the Cholesky factor (U, U) of A so scaled.
-
-    Args:
-        A: (U, U) dimensionless, positive definite.
-    """
-    scale = 1.0 / np.sqrt(np.diag(A))
-    L = cholesky(A * np.outer(scale, scale) + HAIR * np.eye(len(A)), lower=True)
-    return scale, np.asarray(L)

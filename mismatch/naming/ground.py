@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, HAIR, LEAST_PCT, eliminated, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, eliminated, factored, learn
 from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.physics.simulator import Array, Port
@@ -155,10 +155,9 @@ class Ground:
         s = learn(inner.G, inner.b, self.group, self.s).s
         precision = np.concatenate((np.ones(n), self.precision(s)))
         A, right = G + np.diag(precision), b + np.concatenate((mean, np.zeros(len(self.group))))
-        scale = 1.0 / np.sqrt(np.diag(A))
-        factor = cho_factor(A * np.outer(scale, scale) + HAIR * np.eye(len(A)), lower=True)
-        drawn = solve_triangular(factor[0], rng.normal(size=len(A)), lower=True, trans=1)
-        weights = scale * (cho_solve(factor, scale * right) + drawn)
+        scale, L = factored(A)
+        drawn = solve_triangular(L, rng.normal(size=len(A)), lower=True, trans=1)
+        weights = scale * (cho_solve((L, True), scale * right) + drawn)
         left = [
             residual - np.nan_to_num(np.concatenate((j, f), axis=2)) @ weights
             for residual, j, f in zip(view.residuals, own, self.whole, strict=True)

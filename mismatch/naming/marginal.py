@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.linalg.lapack import dpotrf, dtrtri
 from scipy.special import log_ndtr
 
@@ -52,15 +52,25 @@ def eliminated(G: Array, b: Array, block: np.ndarray, mean: Array, precision: Ar
     """
     rest = np.setdiff1d(np.arange(len(b)), block)
     A = G[np.ix_(block, block)] + np.diag(precision)
-    scale = 1.0 / np.sqrt(np.diag(A))
-    factor = cho_factor(A * np.outer(scale, scale) + HAIR * np.eye(len(block)), lower=True)
+    scale, L = factored(A)
+    factor = L, True
     right = b[block] + precision * mean
     cross = G[np.ix_(block, rest)]
     solved = scale[:, None] * cho_solve(factor, scale[:, None] * np.column_stack((cross, right)))
     log = 0.5 * float(right @ solved[:, -1]) - 0.5 * float(mean @ (precision * mean))
-    log -= float(np.log(np.diag(factor[0]) / scale).sum()) - 0.5 * float(np.log(precision).sum())
+    log -= float(np.log(np.diag(L) / scale).sum()) - 0.5 * float(np.log(precision).sum())
     left = G[np.ix_(rest, rest)] - cross.T @ solved[:, :-1]
     return Reduced(0.5 * (left + left.T), b[rest] - cross.T @ solved[:, -1], log)
+
+
+def factored(A: Array) -> tuple[Array, Array]:
+    """Scales (U,), dimensionless, that make the diagonal of A one, and the Cholesky factor (U, U) of A so scaled.
+
+    Args:
+        A: (U, U) dimensionless, positive definite.
+    """
+    scale = 1.0 / np.sqrt(np.diag(A))
+    return scale, np.asarray(cholesky(A * np.outer(scale, scale) + HAIR * np.eye(len(A)), lower=True))
 
 
 class Learnt(NamedTuple):

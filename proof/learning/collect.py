@@ -107,7 +107,7 @@ def _finding(found: Found, case: Case, answer: Answer) -> dict[str, Any]:
     known = truth["effects"] if truth["cell"] not in UNKNOWN else []
     right = {n for e in known for n in e["class"]}
     sizes = {name: value for e in known if e["name"] == found.name for name, value in e["sizes"].items()}
-    chosen, i = answer.chosen, found.place
+    chosen, i, names = answer.chosen, found.place, found.credible(CREDIBLE)
     first = chosen.problem.machine.candidates[found.effect.variant.candidate].mechanism.parameters[0].name
     true, absent = sizes.get(first, (None, None))
     return {
@@ -116,8 +116,8 @@ def _finding(found: Found, case: Case, answer: Answer) -> dict[str, Any]:
         "exactly": found.name in {e["name"] for e in known},
         "weights": dict(list(found.weights.items())[:8]),
         "alike": sorted(found.alike),
-        "set": list(found.credible(CREDIBLE)),
-        "marginals": [found.marginal(found.alike), found.marginal(found.credible(CREDIBLE))],
+        "set": list(names),
+        "marginals": [found.marginal(found.alike), found.marginal(names)],
         "holds": [bool(right & set(found.credible(p))) for p in (0.8, 0.95)],
         "evidence": dict(found.evidence),
         "size": [float(chosen.sizes[i]), float(chosen.sds[i]), None if true is None else true - absent],

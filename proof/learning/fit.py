@@ -60,7 +60,7 @@ def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
         np.array([list(features(f["evidence"]).values()) for *_, f in found]),
         np.array([f["marginals"][0] for *_, f in found]),
         np.array([f["marginals"][1] for *_, f in found]),
-        np.array([bool({f["name"], *f["alike"]} & _right(row)) for _, row, f in found]),
+        np.array([bool(set(f["alike"]) & _right(row)) for _, row, f in found]),
         np.array([is_set(f["set"], f["alike"]) for *_, f in found]),
         np.array([f["holds"][1] for *_, f in found]),
         np.array([row["machine"] for _, row, _ in found]),
