@@ -54,8 +54,10 @@ class Diagnosis:
         answer: all hypotheses weighed, and the chosen one.
         self_check: what the answer is worth on these recordings.
         claims: what is said of it.
-        mended: the simulator with the chosen effects; None where none is named.
-        worse: held-out outputs that the chosen effects spoil beyond chance; then none is named, as ``refused`` says.
+        mended: the simulator with the chosen effects; None where none is named and they foretell the held-out
+            recordings no better than nothing does.
+        worse: held-out outputs that the chosen effects spoil beyond chance; then nothing is mended, as ``refused``
+            says.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
     """
@@ -86,6 +88,13 @@ class Diagnosis:
     refused: str
     followed: tuple[Followed, ...]
     strange: tuple[str, ...]
+
+    @property
+    def stand_ins(self) -> tuple[str, ...]:
+        """What the mended simulator has in the place of what has no name: the effects that explain it best."""
+        if self.mended is None:
+            return ()
+        return tuple(claim.found.name for claim in self.claims if claim.found is not None and not claim.names)
 
     @property
     def accepted(self) -> Settled:

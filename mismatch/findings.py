@@ -11,7 +11,7 @@ import numpy as np
 from twinbench.mismatch.began import Onset, begins, told_onsets
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.naming.answer import Unnamed
-from twinbench.mismatch.naming.decision import Claim
+from twinbench.mismatch.naming.decision import Claim, astray
 from twinbench.mismatch.regime import regime
 from twinbench.mismatch.sizes import Value, force, formula, sizes
 from twinbench.mismatch.stuck import STANDS_STILL
@@ -32,6 +32,7 @@ class Finding:
 
     Attributes:
         mechanism: its name, the likeliest where several fit; None where none does.
+        stand_in: what the mended simulator has in its place, where it has no name; empty if nothing.
         indistinguishable_from: the other names that it may have.
         alike: do these do the same in these recordings?
         probability: that what is said is right; None of what was not weighed.
@@ -44,6 +45,7 @@ class Finding:
     kind: str
     says: str
     mechanism: str | None = None
+    stand_in: str = ""
     term: str = ""
     probability: float | None = None
     indistinguishable_from: tuple[str, ...] = ()
@@ -128,10 +130,14 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         port=claim.port,
         ports=_ports_of(d, claim.found.weights),
     )
-    if not claim.names:
-        return replace(found, says=_unnamed_says(d, claim))
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
     values = sizes(d, claim.found.place)
+    if not claim.names:
+        found = replace(found, says=_unnamed_says(d, claim))
+        if claim.found.name in d.stand_ins:
+            term = formula(mechanism, values)
+            found = replace(found, stand_in=claim.found.name, term=term, parameters=values)
+        return found
     since_s = d.answer.chosen.since_s
     until_s = max(float(t.time_s[-1]) for t in d.tracks)
     found = replace(
@@ -175,8 +181,13 @@ def _unnamed_says(d: Diagnosis, claim: Claim) -> str:
         return sentence(f"{says}: {unnamed_size(here)}")
     if d.refused:
         return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
-    right = probable(1.0 - claim.probability)
-    return sentence(f"{says}: {claim.found.name} explains it best, and is right with probability {right}")
+    right = f"and is right with probability {probable(1.0 - claim.probability)}"
+    if astray(d.answer):
+        right = "but the simulator is so far off, and so much is left, that other sets may explain as much"
+    says = sentence(f"{says}: {claim.found.name} explains it best, {right}")
+    if claim.found.name in d.stand_ins:
+        says += f" Until more is known {claim.found.name} stands in for it in the mended model."
+    return says
 
 
 def unnamed_size(u: Unnamed) -> str:

@@ -24,10 +24,11 @@ class Calibration:
     Attributes:
         problem, cost: the fit.
         z: (K,) where the problem's unknowns stand, each in its own unit.
-        tracks, held: the recordings without the readings of sensors that stand still.
+        tracks: the recordings without the readings of sensors that stand still.
+        held: the held-out recordings, with the readings of sensors that stand still in them.
         own: unknowns that each held-out recording has for itself.
         held_first: how the calibrated simulator does on the held-out recordings; None without any.
-        stuck: the sensors that stand still.
+        stuck: the sensors that stand still in the recordings that are learnt from.
         rounded: the faults of sensors that move in steps; the machine has them now.
     """
 
@@ -70,8 +71,10 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
     progress("calibrate", 0.8)
     own = own_unknowns(machine.simulator, audited.held)
     held_first = held_out(problem, z, audited.held, own) if audited.held else None
-    held, stuck_held = _held_back(audited, held_first)
-    return Calibration(problem, z, cost, tracks, held, own, held_first, [*stuck, *stuck_held], rounded)
+    held = audited.held
+    if held_first is not None:
+        held = [t.followed(readings) for t, readings in zip(held, held_first.readings, strict=True)]
+    return Calibration(problem, z, cost, tracks, held, own, held_first, stuck, rounded)
 
 
 def _rounded(audited: Audited, tracks: Sequence[Track], problem: Problem, z: Array) -> list[Series]:
@@ -84,15 +87,6 @@ def _rounded(audited: Audited, tracks: Sequence[Track], problem: Problem, z: Arr
         size = replace(fault.parameters[0], nominal=one.step)
         found.append(replace(fault, parameters=(size,)))
     return found
-
-
-def _held_back(audited: Audited, first: Held | None) -> tuple[list[Track], list[Stuck]]:
-    """The held-out recordings as the calibrated simulator shows them, and their sensors that stand still."""
-    if first is None:
-        return audited.held, []
-    held = [t.followed(readings) for t, readings in zip(audited.held, first.readings, strict=True)]
-    found = find_stuck(held, first.residuals, audited.floor)
-    return (without(held, found) if found else held), found
 
 
 def _with_followed_spikes(problem: Problem, z: Array) -> list[Track]:

@@ -20,6 +20,8 @@ from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse, held_out, worse_outputs
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.stage_calibrate import Calibration
+from twinbench.mismatch.stuck import Stuck, set_aside
+from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.words import listed, number
 from twinbench.physics.simulator import Array
 
@@ -33,11 +35,15 @@ class Tested(NamedTuple):
     Attributes:
         answer: with what these runs say of each finding.
         mended: the simulator with the effects; None where there are none.
-        held_before, held_after: the held-out recordings by the calibrated simulator, and by the mended one.
+        held: the held-out recordings without the readings of sensors that stand still.
+        stuck: those sensors.
+        held_before, held_after: these recordings by the calibrated simulator, and by the mended one.
     """
 
     answer: Answer
     mended: Fit | None
+    held: list[Track]
+    stuck: list[Stuck]
     held_before: Held | None
     held_after: Held | None
 
@@ -55,28 +61,47 @@ class Proved(NamedTuple):
     strange: tuple[str, ...]
 
 
-def tested(answer: Answer, fit: Calibration) -> Tested:
-    """Fit the chosen effects by forward runs, and ask the held-out recordings of them."""
-    held_before = held_out(fit.problem, fit.z, fit.held, fit.own, fit.held_first) if fit.held else None
-    if not answer.found:
-        return Tested(answer, None, held_before, None)
-    mended = _mended(answer.chosen)
-    held_after = held_out(*mended, fit.held, fit.own, held_before) if held_before is not None else None
+def tested(answer: Answer, fit: Calibration, floor: Array) -> Tested:
+    """Fit the chosen effects by forward runs, and ask the held-out recordings of them.
+
+    What the chosen effects explain in these is no sensor that stands still.
+
+    Args:
+        floor: (ny,) noise of block means, in the outputs' units.
+    """
+    mended = _mended(answer.chosen) if answer.found else None
+    if fit.held_first is None:
+        return Tested(_judged(answer, mended, 0.0), mended, fit.held, [], None, None)
+    held, stuck = set_aside(fit.held, fit.held_first.readings, floor)
+    before, after = _both(fit, mended, held)
+    if stuck and after is not None:
+        held, stuck = set_aside(fit.held, after.readings, floor)
+        before, after = _both(fit, mended, held)
+    gain = 0.0
+    if after is not None:
+        ground, null = answer.naming.ground, answer.naming.null
+        with_them = foretold(answer.chosen, ground, held, fit.own, after.own)
+        gain = with_them - foretold(null, ground, held, fit.own, before.own)
+    return Tested(_judged(answer, mended, gain), mended, held, stuck, before, after)
+
+
+def _both(fit: Calibration, mended: Fit | None, held: Sequence[Track]) -> tuple[Held, Held | None]:
+    """The held-out recordings by the calibrated simulator, and by the mended one if there is one."""
+    before = held_out(fit.problem, fit.z, held, fit.own, fit.held_first)
+    return before, held_out(*mended, held, fit.own, before) if mended is not None else None
+
+
+def _judged(answer: Answer, mended: Fit | None, held_gain: float) -> Answer:
+    """The answer with what forward runs say of its findings.
+
+    Args:
+        held_gain: nats by which the chosen effects foretell the held-out recordings better than nothing does.
+    """
+    if mended is None:
+        return answer
     noise = answer.naming.ground.noise
-    variance = noise.white + noise.coloured
-    fits = _beyond_noise(mended.residuals, variance)
-    said = {"misfit": fits, "held_gain": _gain(answer, fit, held_before, held_after)}
-    found = tuple(replace(f, evidence={**f.evidence, **said}) for f in answer.found)
-    return Tested(replace(answer, found=found), mended, held_before, held_after)
-
-
-def _gain(answer: Answer, fit: Calibration, before: Held | None, after: Held | None) -> float:
-    """Nats by which the chosen effects foretell the held-out recordings better than nothing does; 0 without any."""
-    if before is None or after is None:
-        return 0.0
-    ground, null = answer.naming.ground, answer.naming.null
-    with_them = foretold(answer.chosen, ground, fit.held, fit.own, after.own)
-    return with_them - foretold(null, ground, fit.held, fit.own, before.own)
+    said = {"misfit": _beyond_noise(mended.residuals, noise.white + noise.coloured), "held_gain": held_gain}
+    return replace(answer, found=tuple(replace(f, evidence={**f.evidence, **said}) for f in answer.found))
 
 
 def _beyond_noise(residuals: Sequence[Array], variance: Array) -> float:
@@ -99,11 +124,13 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
         floor: (ny,) noise of block means, in the outputs' units.
     """
     before, held_before = Fit(fit.problem, fit.z), found.held_before
-    mended, held_after = (found.mended, found.held_after) if any(c.names for c in claims) else (None, None)
-    worse: tuple[Worse, ...] = ()
+    said = any(c.names for c in claims)
     foretells = any(f.evidence["held_gain"] > PLAIN for f in found.answer.found)
-    if held_before is not None and held_after is not None and not foretells:
-        # Where all that is uncertain is counted in and it foretells more, the run errs by what its parameters do.
+    # What has no name may mend the simulator all the same: the held-out recordings have to show that it does.
+    mended, held_after = (found.mended, found.held_after) if said or foretells else (None, None)
+    worse: tuple[Worse, ...] = ()
+    if held_before is not None and held_after is not None and not (said and foretells):
+        # A name that foretells more, all that is uncertain counted in, errs by what its parameters do.
         worse = worse_outputs(held_before, held_after, fit.problem.machine.simulator.outputs)
     if worse:
         claims, mended, held_after = [replace(c, names=()) for c in claims], None, None
@@ -116,7 +143,7 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
         held_after,
         worse,
         f"it makes the held-out errors of {listed([_spoilt(w) for w in worse])}" if worse else "",
-        told_followed(fit.held, held_last.residuals, outputs, True)
+        told_followed(found.held, held_last.residuals, outputs, True)
         if held_last
         else told_followed(fit.tracks, last.residuals, outputs, False),
         strangers(last.residuals, held_last.residuals, outputs, floor) if held_last else (),

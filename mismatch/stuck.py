@@ -77,6 +77,18 @@ def find_stuck(tracks: Sequence[Track], residuals: Sequence[Array], floor: Array
     return found
 
 
+def set_aside(tracks: Sequence[Track], readings: Sequence[Array], floor: Array) -> tuple[list[Track], list[Stuck]]:
+    """The recordings without the readings of sensors that stand still by what a simulator says, and which these are.
+
+    Args:
+        readings: simulated, sample by sample, (N, ny) per recording, in the outputs' units.
+        floor: (ny,) noise of block means, in the outputs' units.
+    """
+    residuals = [t.means - t.block_means(simulated) for t, simulated in zip(tracks, readings, strict=True)]
+    found = find_stuck(tracks, residuals, floor)
+    return without(tracks, found), found
+
+
 def without(tracks: Sequence[Track], found: Sequence[Stuck]) -> list[Track]:
     """The recordings without the readings of sensors that stand still."""
     out = []

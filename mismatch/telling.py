@@ -117,7 +117,7 @@ def held_out_use(d: Diagnosis) -> str:
     if not d.held:
         return "No recording was held back, so nothing was proved on one."
     own = "where it starts" + (" and how what drifts went" if d.simulator.drifts else "")
-    said = "nothing was chosen by it: it counts only in whether a name is given"
+    said = "nothing was chosen by it: it counts only in whether a name is given and the model mended"
     return sentence(f"nothing but {own} was learnt from {_held_out(d)}, and {said}")
 
 
@@ -187,8 +187,11 @@ def _one(d: Diagnosis, f: Finding) -> str:
 
 
 def _unnamed(d: Diagnosis, places: Sequence[str]) -> str:
-    beside = "something else" if d.mended is not None else "something"
-    return f"{beside} acts at {listed(places)} that these recordings cannot name"
+    beside = "something else" if any(claim.names for claim in d.claims) else "something"
+    says = f"{beside} acts at {listed(places)} that these recordings cannot name"
+    if d.stand_ins:
+        says += f", and {listed(d.stand_ins)} {'stands' if len(d.stand_ins) == 1 else 'stand'} in for it"
+    return says
 
 
 def _error(e: OutputError, mended: bool, of: int = 1) -> str:

@@ -34,7 +34,7 @@ class Verdict:
         parameters: of the simulator, with what all hypotheses together say of them.
         fit: errors per output, on what was held out and on what was learnt from.
         mechanisms: what the mended simulator has besides.
-        values: of the mended simulator's parameters, by name; of the calibrated one's where nothing is named.
+        values: of the mended simulator's parameters, by name; of the calibrated one's where nothing is mended.
         located: the force at the first finding's port.
     """
 
@@ -111,8 +111,8 @@ def conclude(d: Diagnosis) -> Verdict:
 
 def _verdict(d: Diagnosis, found: Sequence[Finding], missing: Sequence[str], changed: bool) -> str:
     unnamed = bool(missing) or any(not f.names for f in found)
-    if d.mended is not None:
-        kinds = {f.kind for f in found if f.names}
+    kinds = {f.kind for f in found if f.names} if any(claim.names for claim in d.claims) else set()
+    if kinds:
         return INCOMPLETE if unnamed else next(k for k in (PHYSICS, SENSOR, UNEXPLAINED) if k in kinds)
     if unnamed:
         return UNEXPLAINED

@@ -23,13 +23,13 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     """
     progress = forward(progress)
     seen, fit, answer = weighed(asked, progress)
-    tracks, held, simulator = fit.tracks, fit.held, asked.simulator
+    tracks, simulator = fit.tracks, asked.simulator
 
     progress("prove", 0.0)
     self_check = checked(answer)
     progress("prove", 0.5)
-    asked_of = tested(answer, fit)
-    answer = asked_of.answer
+    asked_of = tested(answer, fit, seen.floor)
+    answer, held = asked_of.answer, asked_of.held
     found = proved(asked_of, decided(answer, rule), fit, seen.floor)
     before, noise = Fit(fit.problem, fit.z), answer.naming.ground.noise
     tests = residual_tests(tracks, before.residuals, noise, seen.floor, simulator)
@@ -41,7 +41,7 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         held=held,
         joined=seen.joined,
         floor=seen.floor,
-        stuck=fit.stuck,
+        stuck=[*fit.stuck, *asked_of.stuck],
         rounded=fit.rounded,
         spikes=tuple(s for t in (*tracks, *held) for s in t.spikes),
         remarks=[*audit([*tracks, *held], simulator), *([seen.coarse] if seen.coarse else [])],

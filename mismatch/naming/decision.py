@@ -118,13 +118,21 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
     contains = {c.name: c.mechanism.contains for c in machine.candidates}
     claims = [_claim(found, port_of[found.name], rule, contains) for found in answer.found]
-    more = bool(answer.left) and answer.left[0].log > 0.0
-    if more and answer.naming.far:
-        # From far off many sets fit about as well, and none of them all: what fits best is no name yet.
+    if astray(answer):
         claims = [replace(claim, names=(), alike=False, probability=1.0 - claim.probability) for claim in claims]
-    if more:
+    if _more(answer):
         claims.append(Claim((), False, float(expit(answer.left[0].log)), answer.left[0].port, None))
     return tuple(claims)
+
+
+def astray(answer: Answer) -> bool:
+    """Is the simulator far off, and still not all explained? Then many sets fit about as well, and none is a name."""
+    return answer.naming.far and _more(answer)
+
+
+def _more(answer: Answer) -> bool:
+    """Is something unnamed beside it likelier than not?"""
+    return bool(answer.left) and answer.left[0].log > 0.0
 
 
 def _claim(found: Found, port: Port, rule: Rule, contains: Mapping[str, str]) -> Claim:

@@ -99,7 +99,7 @@ def _answer(case: Case) -> Answer:
     period_s = float(recordings[0].time_s[1] - recordings[0].time_s[0])
     catalogue = left(whole_catalogue(simulator, (), period_s), public["without"])
     found = weighed(Asked(simulator, recordings[:n], recordings[n:], catalogue))
-    return tested(found.answer, found.fit).answer
+    return tested(found.answer, found.fit, found.seen.floor).answer
 
 
 def _finding(found: Found, case: Case, answer: Answer) -> dict[str, Any]:

@@ -19,6 +19,7 @@ from twinbench.mismatch.proof import Held, held_out
 from twinbench.mismatch.solve import solve
 from twinbench.mismatch.stage_audit import audited
 from twinbench.mismatch.stage_calibrate import calibration
+from twinbench.mismatch.stuck import set_aside
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.variants import Variant, switched
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Simulator
@@ -102,9 +103,11 @@ def calibrate(
         seen = audited(Asked(simulator, recordings, hold_out, ()), progress)
         fit = calibration(seen, progress)
         before = Fit(fit.problem, fit.z)
-        held_before = held_out(*before, fit.held, fit.own, fit.held_first)
+        assert fit.held_first is not None  # an opponent is always given recordings that are held out
+        held, _ = set_aside(fit.held, fit.held_first.readings, seen.floor)
+        held_before = held_out(*before, held, fit.own, fit.held_first)
         _LAST.clear()
-        _LAST[key] = Plain(simulator, fit.tracks, fit.held, seen.floor, before, held_before)
+        _LAST[key] = Plain(simulator, fit.tracks, held, seen.floor, before, held_before)
     return _LAST[key]
 
 

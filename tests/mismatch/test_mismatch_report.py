@@ -33,7 +33,7 @@ VERDICT = [
 ]  # fmt: skip
 NULL = type(None)
 FINDING = {
-    "kind": str, "says": str, "mechanism": (str, NULL), "term": str, "probability": (*NUMBER, NULL),
+    "kind": str, "says": str, "mechanism": (str, NULL), "stand_in": str, "term": str, "probability": (*NUMBER, NULL),
     "indistinguishable_from": list, "alike": bool, "weights": dict, "port": str, "ports": list,
     "since_s": (*NUMBER, NULL), "onsets": list, "intervals_s": list, "regime": str, "parameters": dict,
     "force": (dict, NULL),

@@ -88,15 +88,17 @@ def test_an_error_that_need_not_have_changed_is_not_said_to_fall(friction):
         assert "falls" not in amps
 
 
-def claiming(verdict: Verdict, *names: str, alike: bool = False, probability: float = 0.97) -> Verdict:
-    """The verdict, had the rule said other names."""
+def claiming(
+    verdict: Verdict, *names: str, alike: bool = False, probability: float = 0.97, stands: bool = False
+) -> Verdict:
+    """The verdict, had the rule said other names; ``stands`` if what has none mends the model all the same."""
     d = verdict.diagnosis
     (claim,) = d.claims
     weights = {name: 1.0 / max(len(names), 1) for name in names or claim.found.weights}
     found = replace(claim.found, weights=weights)
     said = replace(claim, names=names, alike=alike, probability=probability, found=found)
-    mended = d.mended if names else None
-    return conclude(replace(d, claims=(said,), mended=mended, held_after=d.held_after if names else None))
+    mended, held_after = (d.mended, d.held_after) if names or stands else (None, None)
+    return conclude(replace(d, claims=(said,), mended=mended, held_after=held_after))
 
 
 DRY, BIAS, GAIN = "coulomb_friction@omega_rad_s", "sensor_bias@amps_A", "sensor_gain@T_probe_K"
@@ -139,6 +141,34 @@ def test_what_has_too_many_names_is_a_place(friction):
     )
     assert verdict.says.startswith("Something acts at balance:omega_rad_s that these recordings cannot name: on day 3")
     assert verdict.mechanisms == ()
+
+
+def test_what_has_no_name_may_mend_the_model_all_the_same(friction):
+    verdict = claiming(friction, probability=0.7, stands=True)
+    (finding,) = verdict.findings
+    assert (verdict.verdict, finding.mechanism, finding.stand_in) == ("unexplained", None, DRY)
+    assert finding.says.endswith(
+        f"{DRY} explains it best, and is right with probability 0.3. Until more is known {DRY} stands in for it in the "
+        "mended model."
+    )
+    assert verdict.says.startswith(
+        "Something acts at balance:omega_rad_s that these recordings cannot name, and "
+        f"{DRY} stands in for it: on day 3 the RMS error of "
+    )
+    assert [m.name for m in verdict.mechanisms] == [DRY]
+    assert verdict.values == friction.values
+    assert finding.parameters == friction.findings[0].parameters
+
+
+def test_from_far_off_no_probability_is_told(friction):
+    d = friction.diagnosis
+    left = (replace(d.answer.left[0], log=5.0), *d.answer.left[1:])
+    answer = replace(d.answer, left=left, naming=replace(d.answer.naming, far=True))
+    verdict = conclude(replace(d, answer=answer, claims=decided(answer), mended=None, held_after=None))
+    assert (
+        "but the simulator is so far off, and so much is left, that other sets may explain as much" in verdict.points[0]
+    )
+    assert verdict.findings[0].mechanism is None
 
 
 def test_something_unnamed_beside_a_name_is_incomplete(friction):
@@ -204,7 +234,7 @@ def test_what_was_refused_is_not_said_to_be_in_no_catalogue(friction):
 
 def test_what_was_held_back_may_only_refuse(friction):
     (use,) = (p for p in friction.points if p.startswith("Nothing but where it starts was learnt from day 3"))
-    assert use.endswith("nothing was chosen by it: it counts only in whether a name is given.")
+    assert use.endswith("nothing was chosen by it: it counts only in whether a name is given and the model mended.")
     assert friction.to_dict()["held_out"] == {"recordings": ["day 3"], "worse": []}
 
 
