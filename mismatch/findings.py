@@ -128,7 +128,7 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         alike=claim.alike and len(claim.names) > 1,
         weights={name: p for name, p in claim.found.weights.items() if p > SELDOM},
         port=claim.port,
-        ports=_ports_of(d, claim.found.weights),
+        ports=_told(claim),
     )
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
     values = sizes(d, claim.found.place)
@@ -157,19 +157,13 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
 
 def _beside(d: Diagnosis, claim: Claim) -> Finding:
     """Something that nothing in the catalogue explains, beside what is named or alone."""
-    left = d.answer.left
-    raw = np.exp(np.array([u.log for u in left]) - max(u.log for u in left))
-    ports = tuple((u.port, float(p)) for u, p in zip(left, raw / raw.sum(), strict=True) if p / raw.sum() > SELDOM)
-    return Finding(UNEXPLAINED, _unnamed_says(d, claim), probability=claim.probability, port=claim.port, ports=ports)
+    says = _unnamed_says(d, claim)
+    return Finding(UNEXPLAINED, says, probability=claim.probability, port=claim.port, ports=_told(claim))
 
 
-def _ports_of(d: Diagnosis, weights: Mapping[str, float]) -> tuple[tuple[Port, float], ...]:
-    """Ports by the probability of the names that act there, likeliest first."""
-    port_of = {c.name: c.mechanism.port for c in d.machine.candidates}
-    found: dict[Port, float] = {}
-    for name, p in weights.items():
-        found[port_of[name]] = found.get(port_of[name], 0.0) + p
-    return tuple((port, p) for port, p in sorted(found.items(), key=lambda item: -item[1]) if p > SELDOM)
+def _told(claim: Claim) -> tuple[tuple[Port, float], ...]:
+    """The ports of a claim that are worth telling."""
+    return tuple((port, p) for port, p in claim.ports if p > SELDOM)
 
 
 def _unnamed_says(d: Diagnosis, claim: Claim) -> str:

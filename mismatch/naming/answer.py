@@ -31,6 +31,15 @@ SOMETHING = 0.2
 
 
 @dataclass(frozen=True)
+class Unnamed:
+    """Something at a port that no catalogue holds: its evidence against the hypothesis, nats; its size, per cent."""
+
+    port: Port
+    log: float
+    size_pct: float
+
+
+@dataclass(frozen=True)
 class Found:
     """One finding.
 
@@ -39,6 +48,7 @@ class Found:
         weights: probability of each name in its place, all else as it is, likeliest first; they sum to one.
         sets: probability of every set of names that was weighed; they sum to one.
         alike: names that do the same in these recordings.
+        unnamed: something unnamed in its place, at each port, the likeliest first.
         evidence: what speaks for it, by name; ``naming.decision`` weighs it.
     """
 
@@ -48,6 +58,7 @@ class Found:
     weights: Mapping[str, float]
     sets: Mapping[frozenset[str], float]
     alike: frozenset[str]
+    unnamed: tuple[Unnamed, ...]
     evidence: Mapping[str, float]
 
     def marginal(self, names: Collection[str]) -> float:
@@ -63,15 +74,6 @@ class Found:
             if total >= probability:
                 break
         return tuple(names)
-
-
-@dataclass(frozen=True)
-class Unnamed:
-    """Something at a port that no catalogue holds: its evidence against the hypothesis, nats; its size, per cent."""
-
-    port: Port
-    log: float
-    size_pct: float
 
 
 @dataclass(frozen=True)
@@ -166,8 +168,25 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
     weights = dict(sorted(zip(logs, _shares(logs.values()), strict=True), key=lambda t: -t[1]))
     others = [log for other, log in logs.items() if other not in same]
     apart = max(logs[n] for n in same) - max(others, default=naming.null.log)
-    evidence = {"told_apart": apart, **_evidence(naming, chosen, i, shown, left)}
-    return Found(chosen.now[i], i, name, weights, sets, frozenset(same), evidence)
+    none, unnamed = _instead(naming, chosen, i, shown)
+    evidence = {
+        "told_apart": apart,
+        "against_nothing": chosen.log - none,
+        "against_unnamed": chosen.log - unnamed[0].log,
+        "unnamed_beside": left,
+        **_evidence(naming.ground, chosen, i),
+    }
+    return Found(chosen.now[i], i, name, weights, sets, frozenset(same), unnamed, evidence)
+
+
+def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[float, tuple[Unnamed, ...]]:
+    """Evidence of the set less an effect, nats; and something unnamed in its place, its evidence in nats too."""
+    ground, sets = naming.ground, shown.sets
+    v = sets.many
+    base = sets.reduced.log + shown.log + sum(e.prior for k, e in enumerate(chosen.effects) if k != i)
+    G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
+    none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
+    return max(none, _known_without(naming, chosen, i)), _unnamed(ground, G, b, base, 0.0)
 
 
 def _sets(naming: Naming) -> dict[frozenset[str], float]:
@@ -207,24 +226,10 @@ def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled
     return of
 
 
-def _evidence(naming: Naming, chosen: Settled, i: int, shown: Picture, left: float) -> dict[str, float]:
-    """What speaks for an effect, and against it.
-
-    Args:
-        left: evidence of something unnamed beside the whole, nats.
-    """
-    ground, sets = naming.ground, shown.sets
-    v = sets.many
-    prior = sum(e.prior for k, e in enumerate(chosen.effects) if k != i)
-    base = sets.reduced.log + shown.log + prior
-    G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
-    none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
-    other = _unnamed(ground, G, b, base, 0.0)[0].log
+def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
+    """What else speaks for an effect, and against it: how it is itself."""
     size, sd = chosen.sizes[i], chosen.sds[i]
     return {
-        "against_nothing": chosen.log - max(none, _known_without(naming, chosen, i)),
-        "against_unnamed": chosen.log - other,
-        "unnamed_beside": left,
         "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
         "sds": float(abs(size) / max(sd, 1e-300)),
         "echo": float(_echoes(chosen, i)),

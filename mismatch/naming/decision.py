@@ -11,13 +11,15 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Collection, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 from scipy.special import expit
 
-from twinbench.mismatch.naming.answer import Answer, Found
+from twinbench.mismatch.naming.answer import Answer, Found, Unnamed
 from twinbench.physics.simulator import Port
 
 RULE = Path(__file__).with_name("decision.json")
@@ -62,15 +64,20 @@ class Claim:
             unnamed.
         alike: do the names do the same in these recordings?
         probability: that this claim is right.
-        port: where it acts.
+        ports: where it acts, with the probability of each, likeliest first.
         found: the finding that it is made of; None if nothing of the catalogue explains it.
     """
 
     names: tuple[str, ...]
     alike: bool
     probability: float
-    port: Port
+    ports: tuple[tuple[Port, float], ...]
     found: Found | None
+
+    @property
+    def port(self) -> Port:
+        """The likeliest port."""
+        return self.ports[0][0]
 
 
 @functools.cache
@@ -114,14 +121,14 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
         rule: the learnt one if left out.
     """
     rule = rule or learnt_rule()
+    if astray(answer):
+        rule = replace(rule, say_name=math.inf, say_set=math.inf)
     machine = answer.chosen.problem.machine
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
     contains = {c.name: c.mechanism.contains for c in machine.candidates}
-    claims = [_claim(found, port_of[found.name], rule, contains) for found in answer.found]
-    if astray(answer):
-        claims = [replace(claim, names=(), alike=False, probability=1.0 - claim.probability) for claim in claims]
+    claims = [_claim(found, port_of, rule, contains) for found in answer.found]
     if _more(answer):
-        claims.append(Claim((), False, float(expit(answer.left[0].log)), answer.left[0].port, None))
+        claims.append(Claim((), False, float(expit(answer.left[0].log)), _likeliest(_where(answer.left)), None))
     return tuple(claims)
 
 
@@ -135,21 +142,39 @@ def _more(answer: Answer) -> bool:
     return bool(answer.left) and answer.left[0].log > 0.0
 
 
-def _claim(found: Found, port: Port, rule: Rule, contains: Mapping[str, str]) -> Claim:
+def _claim(found: Found, port_of: Mapping[str, Port], rule: Rule, contains: Mapping[str, str]) -> Claim:
     among = probability(rule.weights, features(found.evidence))
     right = among * found.marginal(found.alike)
+    named: dict[Port, float] = defaultdict(float)
+    for name, weight in found.weights.items():
+        named[port_of[name]] += weight
+    # It is where one of the names acts, or something unnamed in its place.
+    unnamed = _where(found.unnamed)
+    either = {p: among * named.get(p, 0.0) + (1.0 - among) * unnamed.get(p, 0.0) for p in {*named, *unnamed}}
+    nameless = Claim((), False, 1.0 - right, _likeliest(either), found)
     if found.evidence["echo"]:
-        return Claim((), False, 1.0 - right, port, found)
+        return nameless
+    ports = _likeliest(named)
     if right >= rule.say_name:
         # What contains an effect can become it, and is no other thing.
         others = [n for n in found.alike if contains[n] != found.name]
         names = (found.name, *sorted(set(others) - {found.name}, key=lambda n: -found.weights[n]))
-        return Claim(names, len(names) > 1, right, port, found)
+        return Claim(names, len(names) > 1, right, ports, found)
     names = found.credible(CREDIBLE)
     holds = among * found.marginal(names)
     if holds >= rule.say_set and is_set(names, found.alike):
-        return Claim(names, set(names) <= found.alike, holds, port, found)
-    return Claim((), False, 1.0 - right, port, found)
+        return Claim(names, set(names) <= found.alike, holds, ports, found)
+    return nameless
+
+
+def _where(unnamed: Sequence[Unnamed]) -> dict[Port, float]:
+    """Probability of each port, if something unnamed is at one of them."""
+    raw = np.exp(np.array([u.log for u in unnamed]) - unnamed[0].log)
+    return dict(zip((u.port for u in unnamed), map(float, raw / raw.sum()), strict=True))
+
+
+def _likeliest(ports: Mapping[Port, float]) -> tuple[tuple[Port, float], ...]:
+    return tuple(sorted(ports.items(), key=lambda item: -item[1]))
 
 
 def is_set(names: Collection[str], alike: Collection[str]) -> bool:

@@ -12,12 +12,13 @@ from motor_friction import CATALOGUE, dry_friction
 
 from twinbench.mismatch import stage_prove
 from twinbench.mismatch.asked import Asked
-from twinbench.mismatch.naming.decision import Claim, Rule, decided, learnt_rule
+from twinbench.mismatch.naming.answer import Unnamed
+from twinbench.mismatch.naming.decision import FEATURES, Claim, Rule, decided, learnt_rule
 from twinbench.mismatch.naming.weighed import Weighed, weighed
 from twinbench.mismatch.proof import Held
 from twinbench.mismatch.stuck import Stuck, without
 from twinbench.mismatch.tracks import Track
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Port
 
 DRY = "coulomb_friction@omega_rad_s"
 SILENT = Rule(learnt_rule().weights, say_name=1.1, say_set=1.1)
@@ -113,3 +114,19 @@ def test_what_the_chosen_effects_explain_is_no_sensor_that_stands_still(
         0 if explained else np.sum((whole.time_s >= 20.0) & (whole.time_s <= 60.0))
     )
     assert end.held_after is not None
+
+
+@pytest.mark.parametrize(("constant", "share"), [(-50.0, 0.0), (0.0, 0.5), (50.0, 1.0)])
+def test_without_a_name_it_is_where_a_name_acts_or_something_unnamed(
+    asked_of: stage_prove.Tested, constant: float, share: float
+) -> None:
+    """The names' ports as likely as that the right name is among them, the rest by something unnamed in its place."""
+    rule = Rule({"constant": constant, **dict.fromkeys(FEATURES, 0.0)}, np.inf, np.inf)
+    (effect,) = asked_of.answer.found
+    elsewhere = Port("balance", "T_winding_K")
+    unnamed = (Unnamed(elsewhere, 3.0, 1.0), Unnamed(Port("balance", "omega_rad_s"), 3.0 - np.log(3.0), 1.0))
+    doubtful = replace(effect, weights={DRY: 1.0}, unnamed=unnamed)
+    (claim,) = decided(replace(asked_of.answer, found=(doubtful,)), rule)
+    assert dict(claim.ports)[elsewhere] == pytest.approx(0.75 * (1.0 - share))
+    assert sum(p for _, p in claim.ports) == pytest.approx(1.0)
+    assert claim.port == (elsewhere if share < 0.3 else Port("balance", "omega_rad_s"))

@@ -96,7 +96,9 @@ def claiming(
     (claim,) = d.claims
     weights = {name: 1.0 / max(len(names), 1) for name in names or claim.found.weights}
     found = replace(claim.found, weights=weights)
-    said = replace(claim, names=names, alike=alike, probability=probability, found=found)
+    port_of = {c.name: c.mechanism.port for c in d.machine.candidates}
+    ports = tuple((port_of[name], p) for name, p in weights.items()) if names else claim.ports
+    said = replace(claim, names=names, alike=alike, probability=probability, ports=ports, found=found)
     mended, held_after = (d.mended, d.held_after) if names or stands else (None, None)
     return conclude(replace(d, claims=(said,), mended=mended, held_after=held_after))
 
@@ -174,7 +176,7 @@ def test_from_far_off_no_probability_is_told(friction):
 def test_something_unnamed_beside_a_name_is_incomplete(friction):
     d, port = friction.diagnosis, Port("balance", "T_winding_K")
     left = (Unnamed(port, 1.5, 2.3), Unnamed(Port("balance", "current_A"), -9.0, 0.1))
-    also = Claim((), False, 0.8, port, None)
+    also = Claim((), False, 0.8, ((port, 1.0),), None)
     verdict = conclude(replace(d, claims=(*d.claims, also), answer=replace(d.answer, left=left)))
     assert verdict.verdict == "incomplete"
     named, beside = verdict.findings
@@ -189,12 +191,12 @@ def test_something_unnamed_where_a_name_was_unsure_is_one_thing(friction):
     d, port = friction.diagnosis, Port("balance", "omega_rad_s")
     unsure = replace(d.claims[0], names=(), probability=0.7)
     left = (Unnamed(port, 1.5, 2.3),)
-    claims = (unsure, Claim((), False, 0.8, port, None))
+    claims = (unsure, Claim((), False, 0.8, ((port, 1.0),), None))
     answer = replace(d.answer, left=left)
     verdict = conclude(replace(d, claims=claims, answer=answer, mended=None, held_after=None))
     assert len(verdict.findings) == 1
     elsewhere = Port("balance", "T_winding_K")
-    claims = (unsure, unsure, Claim((), False, 0.8, elsewhere, None))
+    claims = (unsure, unsure, Claim((), False, 0.8, ((elsewhere, 1.0),), None))
     answer = replace(d.answer, left=(Unnamed(elsewhere, 1.5, 2.3),))
     verdict = conclude(replace(d, claims=claims, answer=answer, mended=None, held_after=None))
     assert verdict.says.startswith(
