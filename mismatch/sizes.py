@@ -91,7 +91,7 @@ def force(d: Diagnosis, place: int) -> Value | None:
     unit = as_force(size.unit, d.simulator, mechanism.port.index(d.simulator), of) if of else None
     if of is None or unit is None:
         return None
-    at, cov = chosen.entries(place).start, covariance(chosen)
+    at, cov = chosen.entries(place)[0], covariance(chosen)
     x, mass = float(chosen.at[at]), of.parameter.nominal
     variance = mass**2 * cov[at, at]
     for k, u in enumerate(chosen.problem.unknowns):
@@ -116,7 +116,7 @@ def _candidates(hypothesis: Settled) -> list[int]:
 def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
     """Mean and standard deviation of each parameter of an effect."""
     candidate = hypothesis.problem.machine.candidates[_candidates(hypothesis)[place]]
-    at, n = hypothesis.entries(place).start, len(candidate.at)
+    at, n = hypothesis.entries(place)[0], len(candidate.at)
     if not is_amplitude(candidate):
         return [
             (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * _scale(hypothesis, k))

@@ -82,7 +82,7 @@ class Naming:
             ]
             view = View.around(hypothesis.problem, hypothesis.z)
             entries = hypothesis.entries(effect)
-            wanders = [k for k in hypothesis.wanders if k != entries.start]
+            wanders = [k for k in hypothesis.wanders if k != entries[0]]
             self._without[key] = Painter(
                 view, self.ground, others, entries, self.painter.probes, wanders, hypothesis.share
             )

@@ -59,7 +59,7 @@ class Painter:
 
     Args:
         listed: the variants in every picture.
-        without: unknowns (an effect's) that are taken out of the view, as if they were at their prior's mean.
+        without: positions of an effect's unknowns, which are taken out of the view: they are at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
         wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
     """
@@ -69,13 +69,13 @@ class Painter:
         view: View,
         ground: Ground,
         listed: Sequence[Variant],
-        without: slice = slice(0, 0),
+        without: Sequence[int] | np.ndarray = (),
         probes: Mapping[Variant, float] | None = None,
         wanders: Sequence[int] = (),
         share: float = WANDERS,
     ) -> None:
         mean = prior_mean(view)
-        whole, out = view.unknowns(), np.arange(len(mean))[without]
+        whole, out = view.unknowns(), np.array(without, dtype=int)
         self.removed = [columns[:, :, out] for columns in whole]
         size = out[:1]  # its shape does nothing where it is not
         residuals = [r - c[:, :, size] @ mean[size] for r, c in zip(view.residuals, whole, strict=True)]

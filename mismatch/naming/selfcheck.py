@@ -136,10 +136,10 @@ class Columns:
     def of_effect(self, i: int) -> Key:
         """An effect of the hypothesis: its size, and what shapes it comes with it."""
         effect, at = self.chosen.effects[i], self.chosen.entries(i)
-        shapes = at.stop - at.start - 1
+        shapes = len(at) - 1
         turn = np.array([np.sign(self.chosen.sizes[i]) or 1.0] + [1.0] * shapes)
         for residual, u in zip(self.residuals, self._unknowns, strict=True):
-            residual -= u[:, :, at.start] * self._means[at.start]
+            residual -= u[:, :, at[0]] * self._means[at[0]]
         one = one_way(self.chosen.problem.machine.candidates[effect.variant.candidate])
         columns = [u[:, :, at] * turn for u in self._unknowns]
         return self._add(columns, [effect.prior] + [0.0] * shapes, [one] + [False] * shapes)

@@ -10,9 +10,11 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import logsumexp
 
 from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.view import HARDLY, WANDERS, View, scale_of
+from twinbench.mismatch.place import CLOCK
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.variants import Variant, is_amplitude, typical
 from twinbench.physics.simulator import Array, Series
@@ -49,7 +51,7 @@ class Settled:
 
     Attributes:
         effects: as they were proposed; ``now`` has them as they are.
-        problem: its fit; the effects' parameters are its last unknowns.
+        problem: its fit; its last unknowns are the effects' parameters, then where what they remember starts.
         z: (K,) where the problem's unknowns stand, each in its own unit.
         first: how many unknowns are not the effects'.
         log: evidence in nats, its prior in it; comparable between hypotheses.
@@ -98,16 +100,18 @@ class Settled:
             at += n
         return tuple(found)
 
-    def entries(self, effect: int) -> slice:
-        """Where an effect's parameters stand among the unknowns."""
+    def entries(self, effect: int) -> np.ndarray:
+        """Positions of an effect's parameters among the unknowns, its size first, then of where its memory starts."""
         counts = [_entries(self.problem, e.variant) for e in self.effects]
         at = self.first + sum(counts[:effect])
-        return slice(at, at + counts[effect])
+        own = self.problem.machine.own_states(self.problem.machine.candidates[self.effects[effect].variant.candidate])
+        starts = [k for k, u in enumerate(self.problem.unknowns) if u.kind == "start" and u.at in own]
+        return np.array([*range(at, at + counts[effect]), *starts], dtype=int)
 
     @property
     def wanders(self) -> list[int]:
         """Positions of the sizes that may differ from place to place."""
-        return [self.entries(i).start for i, e in enumerate(self.effects) if may_wander(self.problem, e)]
+        return [int(self.entries(i)[0]) for i, e in enumerate(self.effects) if may_wander(self.problem, e)]
 
     def prior(self, ground: Ground) -> tuple[Array, Array]:
         """Mean and precision (K + W + F,) of all that ``products`` has columns of, the discrepancy's functions last."""
@@ -135,7 +139,9 @@ def settled(
         far: is the calibrated machine so far off that the discrepancy would take all steps? Then the hypothesis is
             first fitted without one.
     """
-    whole = replace(problem, unknowns=(*problem.unknowns, *(u for e in effects for u in unknowns_of(problem, e))))
+    parameters = [u for e in effects for u in unknowns_of(problem, e)]
+    starts = memory_starts(problem.machine, effects, len(problem.tracks))
+    whole = replace(problem, unknowns=(*problem.unknowns, *parameters, *starts))
     bounds = _Bounds.of(whole)
     z, firsts = _start(whole, z, effects)
     z = np.clip(z, bounds.low, bounds.high)
@@ -231,6 +237,21 @@ def unknowns_of(problem: Problem, effect: Effect) -> list[Unknown]:
     return found
 
 
+def memory_starts(machine: Machine, effects: Sequence[Effect], recordings: int) -> list[Unknown]:
+    """Where what effects remember starts, in each of so many recordings: nothing says that it starts in balance."""
+    found = []
+    for e in effects:
+        for at in machine.own_states(machine.candidates[e.variant.candidate]):
+            v = machine.states[at]
+            if v.name.startswith(CLOCK):
+                continue
+            found += [
+                Unknown(f"start of {v.name}", "start", at, -np.inf, np.inf, 0.0, v.scale, 0.2 * v.scale, r)
+                for r in range(recordings)
+            ]
+    return found
+
+
 def _start(whole: Problem, z: Array, effects: Sequence[Effect]) -> tuple[Array, list[int]]:
     """The unknowns with the effects as proposed, and where their sizes stand."""
     at, firsts, parts = len(z), [], [z]
@@ -240,6 +261,7 @@ def _start(whole: Problem, z: Array, effects: Sequence[Effect]) -> tuple[Array, 
         parts.append(np.array([candidate.null[0] + effect.size, *(effect.variant.shape if n > 1 else ())]))
         firsts.append(at)
         at += n
+    parts.append(np.zeros(len(whole.unknowns) - at))
     return np.concatenate(parts), firsts
 
 

@@ -17,7 +17,7 @@ UNSTEADY = 0.3
 def one_size(chosen: Settled, i: int, ground: Ground) -> float:
     """Nats for one size of an effect in all recordings, against a size of its own in each."""
     own, cross, _ = chosen.products
-    k = chosen.entries(i).start
+    k = chosen.entries(i)[0]
     share = UNSTEADY * abs(chosen.mean[k])  # in prior sds, of which the column is one
     G, b, _ = chosen.products.over()
     rows = share * np.concatenate((own[:, k, :-1], cross[:, k]), axis=1)
@@ -29,11 +29,11 @@ def one_size(chosen: Settled, i: int, ground: Ground) -> float:
 
 def one_form(chosen: Settled, i: int, ground: Ground) -> float:
     """Nats for a form that is nearly exact, against one that is off by far more; 0 for a fault, which has no form."""
-    if chosen.entries(i).start not in chosen.wanders:
+    if chosen.entries(i)[0] not in chosen.wanders:
         return 0.0
     first = len(chosen.z)
     each = (len(chosen.mean) - first) // len(chosen.wanders)
-    at = first + each * chosen.wanders.index(chosen.entries(i).start) + np.arange(each)
+    at = first + each * chosen.wanders.index(chosen.entries(i)[0]) + np.arange(each)
     G, b, _ = chosen.products.over()
     mean, precision = chosen.prior(ground)
     rest = np.setdiff1d(np.arange(len(b)), at)

@@ -61,7 +61,8 @@ class View:
         direct = np.zeros((*self.residuals[r].shape, len(unknowns)))
         for k, u in enumerate(unknowns):
             if u.kind == "start" and u.recording == r:
-                start[u.at, k] = scale_of(u)
+                # What an effect remembers is no state where the effect is nothing.
+                start[course.active == u.at, k] = scale_of(u)
             elif u.kind == "start" or (u.kind == "drift" and u.recording != r):
                 continue
             else:

@@ -67,8 +67,7 @@ def faulty(kind: str, size: float, time_s: Array, values: Array, span: tuple[flo
     if kind == "gain":
         return values * (1.0 + size)
     if kind == "lag":
-        keep = np.exp(-(time_s[1] - time_s[0]) / size)
-        return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, zi=[keep * values[0]])[0])
+        return _lagged(values, (time_s[1] - time_s[0]) / size)
     if kind == "delay":
         return np.interp(time_s - size, time_s, values)
     if kind == "drift":
@@ -82,6 +81,20 @@ def faulty(kind: str, size: float, time_s: Array, values: Array, span: tuple[flo
         first = round((1.0 - size) * len(values))
         return np.where(np.arange(len(values)) < first, values, values[first])
     raise ValueError(f"fault {kind!r} is not known")
+
+
+def _lagged(values: Array, period: float) -> Array:
+    """What a first-order lag makes of a series (N,), exactly, settled at the first.
+
+    It is the same for readings, which are points of lines, and for steps and the mean over each.
+
+    Args:
+        values: (N,) in the channel's unit.
+        period: of the samples, in time constants.
+    """
+    keep = np.exp(-period)
+    mean = (1.0 - keep) / period
+    return np.asarray(lfilter([1.0 - mean, mean - keep], [1.0, -keep], values, zi=[mean * values[0]])[0])
 
 
 def first_size(kind: str, sigma: float, span: tuple[float, float], period_s: float) -> tuple[float, float]:

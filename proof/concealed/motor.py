@@ -115,6 +115,7 @@ def _on(
     most: float,
     port: str = "balance",
     ports: tuple[str, ...] = (),
+    scale: float = 1.0,
 ) -> Effect:
     return Effect(
         f"{effect}@{state}",
@@ -123,6 +124,7 @@ def _on(
         most,
         (f"{port}:{state}", *ports),
         size=f"{effect}_{state}",
+        scale=scale,
     )
 
 
@@ -164,7 +166,7 @@ MACHINE = Machine(
         _on(_W, "cubic_friction", "cubic", 4e-7, 2e-5),
         _on(_W, "hysteresis", "bristles", 1.0, 20.0),
         _on(_W, "periodic", "shaker", 1.0, 20.0),
-        _on(_W, "offset", "steady", 0.5, 10.0, ports=("input:load_Nm",)),
+        _on(_W, "offset", "steady", 0.5, 10.0, ports=("input:load_Nm",), scale=-1.0),
         _on(_I, "constant_drop", "brushes", 20.0, 300.0),
         _on(_I, "quadratic_loss", "arc", 0.01, 0.5),
         _on(_T, "second_thermal_mass", "frame", 2e-3, 0.05),

@@ -46,12 +46,12 @@ def foretelling(asked_of: stage_prove.Tested, nats: float) -> stage_prove.Tested
 
 
 def spoilt(asked_of: stage_prove.Tested) -> stage_prove.Tested:
-    """Had the chosen effects made the errors of one output three times as large."""
+    """Had the chosen effects made the errors of one output larger by a fifth."""
     before, after = asked_of.held_before, asked_of.held_after
     assert before is not None
     assert after is not None
     residuals = [
-        np.column_stack((3.0 * b[:, :1] + 0.3 * a[:, 1:2], a[:, 1:]))
+        np.column_stack((1.2 * b[:, :1] + 0.1 * a[:, 1:2], a[:, 1:]))
         for b, a in zip(before.residuals, after.residuals, strict=True)
     ]
     return asked_of._replace(held_after=Held(residuals, *after[1:]))
@@ -73,6 +73,18 @@ def test_what_foretells_nothing_mends_nothing(found: Weighed, asked_of: stage_pr
     end = ends(found, foretelling(asked_of, 1.0), decided(asked_of.answer, SILENT))
     assert end.mended is None
     assert end.refused == ""
+
+
+def test_what_removes_little_mends_nothing_without_a_name(found: Weighed, asked_of: stage_prove.Tested) -> None:
+    before, after = asked_of.held_before, asked_of.held_after
+    assert before is not None
+    assert after is not None
+    assert stage_prove.removed(asked_of) > 0.9
+    residuals = [0.8 * b + 0.2 * a for b, a in zip(before.residuals, after.residuals, strict=True)]
+    little = asked_of._replace(held_after=Held(residuals, *after[1:]))
+    assert 0.1 < stage_prove.removed(little) < stage_prove.STANDS_IN
+    assert ends(found, little, decided(asked_of.answer, SILENT)).mended is None
+    assert ends(found, little, decided(asked_of.answer)).mended is not None, "a name mends in any case"
 
 
 def test_what_spoils_an_output_mends_nothing_without_a_name(found: Weighed, asked_of: stage_prove.Tested) -> None:

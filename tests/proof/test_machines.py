@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import json
 import math
 from pathlib import Path
@@ -18,7 +19,7 @@ from twinbench.physics.compose import plain_rhs
 from twinbench.physics.integrate import simulate
 from twinbench.physics.simulator import Simulator, Term, Variable
 from twinbench.proof.concealed.engine import Engine
-from twinbench.proof.concealed.faults import faults
+from twinbench.proof.concealed.faults import faults, faulty
 from twinbench.proof.concealed.generate import Item, draw, write
 from twinbench.proof.concealed.integrate import Equations, Parameters, Steps, run
 from twinbench.proof.concealed.lumped import random_machine
@@ -311,3 +312,32 @@ def test_the_ripple_multiplies_its_parameter_by_a_wave_of_its_arguments(number: 
         m.law(0.0, x[k], u[k], m.p(**{m.rippled: m.parameters[m.rippled] * (1.0 + 0.01 * wave[k])}), meant)
         assert rippled == pytest.approx(meant, rel=1e-9, abs=1e-12)
     assert 0.1 < np.std(wave) < 0.9
+
+
+@pytest.mark.parametrize("tau_s", [0.1, 0.7, 5.0])
+def test_a_lag_is_that_of_the_equation_for_lines_and_for_steps(tau_s: float) -> None:
+    """Against many small steps of the equation itself."""
+    values, period_s, fine = np.random.default_rng(0).normal(size=60).cumsum(), 0.5, 2000
+    lagged = faulty("lag", tau_s, period_s * np.arange(60), values, (0.0, 1.0), False)
+    share = (np.arange(fine) + 0.5) / fine
+    y, lines, y_of_steps, steps = values[0], [values[0]], values[0], []
+    for now, then in itertools.pairwise(values):
+        means = 0.0
+        for part in share:
+            y += (now + part * (then - now) - y) * period_s / fine / tau_s
+            y_of_steps += (now - y_of_steps) * period_s / fine / tau_s
+            means += y_of_steps / fine
+        lines.append(y)
+        steps.append(means)
+    assert lagged == pytest.approx(np.array(lines), abs=2e-3)
+    assert lagged[:-1] == pytest.approx(np.array(steps), abs=5e-3)
+
+
+def test_the_size_of_an_offset_has_its_sign() -> None:
+    """A steady drag slows the motor down: as the catalogue has it, what adds to the rate is below nothing."""
+    m = MACHINES["motor"]
+    (drag,) = (e for e in m.effects if e.name == "offset@omega_rad_s")
+    u, with_it, without = np.array([100.0, 5.0]), np.empty(5), np.empty(5)
+    for p, rates in ((m.p(steady=1.0), with_it), (m.p(), without)):
+        m.law(0.0, m.start(u, m.p()), u, p, rates)
+    assert (with_it - without).sum() == pytest.approx(drag.absent + drag.scale * 1.0)
