@@ -84,6 +84,11 @@ def points(
         yield data
     yield from _taken_out(d)
     yield from _joined(d)
+    if len(d.tracks) == 1:
+        yield sentence(
+            f"only {d.tracks[0].name} was learnt from: whether sizes and parameters are the same in other recordings "
+            "could not be checked"
+        )
     yield held_out_use(d)
 
 

@@ -16,7 +16,7 @@ from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.naming.answer import Unnamed
 from twinbench.mismatch.naming.decision import Claim, decided, probability
-from twinbench.mismatch.telling import headline
+from twinbench.mismatch.telling import headline, points
 from twinbench.mismatch.verdict import conclude
 from twinbench.mismatch.words import number
 from twinbench.physics.simulator import Port
@@ -232,6 +232,14 @@ def test_what_was_refused_is_not_said_to_be_in_no_catalogue(friction):
     assert verdict.verdict == "unexplained"
     said = " ".join((verdict.says, *verdict.points))
     assert f"{DRY} explains what was learnt from best, but is refused: it makes T_probe_K worse" in said
+
+
+def test_from_one_recording_it_is_told_what_could_not_be_checked(friction):
+    d = friction.diagnosis
+    alone = list(points(replace(d, tracks=d.tracks[:1]), (), (), friction.fit, ()))
+    says = "Only run 1 was learnt from: whether sizes and parameters are the same in other recordings could not "
+    assert says + "be checked." in alone
+    assert not any(says in p for p in friction.points)
 
 
 def test_what_was_held_back_may_only_refuse(friction):
