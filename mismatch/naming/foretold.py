@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import ENDLESS, Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import LEAST_PCT, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
-from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
+from twinbench.mismatch.naming.view import WANDERS, View, prior_mean, scale_of
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
@@ -53,13 +53,20 @@ def foretold(
 def _posterior(hypothesis: Settled, ground: Ground) -> tuple[Array, Array]:
     """Of all unknowns, the discrepancy's last: mean (U,) from where they stand, and a root (U, U) of the covariance.
 
-    Both are in prior sds, those of the discrepancy in per cent.
+    Both are in prior sds, those of the discrepancy in per cent. The unknowns are where the hypothesis has them, within
+    their bounds, and the rest as it goes with that.
     """
     G, b, _ = hypothesis.products.over()
     mean, precision = hypothesis.prior(ground)
-    scale, L = factored(G + np.diag(precision))
-    root = scale[:, None] * np.linalg.inv(L).T
-    return root @ (root.T @ (b + precision * mean)), root
+    A, slope = G + np.diag(precision), b + precision * mean
+    scale, L = factored(A)
+    unknowns = hypothesis.problem.unknowns
+    x = np.zeros(len(slope))
+    x[: len(unknowns)] = (hypothesis.at - hypothesis.z) / np.array([scale_of(u) for u in unknowns])
+    rest = slice(len(unknowns), None)
+    own, factor = factored(A[rest, rest])
+    x[rest] = own * cho_solve((factor, True), own * (slope - A @ x)[rest])
+    return x, scale[:, None] * np.linalg.inv(L).T
 
 
 def _seen(

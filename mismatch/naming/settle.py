@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
-from scipy.special import logsumexp
+from scipy.special import erfcx, logsumexp
 
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.ground import Ground, Products
-from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, eliminated, learn, one_sided
 from twinbench.mismatch.naming.view import HARDLY, WANDERS, View, scale_of
 from twinbench.mismatch.place import CLOCK
 from twinbench.mismatch.solve import NEARLY, solve
@@ -25,6 +27,8 @@ TURNS, SHORTENINGS = 24, 5
 """Linearisations of one hypothesis at most, and how often one step is shortened."""
 FAR_ROUNDS = 12
 """Jacobians of a fit without discrepancy, from far off."""
+BOUND_TURNS = 4
+"""Times that the discrepancy is learnt again because other unknowns stand at their bounds."""
 SHORTENED = 0.4
 """What is left of a step that is too long."""
 
@@ -157,12 +161,13 @@ def settled(
         mean = np.zeros(len(products.own[0]) - 1)
         mean[: len(z)] = (whole.z0 - z) / bounds.scale
         either = [products.scaled(np.arange(len(z), len(mean)), share / WANDERS) for share in shares]
-        found = [_posterior(p, mean, ground, s) for p in either]
-        logs = np.array([inner.log + learnt.log for inner, learnt, *_ in found])
+        low, high = ((side - z) / bounds.scale for side in (bounds.low, bounds.high))
+        found = [_posterior(p, mean, ground, s, low, high) for p in either]
+        logs = np.array([one.log for one in found])
         likelier = int(np.argmax(logs))
         products, share, (_, learnt, _, step, promised) = either[likelier], shares[likelier], found[likelier]
         # Intervals stay as wide as a form that is not exact makes them.
-        cov, step = found[0][2][: len(z), : len(z)], step[: len(z)]
+        cov = found[0].cov[: len(z), : len(z)]
         s = learnt.s
         moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
         at = moved if promised < SETTLED else z
@@ -265,22 +270,57 @@ def _start(whole: Problem, z: Array, effects: Sequence[Effect]) -> tuple[Array, 
     return np.concatenate(parts), firsts
 
 
-def _posterior(
-    products: Products, mean: Array, ground: Ground, s: Array
-) -> tuple[Reduced, Learnt, Array, Array, float]:
-    """The discrepancy's form without the unknowns, what is learnt of it, the unknowns' covariance and their step.
+class _Posterior(NamedTuple):
+    """Of the unknowns (K,) and what wanders (W,), around where a hypothesis stands.
 
-    Last the nats that the step promises.
+    Attributes:
+        log: evidence in nats, constants apart, within the bounds.
+        learnt: the discrepancy beside them.
+        cov: (K + W, K + W) their covariance, in prior sds squared, bounds apart.
+        step: (K,) to the likeliest within the bounds, in prior sds.
+        promised: nats that the step gains.
+    """
+
+    log: float
+    learnt: Learnt
+    cov: Array
+    step: Array
+    promised: float
+
+
+def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: Array, high: Array) -> _Posterior:
+    """What the products say.
+
+    Args:
+        mean: (K + W,) of the prior, from where the hypothesis stands, in prior sds.
+        s: (P,) discrepancy to begin with, per cent.
+        low, high: (K,) bounds of the unknowns, from there, in prior sds.
     """
     G, b, _ = products.over()
-    n = len(mean)
-    inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
-    learnt = learn(inner.G, inner.b, ground.group, s)
-    block = n + np.arange(len(ground.group))
-    outer = eliminated(G, b, block, np.zeros(len(block)), ground.precision(learnt.s))
-    cov = cho_solve(cho_factor(outer.G + np.eye(n) * (1.0 + 1e-9)), np.eye(n))
-    step = cov @ (outer.b + mean)
-    return inner, learnt, cov, step, 0.5 * float(step @ (outer.b + mean))
+    n, many = len(mean), len(b)
+    held, x = np.zeros(many, dtype=bool), np.zeros(many)
+    for _ in range(BOUND_TURNS):
+        # What a bound holds stands there, and the discrepancy is learnt with it there.
+        free, left = np.flatnonzero(~held[:n]), np.flatnonzero(~held)
+        right = b - G @ x
+        inner = eliminated(G[np.ix_(left, left)], right[left], np.arange(len(free)), mean[free], np.ones(len(free)))
+        learnt = learn(inner.G, inner.b, ground.group, s)
+        block = np.arange(n, many)
+        outer = eliminated(G, b, block, np.zeros(len(block)), ground.precision(learnt.s))
+        A, slope = outer.G + np.eye(n) * (1.0 + 1e-9), outer.b + mean
+        step, at_bound = bounded(A, slope, low, high)
+        if np.array_equal(at_bound, held[:n]):
+            break
+        held[:n], x[:n] = at_bound, np.where(at_bound, step, 0.0)
+    cov = cho_solve(cho_factor(A), np.eye(n))
+    promised = float(slope @ step) - 0.5 * float(step @ A @ step)
+    stands, sd = x[held], np.sqrt(np.diag(cov)[held[:n]])
+    log = inner.log + learnt.log + float(stands @ (b[held] - 0.5 * G[np.ix_(held, held)] @ stands))
+    log -= 0.5 * float(np.sum((stands - mean[held[:n]]) ** 2))
+    # At a bound only the flank exp(-t x - x^2/2) of what is likelier beyond it is left, in place of a whole Gaussian.
+    flank = np.abs(slope - A @ step)[held[:n]] * sd
+    log += float(np.log(sd * erfcx(flank / np.sqrt(2.0))).sum())
+    return _Posterior(log, learnt, cov, step[: len(low)], promised)
 
 
 def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Problem], float]:

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from motor import MOTOR
 from motor_friction import friction_found
+from scipy.optimize import lsq_linear
 
 from twinbench.mismatch.mixture import Mixture
+from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.settle import SETTLED, Effect, Settled, settled
 from twinbench.mismatch.variants import Variant, typical
 
@@ -60,6 +66,46 @@ def test_the_null_is_the_problem_as_it_was():
     assert null.effects == ()
     assert len(null.at) == null.first == len(null.bare.unknowns)
     assert {u.name for u in null.problem.unknowns if u.kind == "parameter"} == {v.name for v in MOTOR.parameters}
+
+
+@given(seed=st.integers(0, 10_000), n=st.integers(1, 8))
+def test_a_step_within_bounds_is_that_of_bounded_least_squares(seed, n):
+    rng = np.random.default_rng(seed)
+    R, slope, k = rng.normal(size=(n + 3, n)), 3.0 * rng.normal(size=n), int(rng.integers(0, n + 1))
+    A = R.T @ R + 0.1 * np.eye(n)
+    low, high = -rng.exponential(size=k) * rng.integers(0, 2, k), rng.exponential(size=k)
+    x, held = bounded(A, slope, low, high)
+    L = np.linalg.cholesky(A)
+    ends = (np.append(low, np.full(n - k, -np.inf)), np.append(high, np.full(n - k, np.inf)))
+    least = lsq_linear(L.T, np.linalg.solve(L, slope), ends, method="bvls", tol=1e-14)
+    assert x == pytest.approx(least.x, abs=1e-6)
+    assert (x[:k][held[:k]] == np.where(x[:k] <= low, low, high)[held[:k]]).all()
+    assert not held[k:].any()
+
+
+def test_what_a_bound_holds_back_costs_what_is_beyond_it():
+    """A parameter that would be likelier beyond its bound: the others go where they fit best beside it."""
+    d = friction_found().diagnosis
+    ground, (problem, z) = d.answer.naming.ground, d.before
+    k = next(i for i, u in enumerate(problem.unknowns) if u.name == "R_ohm")
+    free = settled(problem, z, (), ground, ground.s)
+    bound = float(free.at[k]) - 0.02
+    tight = replace(problem.unknowns[k], high=bound)
+    short = replace(problem, unknowns=(*problem.unknowns[:k], tight, *problem.unknowns[k + 1 :]))
+    found = settled(short, np.where(np.arange(len(z)) == k, bound, z), (), ground, ground.s)
+    assert found.at[k] == bound
+    # The same with the parameter known: what is fitted beside it is the same.
+    known = replace(short, unknowns=(*problem.unknowns[:k], *problem.unknowns[k + 1 :]), theta=_with(problem, k, bound))
+    beside = settled(known, np.delete(found.at, k), (), ground, ground.s)
+    assert np.delete(found.at, k) == pytest.approx(beside.at, rel=0.02, abs=0.02)
+    assert found.log < free.log
+    assert found.log == pytest.approx(beside.log, abs=12.0)
+
+
+def _with(problem, k, value):
+    theta = problem.theta.copy()
+    theta[problem.unknowns[k].at] = value
+    return theta
 
 
 def test_an_interval_of_a_mixture_holds_nine_tenths():
