@@ -46,7 +46,7 @@ class Made:
             z=np.zeros(1),
             wanders=[0],
             share=WANDERS,
-            entries=lambda i: slice(0, 1),
+            entries=lambda i: np.array([0]),
             prior=lambda ground: (np.array([-SIZE, *np.zeros(PLACES + FUNCTIONS)]), np.ones(1 + PLACES + FUNCTIONS)),
         )
 
