@@ -18,6 +18,7 @@ from twinbench.proof.concealed.judge import score
 from twinbench.proof.concealed.seal import Sealed, canonical, seal
 
 CASE_TIMEOUT_S = 900.0
+UNDRAWN = "undrawn.json"
 _PROCESSES: dict[str, Engine] = {}
 """This worker's blind process, by the folder it is kept out of: one for all cases and engines compiles once."""
 
@@ -25,7 +26,8 @@ _PROCESSES: dict[str, Engine] = {}
 def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked: Sequence[str]) -> int:
     """Ask some engines about a case, then write its truth and the rows of all engines down.
 
-    While an engine runs the truth is in this process's memory alone.
+    While an engine runs the truth is in this process's memory alone. A machine that diverges as it is drawn is no case:
+    it is left out, before any engine was asked.
 
     Args:
         engines: by name, all that have a row.
@@ -34,8 +36,12 @@ def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked
     Returns:
         How many were asked.
     """
-    case = draw(item, seed)
     folder = out / "cases" / item.case
+    try:
+        case = draw(item, seed)
+    except FloatingPointError as error:
+        write_text(folder / UNDRAWN, json.dumps({"key": _drawn_by(item, seed), "says": str(error)}))
+        return len(asked)
     sealed, is_new = _sealed(case, folder)
     asked = list(engines) if is_new else asked
     for name in asked:
@@ -56,6 +62,8 @@ def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked
 def missing(item: Item, seed: int, out: Path, engines: Mapping[str, str]) -> list[str]:
     """Engines that have no row of this case by the code as it is."""
     folder = out / "cases" / item.case
+    if undrawn(item, seed, out):
+        return []
     if not (folder / "truth.json").is_file():
         return list(engines)
     found = []
@@ -66,6 +74,19 @@ def missing(item: Item, seed: int, out: Path, engines: Mapping[str, str]) -> lis
             known = False
         found += [] if known else [name]
     return found
+
+
+def undrawn(item: Item, seed: int, out: Path) -> str:
+    """Why a case could not be drawn by the generator as it is; empty if it could, or was not tried."""
+    path = out / "cases" / item.case / UNDRAWN
+    known = _read(path) if path.is_file() else {"key": ""}
+    return str(known["says"]) if known["key"] == _drawn_by(item, seed) else ""
+
+
+def _drawn_by(item: Item, seed: int) -> str:
+    return key_of(
+        item=list(item.__dict__.values()), seed=seed, code=[code_version("twinbench.proof.concealed.generate")]
+    )
 
 
 def row(item: Item, out: Path, name: str) -> dict[str, Any]:

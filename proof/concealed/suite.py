@@ -20,7 +20,7 @@ from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.style import svg
 from twinbench.common.versions import provenance
 from twinbench.common.workers import side_by_side
-from twinbench.proof.concealed.case import close, digest, missing, row, run_case
+from twinbench.proof.concealed.case import close, digest, missing, row, run_case, undrawn
 from twinbench.proof.concealed.engines import ENGINES, MAIN, ORACLE
 from twinbench.proof.concealed.figures import power_figure, reliability_figure
 from twinbench.proof.concealed.findings import read_cases, stated
@@ -101,6 +101,8 @@ def planned(study: Study) -> _Plan:
 
 def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts: Mapping[str, Any]) -> pd.DataFrame:
     """Write the tables of finished cases; the first engine's gates, the oracle's aside."""
+    left_out = {item.case: says for item, _ in plan if (says := undrawn(item, seed, out))}
+    plan = [(item, asked) for item, asked in plan if item.case not in left_out]
     rows = [row(item, out, name) for item, asked in plan for name in asked]
     seals = {item.case: digest(out, item) for item, _ in plan}
     write_text(out / "cases.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
@@ -124,6 +126,7 @@ def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts:
     write_text(out / "engines.md", engines_as_markdown(compared))
     manifest = {
         "cases": len(plan),
+        "undrawn": left_out,
         "seed": seed,
         "engines": dict(engines),
         "seal": key_of(**seals),

@@ -18,6 +18,7 @@ from statsmodels.stats.proportion import proportion_confint
 from twinbench.data.scenario import stream
 from twinbench.mismatch.model import load_simulator, whole_catalogue
 from twinbench.physics.integrate import simulate
+from twinbench.proof.concealed import case
 from twinbench.proof.concealed.engine import Engine
 from twinbench.proof.concealed.findings import read_cases
 from twinbench.proof.concealed.gates import gate_table, misses, wilson
@@ -468,3 +469,19 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     assert (manifest["cases"], manifest["seed"]) == (1, 1)
     written = {"cases.csv", "gates.csv", "gates.md", "power.csv", "power.svg", "reliability.csv", "reliability.svg"}
     assert written | {"outcomes.csv", "misses.csv", "engines.csv"} <= {p.name for p in out.iterdir()}
+
+
+def test_a_machine_that_diverges_as_it_is_drawn_is_no_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The suite goes on without it; another generator would have to draw it again."""
+
+    def diverges(item: Item, seed: int) -> Case:
+        raise FloatingPointError(f"machine {item.machine} diverged")
+
+    monkeypatch.setattr(case, "draw", diverges)
+    item, engines = Item("0003", "clean", "motor", (), 0.0), {"twinbench": "twinbench.mismatch:diagnose"}
+    assert case.missing(item, 3, tmp_path, engines) == ["twinbench"]
+    assert case.run_case(item, 3, tmp_path, engines, ["twinbench"]) == 1
+    assert case.undrawn(item, 3, tmp_path) == "machine motor diverged"
+    assert case.missing(item, 3, tmp_path, engines) == []
+    assert case.undrawn(item, 4, tmp_path) == ""
+    assert case.missing(item, 4, tmp_path, engines) == ["twinbench"]
