@@ -29,7 +29,8 @@ def faults(simulator: Simulator, sample_period_s: float = 0.05, turned: Turned |
     """Bias, gain, lag, delay, drift, saturation, quantisation and a stuck channel, for every output and input.
 
     All but saturation have one parameter, the size; 0 is none. What saturates keeps a fifth of its excess at most.
-    An input may saturate on both sides. NaN in the values is held over.
+    An input may saturate on both sides. Where nothing drives the machine a sensor's delay is a later start, and is left
+    out. NaN in the values is held over.
 
     Args:
         sample_period_s: lags and delays are typically two of them.
@@ -39,7 +40,9 @@ def faults(simulator: Simulator, sample_period_s: float = 0.05, turned: Turned |
         fault
         for place, variables in (("output", simulator.outputs), ("input", simulator.inputs))
         for v in variables
-        for fault in _Channel(place, v, sample_period_s, turned is None or v.name in turned.reversed).all()
+        for fault in _Channel(
+            place, v, sample_period_s, turned is None or v.name in turned.reversed, bool(simulator.inputs)
+        ).all()
     )
 
 
@@ -54,13 +57,14 @@ class _Channel:
     variable: Variable
     sample_period_s: float
     turns: bool
+    driven: bool
 
     def all(self) -> tuple[Series, ...]:
         return (
             self._bias(),
             self._gain(),
             self._lag(),
-            self._delay(),
+            *([self._delay()] if self.driven else []),
             self._drift(),
             self._saturation(),
             *([self._saturation_both()] if self.place == "input" and self.turns else []),
