@@ -16,7 +16,8 @@ def bounded(A: Array, slope: Array, low: Array, high: Array) -> tuple[Array, np.
     Args:
         A: (N, N) dimensionless, positive definite.
         slope: (N,) dimensionless, at nothing.
-        low, high: (K,) dimensionless; nothing is within them.
+        low: (K,) dimensionless bounds, none above nothing.
+        high: (K,) likewise, none below it.
 
     Returns:
         x, and (K,) bool positions padded to (N,).

@@ -294,7 +294,8 @@ def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: A
     Args:
         mean: (K + W,) of the prior, from where the hypothesis stands, in prior sds.
         s: (P,) discrepancy to begin with, per cent.
-        low, high: (K,) bounds of the unknowns, from there, in prior sds.
+        low: (K,) bounds of the unknowns, from there, in prior sds.
+        high: (K,) likewise.
     """
     G, b, _ = products.over()
     n, many = len(mean), len(b)
