@@ -59,7 +59,7 @@ class Painter:
 
     Args:
         listed: the variants in every picture.
-        without: positions of an effect's unknowns, which are taken out of the view: they are at their prior's mean.
+        without: (k,) positions of an effect's unknowns that are taken out of the view: they are at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
         wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
     """
