@@ -54,8 +54,8 @@ class Diagnosis:
         answer: all hypotheses weighed, and the chosen one.
         self_check: what the answer is worth on these recordings.
         claims: what is said of it.
-        mended: the simulator with the chosen effects; None where none is named and they foretell the held-out
-            recordings no better than nothing does.
+        mended: the simulator with the chosen effects; None where none is named and the held-out recordings do not
+            show that they mend it.
         worse: held-out outputs that the chosen effects spoil beyond chance; then nothing is mended, as ``refused``
             says.
         followed: how much of each output the mended simulator explains, or the calibrated one.

@@ -130,14 +130,14 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         port=claim.port,
         ports=_told(claim),
     )
+    if not claim.names:
+        found = replace(found, says=_unnamed_says(d, claim))
+        if claim.found.name not in d.stand_ins:
+            return found
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
     values = sizes(d, claim.found.place)
     if not claim.names:
-        found = replace(found, says=_unnamed_says(d, claim))
-        if claim.found.name in d.stand_ins:
-            term = formula(mechanism, values)
-            found = replace(found, stand_in=claim.found.name, term=term, parameters=values)
-        return found
+        return replace(found, stand_in=claim.found.name, term=formula(mechanism, values), parameters=values)
     since_s = d.answer.chosen.since_s
     until_s = max(float(t.time_s[-1]) for t in d.tracks)
     found = replace(

@@ -165,7 +165,7 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
         # The same thing under another name; but what was settled and is far less likely is not.
         if logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
             same.add(other)
-    weights = dict(sorted(zip(logs, _shares(logs.values()), strict=True), key=lambda t: -t[1]))
+    weights = dict(sorted(zip(logs, shares(logs.values()), strict=True), key=lambda t: -t[1]))
     others = [log for other, log in logs.items() if other not in same]
     apart = max(logs[n] for n in same) - max(others, default=naming.null.log)
     none, unnamed = _instead(naming, chosen, i, shown)
@@ -196,10 +196,10 @@ def _sets(naming: Naming) -> dict[frozenset[str], float]:
     for h in naming.hypotheses:
         names = frozenset(name_of(machine, e) for e in h.effects)
         logs[names] = max(h.log, logs.get(names, -np.inf))
-    return dict(zip(logs, _shares(logs.values()), strict=True))
+    return dict(zip(logs, shares(logs.values()), strict=True))
 
 
-def _shares(logs: Collection[float]) -> list[float]:
+def shares(logs: Collection[float]) -> list[float]:
     """Evidence in nats as probabilities that sum to one."""
     raw = np.exp(np.array([*logs]) - max(logs))
     return list((raw / raw.sum()).tolist())

@@ -16,10 +16,9 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
 from scipy.special import expit
 
-from twinbench.mismatch.naming.answer import Answer, Found, Unnamed
+from twinbench.mismatch.naming.answer import Answer, Found, Unnamed, shares
 from twinbench.physics.simulator import Port
 
 RULE = Path(__file__).with_name("decision.json")
@@ -169,8 +168,7 @@ def _claim(found: Found, port_of: Mapping[str, Port], rule: Rule, contains: Mapp
 
 def _where(unnamed: Sequence[Unnamed]) -> dict[Port, float]:
     """Probability of each port, if something unnamed is at one of them."""
-    raw = np.exp(np.array([u.log for u in unnamed]) - unnamed[0].log)
-    return dict(zip((u.port for u in unnamed), map(float, raw / raw.sum()), strict=True))
+    return dict(zip((u.port for u in unnamed), shares([u.log for u in unnamed]), strict=True))
 
 
 def _likeliest(ports: Mapping[Port, float]) -> tuple[tuple[Port, float], ...]:
