@@ -28,7 +28,8 @@ TURNS, SHORTENINGS = 24, 5
 FAR_ROUNDS = 12
 """Jacobians of a fit without discrepancy, from far off."""
 BOUND_TURNS = 4
-"""Times that the discrepancy is learnt again because other unknowns stand at their bounds."""
+"""Times at most that the discrepancy is learnt because other unknowns stand at their bounds; most hypotheses meet none
+and take one. What more of them would change was not measured."""
 SHORTENED = 0.4
 """What is left of a step that is too long."""
 
