@@ -283,7 +283,8 @@ class Problem:
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
     """Run thunks on the machine's cores; the compiled loop lets go of Python's lock."""
-    if len(tasks) == 1:
-        return [tasks[0]()]
-    with ThreadPoolExecutor(cores()) as pool:
+    threads = min(cores(), len(tasks))
+    if threads <= 1:
+        return [task() for task in tasks]
+    with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(lambda task: task(), tasks))

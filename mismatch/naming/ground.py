@@ -128,6 +128,20 @@ class Ground:
         ports, first = tuple(discrepancy.ports[p] for p, _ in kept), np.full(len(kept), FIRST_PCT)
         return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy, tuple(kept))
 
+    @property
+    def exact(self) -> Ground:
+        """The same noise and no discrepancy."""
+        return replace(
+            self,
+            whole=tuple(w[:, :, :0] for w in self.whole),
+            white=tuple(w[:, :0] for w in self.white),
+            FF=self.FF[:, :0, :0],
+            group=self.group[:0],
+            ports=(),
+            s=self.s[:0],
+            kept=(),
+        )
+
     def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
         G, b, _ = self.products(view, own).over()

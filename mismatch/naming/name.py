@@ -13,10 +13,11 @@ from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.onset import STARTS, likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import Painter, Picture
-from twinbench.mismatch.naming.sets import Scored
+from twinbench.mismatch.naming.pruned import all_at_once
+from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import Effect, Settled, misfit, settled
 from twinbench.mismatch.naming.view import View
-from twinbench.mismatch.variants import Variant, variants
+from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
 from twinbench.physics.simulator import Array
 
@@ -30,8 +31,8 @@ FAR_OFF, FAR_SINGLES = 3.0, 16
 little then, and so many single effects are fitted."""
 SHARPENED, SIDES = 3, 6
 """Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
-MOST_EFFECTS, FEW = 12, 3
-"""Effects that a set may grow to, one at a time; and up to how many each is replaced by others, one by one."""
+MOST_EFFECTS = 12
+"""Effects that a set may grow to, one at a time."""
 ADDED = 3
 """Further effects that are tried beside the best set, each time."""
 
@@ -46,6 +47,7 @@ class Naming:
         painter, picture: all candidates around the calibrated simulator.
         far: is the calibrated machine far off?
         reduced, rivalled: those of which each effect was left out, or replaced by others.
+        together: what was left of all physics at once, if that was tried.
     """
 
     ground: Ground
@@ -57,6 +59,7 @@ class Naming:
     reduced: list[Settled] = field(default_factory=list)
     rivalled: list[Settled] = field(default_factory=list)
     far: bool = False
+    together: Settled | None = None
     _without: dict[tuple[int, int], Painter] = field(default_factory=dict)
 
     @property
@@ -95,7 +98,8 @@ class Naming:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             s: (P,) discrepancy to begin with, per cent.
         """
-        self.hypotheses.append(settled(problem, z, effects, self.ground, s, self.far))
+        best = max((h.log for h in self.hypotheses), default=-np.inf)
+        self.hypotheses.append(settled(problem, z, effects, self.ground, s, self.far, best))
         self.hypotheses.sort(key=lambda s: -s.log)
 
 
@@ -118,11 +122,13 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     null = settled(problem, z, (), ground, ground.s)
     found = Naming(ground, painter, shown, null, [shown.variants[i] for i in likeliest_forms(shown)], [null])
     found.far = shown.excess > FAR_OFF
+    if len(shown.sets.best().key) == MOST:
+        _thinned_out(found)
     contenders = _contenders(shown, found.far)
     for k, scored in enumerate(contenders):
         found.settle(_since(problem, shown, scored), z, _effects(shown, scored), scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
-    while _fuller(found) or _plainer(found) or _rivalled(found):
+    while _one_is_not_enough(found) or _fuller(found) or _plainer(found) or _rivalled(found):
         pass
     if found.best.since_s > -np.inf:
         _sharpen(found)
@@ -150,6 +156,34 @@ def _effects(shown: Picture, scored: Scored) -> list[Effect]:
         Effect(shown.variants[i], float(size * shown.units[i]), float(shown.units[i]), float(shown.sets.prior[i]))
         for i, size in zip(scored.key, scored.sizes, strict=True)
     ]
+
+
+def _one_is_not_enough(found: Naming) -> bool:
+    """Is it several effects that are likeliest, and are those likelier that are left of all at once?"""
+    best = found.best
+    if len(best.effects) > 1 and found.together is None:
+        _thinned_out(found)
+    return found.best is not best
+
+
+def _thinned_out(found: Naming) -> None:
+    """Begin with all physics at once and leave out what is not needed."""
+    null = found.null
+    found.together = all_at_once(null.problem, null.z, all_physics(found), found.ground)
+    found.hypotheses.append(found.together)
+    found.hypotheses.sort(key=lambda h: -h.log)
+
+
+def all_physics(found: Naming) -> list[Effect]:
+    """Each candidate of physics in its likeliest form, one of a family, as it was tried in the picture."""
+    shown, effects, there = found.picture, [], set()
+    for i in likeliest_forms(shown):
+        candidate = shown.candidates[i]
+        if candidate.mechanism.kind == "physics" and candidate.family not in there:
+            there.add(candidate.family)
+            unit, probe = float(shown.units[i]), found.painter.probes[shown.variants[i]]
+            effects.append(Effect(shown.variants[i], probe * typical(candidate), unit, float(shown.sets.prior[i])))
+    return effects
 
 
 def _since(problem: Problem, shown: Picture, scored: Scored) -> Problem:
@@ -215,7 +249,7 @@ def _fuller(found: Naming) -> bool:
 def _rivalled(found: Naming) -> bool:
     """Put others in the place of each effect of the best set, in the best's own picture; is one of them likelier?"""
     best = found.best
-    if not 0 < len(best.effects) <= FEW or best in found.rivalled:
+    if not best.effects or best in found.rivalled:
         return False
     found.rivalled.append(best)
     for i in range(len(best.effects)):

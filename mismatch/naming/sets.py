@@ -12,6 +12,8 @@ from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, lear
 from twinbench.physics.simulator import Array
 
 Key = tuple[int, ...]
+MOST = 3
+"""Effects of a set that one view shows at most: with each more the machine is farther from where it was linearised."""
 PARAMETER = 3e-4
 """Share of its square that a column must keep beside the unknowns: below it is a parameter under another name."""
 
@@ -116,7 +118,7 @@ class Sets:
         gain = 0.5 * np.log(variance) + 0.5 * mean * right + one_sided(mean, np.sqrt(variance), self.bounded)
         return np.where(self.usable, gain + self.prior, -np.inf)
 
-    def search(self, depth: int = 3, width: int = 5, first: int = 24, later: int = 10) -> Scored:
+    def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
         """The likeliest set: all single ones, then a beam."""
         best = self.score(())
         beam: Sequence[Scored] = [best]

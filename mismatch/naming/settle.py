@@ -25,6 +25,9 @@ SETTLED = 1.0
 """Nats by which the evidence may still move."""
 TURNS, SHORTENINGS = 24, 5
 """Linearisations of one hypothesis at most, and how often one step is shortened."""
+HOPELESS, TRIED = 30.0, 2
+"""Nats by which a hypothesis may lie behind the best one, what its next step promises counted, and linearisations
+after which it is then given up. A rival so far behind has no weight in any answer."""
 FAR_ROUNDS = 12
 """Jacobians of a fit without discrepancy, from far off."""
 BOUND_TURNS = 4
@@ -130,7 +133,13 @@ class Settled:
 
 
 def settled(
-    problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground, s: Array, far: bool = False
+    problem: Problem,
+    z: Array,
+    effects: Sequence[Effect],
+    ground: Ground,
+    s: Array,
+    far: bool = False,
+    rival: float = -np.inf,
 ) -> Settled:
     """Linearise, move to the posterior mean, and again.
 
@@ -143,6 +152,7 @@ def settled(
         s: (P,) discrepancy to begin with, per cent.
         far: is the calibrated machine so far off that the discrepancy would take all steps? Then the hypothesis is
             first fitted without one.
+        rival: evidence of the best hypothesis so far, nats.
     """
     parameters = [u for e in effects for u in unknowns_of(problem, e)]
     starts = memory_starts(problem.machine, effects, len(problem.tracks))
@@ -150,12 +160,13 @@ def settled(
     bounds = _Bounds.of(whole)
     z, firsts = _start(whole, z, effects)
     z = np.clip(z, bounds.low, bounds.high)
-    wanders = [k for k, e in zip(firsts, effects, strict=True) if may_wander(problem, e)]
+    # Where the simulator's equations are taken for exact, so are the effects'.
+    wanders = [k for k, e in zip(firsts, effects, strict=True) if ground.ports and may_wander(problem, e)]
     shares = (WANDERS, HARDLY) if wanders else (WANDERS,)
     if far:
         z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
-    for _ in range(TURNS):
+    for turn in range(1, TURNS + 1):
         whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
         view = View.around(whole, z)
         products = ground.products(view, columns_of(view, ground, wanders))
@@ -175,13 +186,14 @@ def settled(
         sizes, sds = (at - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
         log = float(logsumexp(logs)) - np.log(len(shares)) - 0.5 * products.over()[2] + sum(e.prior for e in effects)
         log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
+        hopeless = turn >= TRIED and log < rival - HOPELESS
         if promised > SETTLED:
             log -= promised
         if best is None or log > best.log:
             best = Settled(
                 tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, share, mean
             )
-        if promised < SETTLED:
+        if promised < SETTLED or hopeless:
             break
         ahead = _as_far_as_it_helps(whole, z, moved, ground, s)
         if ahead is None:
@@ -301,8 +313,10 @@ def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: A
     G, b, _ = products.over()
     n, many = len(mean), len(b)
     held, x = np.zeros(many, dtype=bool), np.zeros(many)
+    step, at_bound = np.zeros(n), np.zeros(n, dtype=bool)
     for _ in range(BOUND_TURNS):
         # What a bound holds stands there, and the discrepancy is learnt with it there.
+        held[:n], x[:n] = at_bound, np.where(at_bound, step, 0.0)
         free, left = np.flatnonzero(~held[:n]), np.flatnonzero(~held)
         right = b - G @ x
         inner = eliminated(G[np.ix_(left, left)], right[left], np.arange(len(free)), mean[free], np.ones(len(free)))
@@ -313,7 +327,6 @@ def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: A
         step, at_bound = bounded(A, slope, low, high)
         if np.array_equal(at_bound, held[:n]):
             break
-        held[:n], x[:n] = at_bound, np.where(at_bound, step, 0.0)
     cov = cho_solve(cho_factor(A), np.eye(n))
     promised = float(slope @ step) - 0.5 * float(step @ A @ step)
     stands, sd = x[held], np.sqrt(np.diag(cov)[held[:n]])
