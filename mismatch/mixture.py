@@ -50,6 +50,8 @@ class Mixture:
     def _quantile(self, p: float) -> float:
         reach = 8.0 * self.sds
         low, high = float((self.means - reach).min()), float((self.means + reach).max())
+        if low == high:  # the number is certain, and the same under all
+            return low
         return float(brentq(lambda v: float(self.weights @ ndtr((v - self.means) / self.sds)) - p, low, high))
 
 

@@ -13,9 +13,9 @@ from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.onset import STARTS, likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import Painter, Picture
-from twinbench.mismatch.naming.pruned import all_at_once
+from twinbench.mismatch.naming.pruned import all_at_once, odds_without
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import Effect, Settled, misfit, settled
+from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, misfit, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -212,12 +212,12 @@ def _contenders(shown: Picture, far: bool) -> list[Scored]:
 
 
 def _plainer(found: Naming) -> bool:
-    """Leave each effect out of the best set, from where that is; is something plainer likelier?"""
+    """Leave each effect that may be needless out of the best set, from where that is; is something plainer likelier?"""
     best = found.best
     if len(best.effects) < 2 or best in found.reduced:
         return False
     found.reduced.append(best)
-    for i in range(len(best.effects)):
+    for i in np.flatnonzero(odds_without(best) > -HOPELESS):
         fewer = [e for k, e in enumerate(best.now) if k != i]
         found.settle(best.bare, best.own, fewer, best.learnt.s)
     return found.best is not best

@@ -116,3 +116,7 @@ def test_an_interval_of_a_mixture_holds_nine_tenths():
     low, high = mixture.interval()
     assert (low, high) == pytest.approx(np.quantile(drawn, (0.05, 0.95)), abs=0.02)
     assert mixture.interval(0.0, 4.0) == (0.0, 4.0)
+
+
+def test_an_interval_of_what_is_certain_is_that_number():
+    assert Mixture(np.array([0.9, 0.1]), np.ones(2), np.full(2, 1e-300)).interval() == (1.0, 1.0)
