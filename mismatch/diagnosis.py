@@ -90,6 +90,11 @@ class Diagnosis:
     strange: tuple[str, ...]
 
     @property
+    def named(self) -> bool:
+        """Is anything given a name?"""
+        return any(claim.names for claim in self.claims)
+
+    @property
     def stand_ins(self) -> tuple[str, ...]:
         """What the mended simulator has in the place of what has no name: the effects that explain it best."""
         if self.mended is None:

@@ -23,7 +23,7 @@ PHYSICS, SENSOR, UNEXPLAINED = "missing physics", "sensor fault", "unexplained"
 NEARLY_SURE = 0.99
 """Probability above which probabilities are not told apart: they are not known so well."""
 SELDOM = 0.01
-"""Probability below which a port or a name is not told."""
+"""Probability below which a port or a name is not told, nor how small it is."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _told(claim: Claim) -> tuple[tuple[Port, float], ...]:
 
 def _unnamed_says(d: Diagnosis, claim: Claim) -> str:
     """Something at a port: how large, if that was weighed, and what was refused, if anything."""
-    beside = "something else" if claim.found is None and d.mended is not None else "something"
+    beside = "something else" if claim.found is None and d.named else "something"
     says = f"{beside} acts at {claim.port} that these recordings cannot name"
     if claim.found is None:
         (here,) = (u for u in d.answer.left if u.port == claim.port)
@@ -221,7 +221,9 @@ def probable(p: float | None) -> str:
     """A probability as it is told."""
     if p is None:
         return "not known"
-    return number(p, 2) if p <= NEARLY_SURE else f"above {number(NEARLY_SURE)}"
+    if p > NEARLY_SURE:
+        return f"above {number(NEARLY_SURE)}"
+    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
 
 
 def variable_names(simulator: Simulator) -> set[str]:

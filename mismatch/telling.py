@@ -192,7 +192,7 @@ def _one(d: Diagnosis, f: Finding) -> str:
 
 
 def _unnamed(d: Diagnosis, places: Sequence[str]) -> str:
-    beside = "something else" if any(claim.names for claim in d.claims) else "something"
+    beside = "something else" if d.named else "something"
     says = f"{beside} acts at {listed(places)} that these recordings cannot name"
     if d.stand_ins:
         says += f", and {listed(d.stand_ins)} {'stands' if len(d.stand_ins) == 1 else 'stand'} in for it"

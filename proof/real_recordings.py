@@ -108,7 +108,8 @@ def run(folder: Path, out: Path, command: str) -> None:
             {
                 "case": case.name,
                 "verdict": verdict.verdict,
-                "named": "+".join(m.name for m in verdict.mechanisms),
+                "named": "+".join(name for f in verdict.findings for name in f.names),
+                "stand_ins": "+".join(verdict.diagnosis.stand_ins),
                 "seconds": round(time.perf_counter() - began, 1),
             }
         )
