@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -172,7 +172,8 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
     evidence = {
         "told_apart": apart,
         "against_nothing": chosen.log - none,
-        "against_unnamed": chosen.log - unnamed[0].log,
+        # With something unnamed beside it or without, whichever is likelier.
+        "against_unnamed": chosen.log + max(left, 0.0) - unnamed[0].log,
         "unnamed_beside": left,
         **_evidence(naming.ground, chosen, i),
     }
@@ -180,13 +181,23 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
 
 
 def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[float, tuple[Unnamed, ...]]:
-    """Evidence of the set less an effect, nats; and something unnamed in its place, its evidence in nats too."""
+    """Evidence of the set less an effect, nats; and something unnamed in its place, its evidence in nats too.
+
+    Both are told from where the set less the effect settled, if it was weighed: what a picture promises from afar
+    need not come true.
+    """
+    rest = sorted(e.variant.candidate for k, e in enumerate(chosen.effects) if k != i)
+    weighed = [h for h in naming.hypotheses if sorted(e.variant.candidate for e in h.effects) == rest]
+    if weighed:
+        best = max(weighed, key=lambda h: h.log)
+        beside = unnamed_beside(naming.ground, best)
+        return best.log, tuple(replace(u, log=u.log + best.log) for u in beside)
     ground, sets = naming.ground, shown.sets
     v = sets.many
     base = sets.reduced.log + shown.log + sum(e.prior for k, e in enumerate(chosen.effects) if k != i)
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
-    return max(none, _known_without(naming, chosen, i)), _unnamed(ground, G, b, base, 0.0)
+    return none, _unnamed(ground, G, b, base, 0.0)
 
 
 def _sets(naming: Naming) -> dict[frozenset[str], float]:
@@ -247,9 +258,3 @@ def _echoes(chosen: Settled, i: int) -> bool:
 
     own = period_s(chosen.now[i])
     return any(abs(period_s(e) / own - 1.0) < SAME_PERIOD for k, e in enumerate(chosen.now) if k != i)
-
-
-def _known_without(naming: Naming, chosen: Settled, i: int) -> float:
-    """Evidence of the same set less an effect, where that was weighed at its own fixed point."""
-    rest = {e.variant.candidate for k, e in enumerate(chosen.effects) if k != i}
-    return max((h.log for h in naming.hypotheses if {e.variant.candidate for e in h.effects} == rest), default=-np.inf)
