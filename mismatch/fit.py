@@ -139,14 +139,16 @@ class Problem:
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
         """
-        plain = replace(self, offsets=())
+        by_blocks = [e + o for e, o in zip(self.residuals(z), self.offsets or (0.0,) * len(self.tracks), strict=True)]
 
         def offset(r: int) -> Array:
             track = self.tracks[r]
             found = track.means - track.block_means(self.readings(r, z))
-            return np.nan_to_num(plain.residual(r, z) - found)
+            return np.nan_to_num(by_blocks[r] - found)
 
-        return replace(self, offsets=parallel([lambda r=r: offset(r) for r in range(len(self.tracks))]))
+        made = replace(self, offsets=parallel([lambda r=r: offset(r) for r in range(len(self.tracks))]))
+        made._last = z.copy(), [e - o for e, o in zip(by_blocks, made.offsets, strict=True)]
+        return made
 
     def setting(self, r: int, z: Array, grid: Grid, theta: Array | None = None) -> Setting:
         """What a run of recording r goes over and begins with.

@@ -169,7 +169,8 @@ def settled(
     for turn in range(1, TURNS + 1):
         whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
         view = View.around(whole, z)
-        products = ground.products(view, columns_of(view, ground, wanders))
+        columns = columns_of(view, ground, wanders)
+        products = ground.products(view, columns)
         mean = np.zeros(len(products.own[0]) - 1)
         mean[: len(z)] = (whole.z0 - z) / bounds.scale
         either = [products.scaled(np.arange(len(z), len(mean)), share / WANDERS) for share in shares]
@@ -195,7 +196,8 @@ def settled(
             )
         if promised < SETTLED or hopeless:
             break
-        ahead = _as_far_as_it_helps(whole, z, moved, ground, s)
+        wandering = [ground.whitened(r, c[:, :, len(z) :], view.residuals[r])[:, :-1] for r, c in enumerate(columns)]
+        ahead = _as_far_as_it_helps(z, moved, misfit(whole, ground, s, Wandering.of(products, wandering, share)), whole)
         if ahead is None:
             break
         z = ahead
@@ -328,7 +330,10 @@ def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: A
         if np.array_equal(at_bound, held[:n]):
             break
     cov = cho_solve(cho_factor(A), np.eye(n))
-    promised = float(slope @ step) - 0.5 * float(step @ A @ step)
+    # What wanders moves with no step: it is integrated out of what the step gains, as the discrepancy is.
+    wander, k = slope[len(low) :], slice(len(low), n)
+    idle = 0.5 * float(wander @ cho_solve(cho_factor(A[k, k]), wander)) if len(wander) else 0.0
+    promised = float(slope @ step) - 0.5 * float(step @ A @ step) - idle
     stands, sd = x[held], np.sqrt(np.diag(cov)[held[:n]])
     log = inner.log + learnt.log + float(stands @ (b[held] - 0.5 * G[np.ix_(held, held)] @ stands))
     log -= 0.5 * float(np.sum((stands - mean[held[:n]]) ** 2))
@@ -338,15 +343,44 @@ def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: A
     return _Posterior(log, learnt, cov, step[: len(low)], promised)
 
 
-def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Problem], float]:
+class Wandering(NamedTuple):
+    """Columns of what differs from place to place, in its prior sds.
+
+    Attributes:
+        white: (B * ny, W) per recording, whitened.
+        own: (W, W) products of these with each other.
+        cross: (W, F) and with the discrepancy's.
+    """
+
+    white: Sequence[Array]
+    own: Array
+    cross: Array
+
+    @classmethod
+    def of(cls, products: Products, white: Sequence[Array], share: float) -> Wandering:
+        """The last columns of products that were made smaller to a share, from those that were not.
+
+        Args:
+            white: (B * ny, W) per recording, whitened, by WANDERS.
+        """
+        k = slice(products.own.shape[1] - 1 - white[0].shape[1], -1)
+        return cls(
+            [w * (share / WANDERS) for w in white], products.own[:, k, k].sum(axis=0), products.cross[:, k].sum(axis=0)
+        )
+
+
+def misfit(
+    problem: Problem, ground: Ground, s: Array, wandering: Wandering | None = None
+) -> Callable[[Array, Problem], float]:
     """Twice minus the log posterior of unknowns (K,), the discrepancy of a size integrated out, constants apart.
 
     It is asked with the unknowns and with the problem, which may differ from the one given in when effects begin.
 
     Args:
         s: (P,) size of the discrepancy at each port, per cent.
+        wandering: what else is integrated out.
     """
-    square = squared(ground, s)
+    square = squared(ground, s, wandering)
     scale = np.array([scale_of(u) for u in problem.unknowns])
 
     def of(z: Array, problem: Problem) -> float:
@@ -358,32 +392,38 @@ def misfit(problem: Problem, ground: Ground, s: Array) -> Callable[[Array, Probl
     return of
 
 
-def squared(ground: Ground, s: Array) -> Callable[[Sequence[Array]], float]:
+def squared(ground: Ground, s: Array, wandering: Wandering | None = None) -> Callable[[Sequence[Array]], float]:
     """Squares of what readings differ by, (B, ny) per recording, in sds of the noise; the discrepancy integrated out.
 
     Args:
         s: (P,) size of the discrepancy at each port, per cent.
+        wandering: what else is integrated out.
     """
     d = 1.0 / np.sqrt(ground.precision(s))
-    FF = ground.FF.sum(axis=0)
+    FF, white = ground.FF.sum(axis=0), list(ground.white)
+    if wandering is not None:
+        d = np.concatenate((np.ones(len(wandering.own)), d))
+        FF = np.block([[wandering.own, wandering.cross], [wandering.cross.T, FF]])
+        white = [np.concatenate(pair, axis=1) for pair in zip(wandering.white, white, strict=True)]
     some = np.flatnonzero(d**2 * np.diag(FF) > UNTOLD)
-    d = d[some]
+    d, shown = d[some], [w[:, some] for w in white]
     factor = cho_factor(np.eye(len(some)) + d[:, None] * FF[np.ix_(some, some)] * d) if len(some) else None
 
     def of(differences: Sequence[Array]) -> float:
         total, right = 0.0, np.zeros(len(some))
         for r, difference in enumerate(differences):
-            white = ground.whitened(r, np.empty((*difference.shape, 0)), difference)[:, 0]
-            total += float(white @ white)
-            right += ground.white[r][:, some].T @ white
+            left = ground.whitened(r, np.empty((*difference.shape, 0)), difference)[:, 0]
+            total += float(left @ left)
+            right += shown[r].T @ left
         return total - (float((d * right) @ cho_solve(factor, d * right)) if factor is not None else 0.0)
 
     return of
 
 
-def _as_far_as_it_helps(problem: Problem, z: Array, moved: Array, ground: Ground, s: Array) -> Array | None:
+def _as_far_as_it_helps(
+    z: Array, moved: Array, cost: Callable[[Array, Problem], float], problem: Problem
+) -> Array | None:
     """The step, or as much of it as makes the fit better; None if nothing does."""
-    cost = misfit(problem, ground, s)
     here = cost(z, problem)
     for _ in range(SHORTENINGS):
         if cost(moved, problem) < here:
