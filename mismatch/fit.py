@@ -139,7 +139,9 @@ class Problem:
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
         """
-        by_blocks = [e + o for e, o in zip(self.residuals(z), self.offsets or (0.0,) * len(self.tracks), strict=True)]
+        by_blocks = list(self.residuals(z))
+        if len(self.offsets):
+            by_blocks = [e + o for e, o in zip(by_blocks, self.offsets, strict=True)]
 
         def offset(r: int) -> Array:
             track = self.tracks[r]

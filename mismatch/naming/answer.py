@@ -10,9 +10,10 @@ import numpy as np
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
+from twinbench.mismatch.naming.misfit import squared
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
-from twinbench.mismatch.naming.settle import Effect, Settled, squared
+from twinbench.mismatch.naming.settle import Effect, Settled
 from twinbench.mismatch.naming.steady import one_form, one_size
 from twinbench.physics.simulator import Array, Port
 

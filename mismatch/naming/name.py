@@ -11,11 +11,12 @@ from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.misfit import misfit
 from twinbench.mismatch.naming.onset import STARTS, likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import Painter, Picture
 from twinbench.mismatch.naming.pruned import all_at_once, odds_without
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, misfit, settled
+from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved

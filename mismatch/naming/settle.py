@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.special import erfcx, logsumexp
+from scipy.special import logsumexp
 
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.ground import Ground, Products
-from twinbench.mismatch.naming.marginal import UNTOLD, Learnt, eliminated, learn, one_sided
+from twinbench.mismatch.naming.marginal import Learnt, one_sided
+from twinbench.mismatch.naming.misfit import Wandering, misfit
+from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.view import HARDLY, WANDERS, View, scale_of
 from twinbench.mismatch.place import CLOCK
 from twinbench.mismatch.solve import NEARLY, solve
@@ -25,14 +25,11 @@ SETTLED = 1.0
 """Nats by which the evidence may still move."""
 TURNS, SHORTENINGS = 24, 5
 """Linearisations of one hypothesis at most, and how often one step is shortened."""
-HOPELESS, TRIED = 30.0, 2
+HOPELESS, GIVEN_UP_AFTER = 30.0, 2
 """Nats by which a hypothesis may lie behind the best one, what its next step promises counted, and linearisations
 after which it is then given up. A rival so far behind has no weight in any answer."""
 FAR_ROUNDS = 12
 """Jacobians of a fit without discrepancy, from far off."""
-BOUND_TURNS = 4
-"""Times at most that the discrepancy is learnt because other unknowns stand at their bounds; most hypotheses meet none
-and take one. What more of them would change was not measured."""
 SHORTENED = 0.4
 """What is left of a step that is too long."""
 
@@ -154,55 +151,113 @@ def settled(
             first fitted without one.
         rival: evidence of the best hypothesis so far, nats.
     """
-    parameters = [u for e in effects for u in unknowns_of(problem, e)]
-    starts = memory_starts(problem.machine, effects, len(problem.tracks))
-    whole = replace(problem, unknowns=(*problem.unknowns, *parameters, *starts))
-    bounds = _Bounds.of(whole)
-    z, firsts = _start(whole, z, effects)
-    z = np.clip(z, bounds.low, bounds.high)
-    # Where the simulator's equations are taken for exact, so are the effects'.
-    wanders = [k for k, e in zip(firsts, effects, strict=True) if ground.ports and may_wander(problem, e)]
-    shares = (WANDERS, HARDLY) if wanders else (WANDERS,)
+    hypothesis, whole, z = _Hypothesis.begun(problem, z, effects, ground)
     if far:
         z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
     best: Settled | None = None
     for turn in range(1, TURNS + 1):
         whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
-        view = View.around(whole, z)
-        columns = columns_of(view, ground, wanders)
-        products = ground.products(view, columns)
-        mean = np.zeros(len(products.own[0]) - 1)
-        mean[: len(z)] = (whole.z0 - z) / bounds.scale
-        either = [products.scaled(np.arange(len(z), len(mean)), share / WANDERS) for share in shares]
-        low, high = ((side - z) / bounds.scale for side in (bounds.low, bounds.high))
-        found = [_posterior(p, mean, ground, s, low, high) for p in either]
-        logs = np.array([one.log for one in found])
-        likelier = int(np.argmax(logs))
-        products, share, (_, learnt, _, step, promised) = either[likelier], shares[likelier], found[likelier]
-        # Intervals stay as wide as a form that is not exact makes them.
-        cov = found[0].cov[: len(z), : len(z)]
-        s = learnt.s
-        moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
-        at = moved if promised < SETTLED else z
-        sizes, sds = (at - whole.z0)[firsts], (np.sqrt(np.diag(cov)) * bounds.scale)[firsts]
-        log = float(logsumexp(logs)) - np.log(len(shares)) - 0.5 * products.over()[2] + sum(e.prior for e in effects)
-        log += float(one_sided(np.abs(sizes), sds, bounds.one_way[firsts]).sum())
-        hopeless = turn >= TRIED and log < rival - HOPELESS
-        if promised > SETTLED:
-            log -= promised
-        if best is None or log > best.log:
-            best = Settled(
-                tuple(effects), whole, z, len(problem.unknowns), log, sizes, sds, learnt, at, cov, products, share, mean
-            )
-        if promised < SETTLED or hopeless:
+        here = hypothesis.linearised(whole, z, s)
+        s = here.stands.learnt.s
+        if best is None or here.stands.log > best.log:
+            best = here.stands
+        if here.promised < SETTLED or (turn >= GIVEN_UP_AFTER and here.hoped < rival - HOPELESS):
             break
-        wandering = [ground.whitened(r, c[:, :, len(z) :], view.residuals[r])[:, :-1] for r, c in enumerate(columns)]
-        ahead = _as_far_as_it_helps(z, moved, misfit(whole, ground, s, Wandering.of(products, wandering, share)), whole)
+        ahead = _as_far_as_it_helps(z, here.moved, hypothesis.cost(here), whole)
         if ahead is None:
             break
         z = ahead
     assert best is not None
     return best
+
+
+class _Here(NamedTuple):
+    """A hypothesis linearised in one place.
+
+    Attributes:
+        stands: as it stands there; its evidence is less what the next step only promises.
+        hoped: its evidence, nats, should the step keep its promise.
+        promised: nats that the step should gain.
+        moved: (K,) where the step goes, each unknown in its own unit.
+        view: around that place.
+        columns: (B, ny, K + W) per recording, in the outputs' units per prior sd; by WANDERS of what wanders.
+    """
+
+    stands: Settled
+    hoped: float
+    promised: float
+    moved: Array
+    view: View
+    columns: list[Array]
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    """Effects beside a problem's own unknowns, of which there are ``first``; ``sizes`` are positions of theirs."""
+
+    effects: tuple[Effect, ...]
+    ground: Ground
+    bounds: _Bounds
+    first: int
+    sizes: list[int]
+    wanders: list[int]
+
+    @classmethod
+    def begun(
+        cls, problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground
+    ) -> tuple[_Hypothesis, Problem, Array]:
+        """It, its problem, and where its unknowns (K,) begin, each in its own unit."""
+        parameters = [u for e in effects for u in unknowns_of(problem, e)]
+        starts = memory_starts(problem.machine, effects, len(problem.tracks))
+        whole = replace(problem, unknowns=(*problem.unknowns, *parameters, *starts))
+        bounds = _Bounds.of(whole)
+        z, sizes = _start(whole, z, effects)
+        # Where the simulator's equations are taken for exact, so are the effects'.
+        wanders = [k for k, e in zip(sizes, effects, strict=True) if ground.ports and may_wander(problem, e)]
+        made = cls(tuple(effects), ground, bounds, len(problem.unknowns), sizes, wanders)
+        return made, whole, np.clip(z, bounds.low, bounds.high)
+
+    def linearised(self, whole: Problem, z: Array, s: Array) -> _Here:
+        """It in one place.
+
+        Args:
+            z: (K,) this place.
+            s: (P,) discrepancy to begin with, per cent.
+        """
+        bounds, sizes = self.bounds, self.sizes
+        shares = (WANDERS, HARDLY) if self.wanders else (WANDERS,)
+        view = View.around(whole, z)
+        columns = columns_of(view, self.ground, self.wanders)
+        products = self.ground.products(view, columns)
+        mean = np.zeros(len(products.own[0]) - 1)
+        mean[: len(z)] = (whole.z0 - z) / bounds.scale
+        either = [products.scaled(np.arange(len(z), len(mean)), share / WANDERS) for share in shares]
+        low, high = ((side - z) / bounds.scale for side in (bounds.low, bounds.high))
+        found = [posterior(p, mean, self.ground, s, low, high) for p in either]
+        logs = np.array([one.log for one in found])
+        likelier = int(np.argmax(logs))
+        products, share, (_, learnt, _, step, promised) = either[likelier], shares[likelier], found[likelier]
+        # Intervals stay as wide as a form that is not exact makes them.
+        cov = found[0].cov[: len(z), : len(z)]
+        moved = np.clip(z + step * bounds.scale, bounds.low, bounds.high)
+        at = moved if promised < SETTLED else z
+        from_none, sds = (at - whole.z0)[sizes], (np.sqrt(np.diag(cov)) * bounds.scale)[sizes]
+        log = float(logsumexp(logs)) - np.log(len(shares)) - 0.5 * products.over()[2]
+        log += sum(e.prior for e in self.effects)
+        log += float(one_sided(np.abs(from_none), sds, bounds.one_way[sizes]).sum())
+        stands = Settled(
+            self.effects, whole, z, self.first, log - (promised if promised > SETTLED else 0.0), from_none, sds, learnt,
+            at, cov, products, share, mean,
+        )  # fmt: skip
+        return _Here(stands, log, promised, moved, view, columns)
+
+    def cost(self, here: _Here) -> Callable[[Array, Problem], float]:
+        """``misfit`` around one place."""
+        k, products, share = len(here.moved), here.stands.products, here.stands.share
+        residuals = here.view.residuals
+        white = [self.ground.whitened(r, c[:, :, k:], residuals[r])[:, :-1] for r, c in enumerate(here.columns)]
+        wandering = Wandering.of(products, white, share)
+        return misfit(here.stands.problem, self.ground, here.stands.learnt.s, wandering)
 
 
 def may_wander(problem: Problem, effect: Effect) -> bool:
@@ -283,141 +338,6 @@ def _start(whole: Problem, z: Array, effects: Sequence[Effect]) -> tuple[Array, 
         at += n
     parts.append(np.zeros(len(whole.unknowns) - at))
     return np.concatenate(parts), firsts
-
-
-class _Posterior(NamedTuple):
-    """Of the unknowns (K,) and what wanders (W,), around where a hypothesis stands.
-
-    Attributes:
-        log: evidence in nats, constants apart, within the bounds.
-        learnt: the discrepancy beside them.
-        cov: (K + W, K + W) their covariance, in prior sds squared, bounds apart.
-        step: (K,) to the likeliest within the bounds, in prior sds.
-        promised: nats that the step gains.
-    """
-
-    log: float
-    learnt: Learnt
-    cov: Array
-    step: Array
-    promised: float
-
-
-def _posterior(products: Products, mean: Array, ground: Ground, s: Array, low: Array, high: Array) -> _Posterior:
-    """What the products say.
-
-    Args:
-        mean: (K + W,) of the prior, from where the hypothesis stands, in prior sds.
-        s: (P,) discrepancy to begin with, per cent.
-        low: (K,) bounds of the unknowns, from there, in prior sds.
-        high: (K,) likewise.
-    """
-    G, b, _ = products.over()
-    n, many = len(mean), len(b)
-    held, x = np.zeros(many, dtype=bool), np.zeros(many)
-    step, at_bound = np.zeros(n), np.zeros(n, dtype=bool)
-    for _ in range(BOUND_TURNS):
-        # What a bound holds stands there, and the discrepancy is learnt with it there.
-        held[:n], x[:n] = at_bound, np.where(at_bound, step, 0.0)
-        free, left = np.flatnonzero(~held[:n]), np.flatnonzero(~held)
-        right = b - G @ x
-        inner = eliminated(G[np.ix_(left, left)], right[left], np.arange(len(free)), mean[free], np.ones(len(free)))
-        learnt = learn(inner.G, inner.b, ground.group, s)
-        block = np.arange(n, many)
-        outer = eliminated(G, b, block, np.zeros(len(block)), ground.precision(learnt.s))
-        A, slope = outer.G + np.eye(n) * (1.0 + 1e-9), outer.b + mean
-        step, at_bound = bounded(A, slope, low, high)
-        if np.array_equal(at_bound, held[:n]):
-            break
-    cov = cho_solve(cho_factor(A), np.eye(n))
-    # What wanders moves with no step: it is integrated out of what the step gains, as the discrepancy is.
-    wander, k = slope[len(low) :], slice(len(low), n)
-    idle = 0.5 * float(wander @ cho_solve(cho_factor(A[k, k]), wander)) if len(wander) else 0.0
-    promised = float(slope @ step) - 0.5 * float(step @ A @ step) - idle
-    stands, sd = x[held], np.sqrt(np.diag(cov)[held[:n]])
-    log = inner.log + learnt.log + float(stands @ (b[held] - 0.5 * G[np.ix_(held, held)] @ stands))
-    log -= 0.5 * float(np.sum((stands - mean[held[:n]]) ** 2))
-    # At a bound only the flank exp(-t x - x^2/2) of what is likelier beyond it is left, in place of a whole Gaussian.
-    flank = np.abs(slope - A @ step)[held[:n]] * sd
-    log += float(np.log(sd * erfcx(flank / np.sqrt(2.0))).sum())
-    return _Posterior(log, learnt, cov, step[: len(low)], promised)
-
-
-class Wandering(NamedTuple):
-    """Columns of what differs from place to place, in its prior sds.
-
-    Attributes:
-        white: (B * ny, W) per recording, whitened.
-        own: (W, W) products of these with each other.
-        cross: (W, F) and with the discrepancy's.
-    """
-
-    white: Sequence[Array]
-    own: Array
-    cross: Array
-
-    @classmethod
-    def of(cls, products: Products, white: Sequence[Array], share: float) -> Wandering:
-        """The last columns of products that were made smaller to a share, from those that were not.
-
-        Args:
-            white: (B * ny, W) per recording, whitened, by WANDERS.
-        """
-        k = slice(products.own.shape[1] - 1 - white[0].shape[1], -1)
-        return cls(
-            [w * (share / WANDERS) for w in white], products.own[:, k, k].sum(axis=0), products.cross[:, k].sum(axis=0)
-        )
-
-
-def misfit(
-    problem: Problem, ground: Ground, s: Array, wandering: Wandering | None = None
-) -> Callable[[Array, Problem], float]:
-    """Twice minus the log posterior of unknowns (K,), the discrepancy of a size integrated out, constants apart.
-
-    It is asked with the unknowns and with the problem, which may differ from the one given in when effects begin.
-
-    Args:
-        s: (P,) size of the discrepancy at each port, per cent.
-        wandering: what else is integrated out.
-    """
-    square = squared(ground, s, wandering)
-    scale = np.array([scale_of(u) for u in problem.unknowns])
-
-    def of(z: Array, problem: Problem) -> float:
-        residuals = problem.residuals(z)
-        if any(np.isnan(r[np.isfinite(t.means)]).any() for r, t in zip(residuals, problem.tracks, strict=True)):
-            return np.inf
-        return float(np.sum(((z - problem.z0) / scale) ** 2)) + square(residuals)
-
-    return of
-
-
-def squared(ground: Ground, s: Array, wandering: Wandering | None = None) -> Callable[[Sequence[Array]], float]:
-    """Squares of what readings differ by, (B, ny) per recording, in sds of the noise; the discrepancy integrated out.
-
-    Args:
-        s: (P,) size of the discrepancy at each port, per cent.
-        wandering: what else is integrated out.
-    """
-    d = 1.0 / np.sqrt(ground.precision(s))
-    FF, white = ground.FF.sum(axis=0), list(ground.white)
-    if wandering is not None:
-        d = np.concatenate((np.ones(len(wandering.own)), d))
-        FF = np.block([[wandering.own, wandering.cross], [wandering.cross.T, FF]])
-        white = [np.concatenate(pair, axis=1) for pair in zip(wandering.white, white, strict=True)]
-    some = np.flatnonzero(d**2 * np.diag(FF) > UNTOLD)
-    d, shown = d[some], [w[:, some] for w in white]
-    factor = cho_factor(np.eye(len(some)) + d[:, None] * FF[np.ix_(some, some)] * d) if len(some) else None
-
-    def of(differences: Sequence[Array]) -> float:
-        total, right = 0.0, np.zeros(len(some))
-        for r, difference in enumerate(differences):
-            left = ground.whitened(r, np.empty((*difference.shape, 0)), difference)[:, 0]
-            total += float(left @ left)
-            right += shown[r].T @ left
-        return total - (float((d * right) @ cho_solve(factor, d * right)) if factor is not None else 0.0)
-
-    return of
 
 
 def _as_far_as_it_helps(

@@ -15,7 +15,8 @@ from scipy.optimize import lsq_linear
 from twinbench.mismatch.mixture import Mixture
 from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.ground import Products
-from twinbench.mismatch.naming.settle import SETTLED, Effect, Settled, _posterior, settled
+from twinbench.mismatch.naming.posterior import posterior
+from twinbench.mismatch.naming.settle import SETTLED, Effect, Settled, settled
 from twinbench.mismatch.variants import Variant, typical
 
 SIZE = 1.2
@@ -123,7 +124,6 @@ def test_an_interval_of_what_is_certain_is_that_number():
     assert Mixture(np.array([0.9, 0.1]), np.ones(2), np.full(2, 1e-300)).interval() == (1.0, 1.0)
 
 
-
 def test_a_step_promises_what_it_gains_with_all_that_wanders_integrated_out():
     """Oracle: the marginal of readings under unknowns alone. What wanders moves with no step, and is not promised."""
     rng = np.random.default_rng(3)
@@ -133,7 +133,7 @@ def test_a_step_promises_what_it_gains_with_all_that_wanders_integrated_out():
     products = Products((white.T @ white)[None], np.zeros((1, 6, 0)), np.zeros((1, 0, 0)))
     ground = friction_found().diagnosis.answer.naming.ground.exact
     wide = np.full(2, 100.0)
-    found = _posterior(products, np.concatenate((mean, np.zeros(3))), ground, np.empty(0), -wide, wide)
+    found = posterior(products, np.concatenate((mean, np.zeros(3))), ground, np.empty(0), -wide, wide)
 
     inverse = np.linalg.inv(np.eye(60) + wander @ wander.T)
     best = np.linalg.solve(own.T @ inverse @ own + np.eye(2), own.T @ inverse @ left + mean)
