@@ -99,9 +99,12 @@ class Naming:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             s: (P,) discrepancy to begin with, per cent.
         """
-        best = max((h.log for h in self.hypotheses), default=-np.inf)
-        self.hypotheses.append(settled(problem, z, effects, self.ground, s, self.far, best))
-        self.hypotheses.sort(key=lambda s: -s.log)
+        self.keep(settled(problem, z, effects, self.ground, s, self.far, self.best.log))
+
+    def keep(self, hypothesis: Settled) -> None:
+        """Put a settled hypothesis in its place."""
+        self.hypotheses.append(hypothesis)
+        self.hypotheses.sort(key=lambda h: -h.log)
 
 
 def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], None] = lambda share: None) -> Naming:
@@ -171,8 +174,7 @@ def _thinned_out(found: Naming) -> None:
     """Begin with all physics at once and leave out what is not needed."""
     null = found.null
     found.together = all_at_once(null.problem, null.z, all_physics(found), found.ground)
-    found.hypotheses.append(found.together)
-    found.hypotheses.sort(key=lambda h: -h.log)
+    found.keep(found.together)
 
 
 def all_physics(found: Naming) -> list[Effect]:
