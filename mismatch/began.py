@@ -10,6 +10,11 @@ import numpy as np
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.words import listed
 
+BEGINS_LATE = 0.15
+"""Prior probability that an effect begins while it is watched."""
+STARTS = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
+"""Shares of a recording after which an effect may have begun; also at its beginning, but for the first's."""
+
 
 class Onset(NamedTuple):
     """Since when an effect is there in one recording.
@@ -23,6 +28,20 @@ class Onset(NamedTuple):
     there: str
     since_s: float | None = None
     into_s: float | None = None
+
+
+def starts(tracks: Sequence[Track]) -> list[float]:
+    """Times on the recordings' clock, s, at which an effect may have begun."""
+    return [
+        float(t.time_s[0] + share * np.ptp(t.time_s))
+        for j, t in enumerate(tracks)
+        for share in ((0.0,) if j else ()) + STARTS
+    ]
+
+
+def late_odds(tracks: Sequence[Track]) -> float:
+    """Log prior odds that what is missing began about one of these times."""
+    return float(np.log(BEGINS_LATE / len(starts(tracks))))
 
 
 def told_onsets(since_s: float, tracks: Sequence[Track]) -> tuple[Onset, ...]:

@@ -48,10 +48,8 @@ class Mixture:
         return max(ends[0], low), min(ends[1], high)
 
     def _quantile(self, p: float) -> float:
-        reach = 8.0 * self.sds
+        reach = 8.0 * self.sds + np.spacing(np.abs(self.means))  # so that what is certain has two sides too
         low, high = float((self.means - reach).min()), float((self.means + reach).max())
-        if low == high:  # the number is certain, and the same under all
-            return low
         return float(brentq(lambda v: float(self.weights @ ndtr((v - self.means) / self.sds)) - p, low, high))
 
 

@@ -115,7 +115,7 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
     """Something unnamed beside a hypothesis, at each port, the likeliest first."""
     inner = _known(hypothesis)
-    base = inner.log - 0.5 * hypothesis.products.over()[2] + sum(e.prior for e in hypothesis.effects)
+    base = inner.log - 0.5 * hypothesis.products.over()[2] + hypothesis.odds - hypothesis.promised
     return _unnamed(ground, inner.G, inner.b, base, hypothesis.log)
 
 
@@ -184,18 +184,21 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
 def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[float, tuple[Unnamed, ...]]:
     """Evidence of the set less an effect, nats; and something unnamed in its place, its evidence in nats too.
 
-    Both are told from where the set less the effect settled, if it was weighed: what a picture promises from afar
-    need not come true.
+    Both are told from where the set less the effect settled, if it was brought there: what a picture promises from
+    afar need not come true.
     """
-    rest = sorted(e.variant.candidate for k, e in enumerate(chosen.effects) if k != i)
-    weighed = [h for h in naming.hypotheses if sorted(e.variant.candidate for e in h.effects) == rest]
+    others = [e for k, e in enumerate(chosen.effects) if k != i]
+    rest = sorted(e.variant.candidate for e in others)
+    came_to_rest = [h for h in naming.hypotheses if not h.given_up]
+    weighed = [h for h in came_to_rest if sorted(e.variant.candidate for e in h.effects) == rest]
     if weighed:
         best = max(weighed, key=lambda h: h.log)
         beside = unnamed_beside(naming.ground, best)
         return best.log, tuple(replace(u, log=u.log + best.log) for u in beside)
     ground, sets = naming.ground, shown.sets
     v = sets.many
-    base = sets.reduced.log + shown.log + sum(e.prior for k, e in enumerate(chosen.effects) if k != i)
+    odds = chosen.odds - chosen.effects[i].prior if others else 0.0
+    base = sets.reduced.log + shown.log + odds
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
     return none, _unnamed(ground, G, b, base, 0.0)

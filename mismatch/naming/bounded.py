@@ -1,11 +1,38 @@
-"""The largest of a quadratic form within bounds: where a step of many unknowns goes if some of them may not go on."""
+"""Bounds of unknowns, and where a step of many goes if some of them may not go on."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.naming.view import scale_of
 from twinbench.physics.simulator import Array
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of unknowns.
+
+    Attributes:
+        low: (K,) each in its own unit.
+        high: (K,) likewise.
+        scale: (K,) prior standard deviations, in the same units.
+        one_way: (K,) bool, is the prior's mean a bound?
+    """
+
+    low: Array
+    high: Array
+    scale: Array
+    one_way: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem) -> Bounds:
+        u = problem.unknowns
+        one_way = np.array([v.mean in (v.low, v.high) for v in u], dtype=bool)
+        return cls(np.array([v.low for v in u]), np.array([v.high for v in u]), np.array([*map(scale_of, u)]), one_way)
 
 
 def bounded(A: Array, slope: Array, low: Array, high: Array) -> tuple[Array, np.ndarray]:

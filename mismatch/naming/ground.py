@@ -42,15 +42,29 @@ class Products(NamedTuple):
     cross: Array
     FF: Array
 
-    def scaled(self, at: np.ndarray, factor: float) -> Products:
+    def scaled(self, at: np.ndarray, factor: float | Array) -> Products:
         """With some of their own columns made smaller or larger.
 
         Args:
             at: (n,) positions of these columns.
+            factor: by how much, all or each (n,), dimensionless.
         """
         by = np.ones(self.own.shape[1])
         by[at] = factor
         return Products(self.own * by[:, None] * by, self.cross * by[:, None], self.FF)
+
+    def less(self, out: np.ndarray, at: Sequence[int], moved: Array) -> Products:
+        """Without some of their own columns, once the residuals are less some of them.
+
+        Args:
+            out: (n,) positions of those without which.
+            at: positions of those which the residuals are less.
+            moved: (m,) by how much of each, in what the columns are per: dimensionless.
+        """
+        turn = np.eye(self.own.shape[1])
+        turn[list(at), -1] = -moved
+        turn = np.delete(turn, out, axis=1)
+        return Products(turn.T @ self.own @ turn, turn.T @ self.cross, self.FF)
 
     def over(self, which: Sequence[int] | None = None) -> tuple[Array, Array, float]:
         """Over some of the recordings, or all: G (K + F, K + F), b (K + F,), and of residuals with themselves."""

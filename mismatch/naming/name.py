@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from twinbench.mismatch.began import STARTS
 from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.misfit import misfit
-from twinbench.mismatch.naming.onset import STARTS, likeliest_forms, with_late
+from twinbench.mismatch.naming.onset import likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import Painter, Picture
-from twinbench.mismatch.naming.pruned import all_at_once, odds_without
+from twinbench.mismatch.naming.pruned import all_at_once, less
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, settled
+from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -68,10 +68,9 @@ class Naming:
         """The likeliest hypothesis."""
         return self.hypotheses[0]
 
-    def knows(self, effects: Iterable[Effect]) -> bool:
-        """Has a hypothesis of these candidates been weighed?"""
-        wanted = {e.variant.candidate for e in effects}
-        return any({e.variant.candidate for e in h.effects} == wanted for h in self.hypotheses)
+    def knows(self, effects: Sequence[Effect], since_s: float) -> bool:
+        """Has a hypothesis of these candidates, from then on, been weighed?"""
+        return any(_is(h, effects, since_s) for h in self.hypotheses)
 
     def without(self, hypothesis: Settled, effect: int) -> Painter:
         """A hypothesis less one effect, with all that could stand in its place; made once."""
@@ -88,7 +87,14 @@ class Naming:
             entries = hypothesis.entries(effect)
             wanders = [k for k in hypothesis.wanders if k != entries[0]]
             self._without[key] = Painter(
-                view, self.ground, others, entries, self.painter.probes, wanders, hypothesis.share
+                view,
+                self.ground,
+                others,
+                entries,
+                self.painter.probes,
+                wanders,
+                hypothesis.share,
+                hypothesis.since_s,
             )
         return self._without[key]
 
@@ -102,9 +108,19 @@ class Naming:
         self.keep(settled(problem, z, effects, self.ground, s, self.far, self.best.log))
 
     def keep(self, hypothesis: Settled) -> None:
-        """Put a settled hypothesis in its place."""
-        self.hypotheses.append(hypothesis)
+        """Put a settled hypothesis in its place; of several of the same effects the likeliest counts."""
+        same = [h for h in self.hypotheses if _is(h, hypothesis.effects, hypothesis.since_s)]
+        if any(h.log >= hypothesis.log for h in same):
+            return
+        self.hypotheses = [*(h for h in self.hypotheses if h not in same), hypothesis]
         self.hypotheses.sort(key=lambda h: -h.log)
+
+
+def _is(hypothesis: Settled, effects: Sequence[Effect], since_s: float) -> bool:
+    """Is it of these candidates? Times at which they began while they were watched are one time, told anew."""
+    wanted = sorted(e.variant.candidate for e in effects)
+    late = (since_s > -np.inf) == (hypothesis.since_s > -np.inf)
+    return late and sorted(e.variant.candidate for e in hypothesis.effects) == wanted
 
 
 def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], None] = lambda share: None) -> Naming:
@@ -130,7 +146,9 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         _thinned_out(found)
     contenders = _contenders(shown, found.far)
     for k, scored in enumerate(contenders):
-        found.settle(_since(problem, shown, scored), z, _effects(shown, scored), scored.learnt.s)
+        there, sizes = painter.start(shown, scored.key, scored.learnt.s)
+        effects = _effects(shown, scored.key, sizes)
+        found.settle(_since(problem, shown, scored), z if found.far else there, effects, scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
     while _one_is_not_enough(found) or _fuller(found) or _plainer(found) or _rivalled(found):
         pass
@@ -143,7 +161,8 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
 def _sharpen(found: Naming) -> None:
     """Settle the best hypothesis again, and its near rivals, from when its own fit says that it began."""
     best = found.best
-    cost = misfit(best.problem, found.ground, best.learnt.s)
+    view = View.around(best.problem, best.z)
+    cost = misfit_around(best, found.ground, view, columns_of(view, found.ground, best.wanders))
     since, gap = best.since_s, STARTS[0] * max(float(np.ptp(t.time_s)) for t in best.problem.tracks)
     for _ in range(SHARPENED):
         times = [since + gap * k / SIDES for k in range(-SIDES, SIDES + 1)]
@@ -155,10 +174,11 @@ def _sharpen(found: Naming) -> None:
         found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
 
 
-def _effects(shown: Picture, scored: Scored) -> list[Effect]:
+def _effects(shown: Picture, key: Sequence[int], sizes: Array) -> list[Effect]:
+    """Variants of a picture, of some sizes (k,) from absence, each in its first parameter's unit."""
     return [
-        Effect(shown.variants[i], float(size * shown.units[i]), float(shown.units[i]), float(shown.sets.prior[i]))
-        for i, size in zip(scored.key, scored.sizes, strict=True)
+        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]))
+        for i, size in zip(key, sizes, strict=True)
     ]
 
 
@@ -172,20 +192,24 @@ def _one_is_not_enough(found: Naming) -> bool:
 
 def _thinned_out(found: Naming) -> None:
     """Begin with all physics at once and leave out what is not needed."""
-    null = found.null
-    found.together = all_at_once(null.problem, null.z, all_physics(found), found.ground)
+    null, shown = found.null, found.picture
+    likeliest = _since(null.problem, shown, shown.sets.best()) if found.best is null else found.best.bare
+    found.together = all_at_once(likeliest, null.z, all_physics(found), found.ground)
     found.keep(found.together)
 
 
 def all_physics(found: Naming) -> list[Effect]:
-    """Each candidate of physics in its likeliest form, one of a family, as it was tried in the picture."""
+    """Each candidate of physics in its likeliest form, one of a family, as it was tried in the picture.
+
+    Also what looks like a parameter under another name from afar: beside the others it may be more than that.
+    """
     shown, effects, there = found.picture, [], set()
     for i in likeliest_forms(shown):
         candidate = shown.candidates[i]
         if candidate.mechanism.kind == "physics" and candidate.family not in there:
             there.add(candidate.family)
             unit, probe = float(shown.units[i]), found.painter.probes[shown.variants[i]]
-            effects.append(Effect(shown.variants[i], probe * typical(candidate), unit, float(shown.sets.prior[i])))
+            effects.append(Effect(shown.variants[i], probe * typical(candidate), unit, float(shown.odds[i])))
     return effects
 
 
@@ -220,9 +244,10 @@ def _plainer(found: Naming) -> bool:
     if len(best.effects) < 2 or best in found.reduced:
         return False
     found.reduced.append(best)
-    for i in np.flatnonzero(odds_without(best) > -HOPELESS):
-        fewer = [e for k, e in enumerate(best.now) if k != i]
-        found.settle(best.bare, best.own, fewer, best.learnt.s)
+    for i in range(len(best.effects)):
+        start = less(best, [i], found.ground)
+        if start.odds > -HOPELESS:
+            found.settle(best.bare, start.own, start.effects, best.learnt.s)
     return found.best is not best
 
 
@@ -232,20 +257,23 @@ def _fuller(found: Naming) -> bool:
     if not 0 < len(best.effects) < MOST_EFFECTS:
         return False
     machine = best.problem.machine
-    there = {machine.candidates[e.variant.candidate].family for e in best.effects}
-    others = [v for v in found.forms if machine.candidates[v.candidate].family not in there]
+    families = {machine.candidates[e.variant.candidate].family for e in best.effects}
+    others = [v for v in found.forms if machine.candidates[v.candidate].family not in families]
     view, probes = View.around(best.problem, best.z), found.painter.probes
-    shown = Painter(view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share).picture()
+    painter = Painter(
+        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s
+    )
+    shown = painter.picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
     tried = 0
     for i in np.argsort(-gains):
         if gains[i] < 0.0 or tried == ADDED:
             break
-        scored = shown.sets.score((int(i),))
-        more = [*best.now, *_effects(shown, scored)]
-        if not found.knows(more):
+        there, sizes = painter.start(shown, [i], best.learnt.s)
+        more = [*best.effects_at(there), *_effects(shown, [i], sizes)]
+        if not found.knows(more, best.since_s):
             tried += 1
-            found.settle(best.bare, best.own, more, best.learnt.s)
+            found.settle(best.bare, there[: best.first], more, best.learnt.s)
     return found.best is not best
 
 
@@ -256,17 +284,19 @@ def _rivalled(found: Naming) -> bool:
         return False
     found.rivalled.append(best)
     for i in range(len(best.effects)):
-        rest = [e for k, e in enumerate(best.now) if k != i]
-        shown = found.without(best, i).picture()
+        painter = found.without(best, i)
+        shown = painter.picture()
         gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
         tried = 0
         for k in np.argsort(-gains):
-            if gains[k] < gains.max() - NEAR or tried == ADDED:
+            if not np.isfinite(gains[k]) or gains[k] < gains.max() - NEAR or tried == ADDED:
                 break
-            other = [*rest, *_effects(shown, shown.sets.score((int(k),)))]
-            if not found.knows(other):
+            there, sizes = painter.start(shown, [k], best.learnt.s)
+            rest = [e for j, e in enumerate(best.effects_at(there)) if j != i]
+            other = [*rest, *_effects(shown, [k], sizes)]
+            if not found.knows(other, best.since_s):
                 tried += 1
-                found.settle(best.bare, best.own, other, best.learnt.s)
+                found.settle(best.bare, there[: best.first], other, best.learnt.s)
     return found.best is not best
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from twinbench.mismatch.began import STARTS, starts
 from twinbench.mismatch.naming.picture import Painter, Picture
 
 WATCHED = 6
 """Effects that are tried for a later beginning: the likeliest from the beginning on, then those that show most."""
-STARTS = (0.15, 0.3, 0.45, 0.6, 0.75, 0.9)
-"""Shares of a recording after which an effect may have begun; also at its beginning, but for the first's."""
 LEFT_SHARE = 0.15
 """Share of the discrepancy with nothing named that is left beside an effect which explains most of it."""
 FINER, CLOSER = 12, 9.0
@@ -22,21 +21,16 @@ def with_late(painter: Painter) -> Picture:
     shown.sets.search()
     likeliest = _likeliest(shown)
     tracks = painter.view.problem.tracks
-    times = [
-        float(t.time_s[0] + share * np.ptp(t.time_s))
-        for j, t in enumerate(tracks)
-        for share in ((0.0,) if j else ()) + STARTS
-    ]
-    many, gap = len(times), STARTS[0] * max(float(np.ptp(t.time_s)) for t in tracks)
-    late = painter.picture(times, likeliest)
+    gap = STARTS[0] * max(float(np.ptp(t.time_s)) for t in tracks)
+    late = painter.picture(starts(tracks), likeliest)
     since = _best_start(late)
     if since == -np.inf:
         return shown
     for near in (gap / FINER, gap / FINER / CLOSER):
-        late = painter.picture([since + near * k for k in range(-FINER, FINER + 1)], likeliest, many)
+        late = painter.picture([since + near * k for k in range(-FINER, FINER + 1)], likeliest)
         since = _best_start(late, since)
     # Then everything may have begun at that time.
-    shown = painter.picture([since], likeliest_forms(shown), many)
+    shown = painter.picture([since], likeliest_forms(shown))
     shown.sets.search()
     return shown
 

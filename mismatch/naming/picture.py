@@ -7,9 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinbench.mismatch.machine import Candidate
-from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.began import late_odds
+from twinbench.mismatch.machine import Candidate, Machine
+from twinbench.mismatch.naming.bounded import Bounds
+from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
+from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
 from twinbench.mismatch.variants import Variant, typical
@@ -22,8 +25,6 @@ SHOWS = 0.5
 LEAST_PROBE, MOST_PROBE = 1e-3, 1.0
 VISIBLE = 0.5
 """Prior sd of how strongly an effect shows, in noise sds, or as strongly as all that there is to explain."""
-BEGINS_LATE = 0.15
-"""Prior probability that an effect begins while it is watched."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class Picture:
         variants: (V,) which.
         since: (V,) from when, s, on the recordings' clock; minus infinity from the beginning.
         candidates: (V,) of whom.
+        odds: (V,) log prior odds of these, dimensionless; those of the variants in ``sets`` are shares of them.
         units: (V,) prior sd of each size, in the first parameter's unit.
+        products: of the unknowns' columns, then theirs per typical size.
         sets: their evidence.
         log: what makes the sets' evidence comparable with that of other views, nats.
         excess: mean square that the unknowns leave, in noise variances, less one.
@@ -43,7 +46,9 @@ class Picture:
     variants: tuple[Variant, ...]
     since: Array
     candidates: tuple[Candidate, ...]
+    odds: Array
     units: Array
+    products: Products
     sets: Sets
     log: float
     excess: float
@@ -62,6 +67,7 @@ class Painter:
         without: (k,) positions of an effect's unknowns that are taken out of the view: they are at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
         wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
+        since_s: from when the variants are there, on the recordings' clock.
     """
 
     def __init__(
@@ -73,6 +79,7 @@ class Painter:
         probes: Mapping[Variant, float] | None = None,
         wanders: Sequence[int] = (),
         share: float = WANDERS,
+        since_s: float = -np.inf,
     ) -> None:
         mean = prior_mean(view)
         whole, out = view.unknowns(), np.array(without, dtype=int)
@@ -81,29 +88,32 @@ class Painter:
         residuals = [r - c[:, :, size] @ mean[size] for r, c in zip(view.residuals, whole, strict=True)]
         self.view, self.ground, self.listed = replace(view, residuals=tuple(residuals)), ground, tuple(listed)
         self._own = [np.delete(columns, out, axis=2) for columns in whole]
-        self._mean = np.delete(mean, out)
+        self._mean, self._left = np.delete(mean, out), np.delete(np.arange(len(mean)), out)
         if wanders:
             wandering = view.wandering(ground.discrepancy, wanders, share)
             self._own = [np.concatenate((j, w), axis=2) for j, w in zip(self._own, wandering, strict=True)]
             self._mean = np.concatenate((self._mean, np.zeros(wandering[0].shape[2])))
         self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
-            shows = self._shows(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE)))[0]
+            shows = self._shows(self._products(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE))))[
+                0
+            ]
             tried = np.clip(SHOWS / np.maximum(shows, 1e-12), LEAST_PROBE, MOST_PROBE)
             probes = dict(zip(self.listed, map(float, tried), strict=True))
         self.probes = probes
         self._probes = np.array([probes[v] for v in self.listed])
-        self._columns = view.of_variants(self.listed, self._probes)
+        times = [since_s] if since_s > -np.inf else []
+        columns = view.of_variants(self.listed, self._probes, times)
+        self._since_s, self._columns = since_s, [c[:, :, len(times) :: 1 + len(times)] for c in columns]
 
-    def picture(self, since_s: Sequence[float] = (), late: Sequence[int] = (), grid: int = 0) -> Picture:
-        """All variants from the beginning, and some that begin at given times.
+    def picture(self, since_s: Sequence[float] = (), late: Sequence[int] = ()) -> Picture:
+        """All variants, and some that begin at given times.
 
         Args:
             since_s: the times.
             late: positions of those that may begin then.
-            grid: among how many times these were chosen; as many as there are if 0.
         """
-        which, since, columns = list(range(len(self.listed))), [-np.inf] * len(self.listed), self._columns
+        which, since, columns = list(range(len(self.listed))), [self._since_s] * len(self.listed), self._columns
         if len(late) and len(since_s):
             many = 1 + len(since_s)
             later = self.view.of_variants([self.listed[i] for i in late], self._probes[list(late)], since_s)
@@ -111,29 +121,34 @@ class Painter:
             columns = [np.concatenate((c, x[:, :, keep]), axis=2) for c, x in zip(columns, later, strict=True)]
             which += [late[k // many] for k in keep]
             since += [since_s[k % many - 1] for k in keep]
-        shows, reduced, kept, excess, q = self._shows(columns)
+        products = self._products(columns)
+        shows, reduced, kept, excess, q = self._shows(products)
         candidates = [self.view.problem.machine.candidates[self.listed[i].candidate] for i in which]
-        typicals = np.array([abs(typical(c)) for c in candidates])
-        most = np.array([_most(c) for c in candidates]) / typicals
+        typicals = _typicals(candidates)
+        most = np.array([max(np.abs(_range(c))) for c in candidates]) / typicals
         sd = np.minimum(max(VISIBLE, np.sqrt(excess)) / np.maximum(shows, 1e-12), most)
         scale = np.concatenate((sd, np.ones(len(self.ground.group))))
-        prior = self._prior(candidates)
-        prior[len(self.listed) :] += np.log(BEGINS_LATE / max(grid or len(since_s), 1))
+        odds = log_odds(self.view.problem.machine)[[self.listed[i].candidate for i in which]]
+        names = [c.name for c in candidates]
+        forms = [names[: len(self.listed)].count(n) for n in names]
         sets = Sets(
             reduced=Reduced(reduced.G * np.outer(scale, scale), reduced.b * scale, reduced.log),
             group=self.ground.group,
-            prior=prior,
+            prior=odds - np.log(forms),
             bounded=np.array([one_way(c) for c in candidates]),
             family=np.array([c.family for c in candidates]),
             usable=kept > PARAMETER,
             s=self.ground.s,
             since=np.array(since),
+            late=late_odds(self.view.problem.tracks),
         )
         return Picture(
             tuple(self.listed[i] for i in which),
             np.array(since),
             tuple(candidates),
+            odds,
             sd * typicals,
+            products,
             sets,
             -0.5 * q,
             excess,
@@ -155,26 +170,57 @@ class Painter:
         squares = np.maximum(np.diag(reduced), 1e-300)
         return np.asarray(reduced[:v, v] ** 2 / (squares[:v] * squares[v]))
 
-    def _prior(self, candidates: Sequence[Candidate]) -> Array:
-        listed = [c.name for c in candidates][: len(self.listed)]
-        common = 1.0 / max(len(set(listed)), 1)
-        odds = np.array([common if c.odds is None else c.odds for c in candidates])
-        return np.log(odds) - np.log([listed.count(c.name) for c in candidates])
+    def start(self, shown: Picture, key: Sequence[int], s: Array) -> tuple[Array, Array]:
+        """Where the view's unknowns go beside some variants, and these themselves: all move together.
 
-    def _shows(self, columns: Sequence[Array]) -> tuple[Array, Reduced, Array, float, float]:
+        Args:
+            shown: a picture of this painter.
+            key: positions of the variants in it.
+            s: (P,) discrepancy to begin with, per cent.
+
+        Returns:
+            The unknowns (K,), each in its own unit; sizes (k,) from absence, each in its first parameter's unit.
+        """
+        n, some, view = len(self._mean), list(key), self.view
+        bounds, z, left, typicals = Bounds.of(view.problem), view.z.copy(), self._left, _typicals(shown.candidates)
+        sd = shown.units[some]
+        others = n + np.setdiff1d(np.arange(len(shown.variants)), some)
+        products = shown.products.less(others, [], np.empty(0)).scaled(np.arange(n, n + len(some)), sd / typicals[some])
+        # What wanders, if anything does, stands between the unknowns and the sizes.
+        ends = np.array([[size / u for size in _range(shown.candidates[k])] for k, u in zip(some, sd, strict=True)])
+        free = np.full(n - len(left), np.inf)
+        own_low, own_high = ((side - z)[left] / bounds.scale[left] for side in (bounds.low, bounds.high))
+        low, high = np.concatenate((own_low, -free, ends[:, 0])), np.concatenate((own_high, free, ends[:, 1]))
+        mean = np.concatenate((self._mean, np.zeros(len(some))))
+        step = posterior(products, mean, self.ground, s, low, high).step
+        z[left] += step[: len(left)] * bounds.scale[left]
+        return z, step[n:] * sd
+
+    def _products(self, columns: Sequence[Array]) -> Products:
+        """Of the unknowns' columns, then of variants'."""
+        both = [np.concatenate((j, c), axis=2) for j, c in zip(self._own, columns, strict=True)]
+        return self.ground.products(self.view, both)
+
+    def _shows(self, products: Products) -> tuple[Array, Reduced, Array, float, float]:
         """How strongly each column shows beside the unknowns, in noise sds (V,); the form without the unknowns.
 
         Then the share of its square that each column keeps, (V,); the mean square, less one, that is left; and the
         sum of squares of the residuals.
         """
-        n, v = self._own[0].shape[2], columns[0].shape[2]
-        both = [np.concatenate((j, c), axis=2) for j, c in zip(self._own, columns, strict=True)]
-        G, b, q = self.ground.products(self.view, both).over()
+        n = len(self._mean)
+        v = products.own.shape[1] - 1 - n
+        G, b, q = products.over()
         reduced = eliminated(G, b, np.arange(n), self._mean, np.ones(n))
         kept = np.maximum(np.diag(reduced.G)[:v], 0.0)
         fitted = b[:n] @ np.linalg.solve(G[:n, :n] + np.eye(n), b[:n])
         share = kept / np.maximum(np.diag(G)[n : n + v], 1e-300)
         return np.sqrt(kept / self._rows), reduced, share, max(0.0, float(q - fitted) / self._rows - 1.0), q
+
+
+def log_odds(machine: Machine) -> Array:
+    """(C,) log prior odds of each of a machine's candidates, dimensionless: as told, or one of all of them."""
+    common = 1.0 / max(len(machine.candidates), 1)
+    return np.log([common if c.odds is None else c.odds for c in machine.candidates])
 
 
 def one_way(candidate: Candidate) -> bool:
@@ -183,7 +229,12 @@ def one_way(candidate: Candidate) -> bool:
     return bool(v.low >= candidate.null[0] or v.high <= candidate.null[0])
 
 
-def _most(candidate: Candidate) -> float:
-    """The largest that its size may be, from absence."""
-    v = candidate.mechanism.parameters[0]
-    return float(max(abs(v.high - candidate.null[0]), abs(v.low - candidate.null[0])))
+def _typicals(candidates: Sequence[Candidate]) -> Array:
+    """(C,) how large each typically is, in its first parameter's unit."""
+    return np.array([abs(typical(c)) for c in candidates])
+
+
+def _range(candidate: Candidate) -> tuple[float, float]:
+    """Between what its size may be, from absence, in its first parameter's unit."""
+    v, null = candidate.mechanism.parameters[0], float(candidate.null[0])
+    return min(v.low - null, 0.0), max(v.high - null, 0.0)

@@ -10,7 +10,7 @@ from scipy.special import erfcx
 
 from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.ground import Ground, Products
-from twinbench.mismatch.naming.marginal import Learnt, eliminated, learn
+from twinbench.mismatch.naming.marginal import HAIR, Learnt, eliminated, learn
 from twinbench.physics.simulator import Array
 
 BOUND_TURNS = 4
@@ -58,7 +58,8 @@ def posterior(products: Products, mean: Array, ground: Ground, s: Array, low: Ar
         learnt = learn(inner.G, inner.b, ground.group, s)
         block = np.arange(n, many)
         outer = eliminated(G, b, block, np.zeros(len(block)), ground.precision(learnt.s))
-        A, slope = outer.G + np.eye(n) * (1.0 + 1e-9), outer.b + mean
+        A, slope = outer.G + np.eye(n), outer.b + mean
+        A[np.diag_indices(n)] *= 1.0 + HAIR
         step, at_bound = bounded(A, slope, low, high)
         if np.array_equal(at_bound, held[:n]):
             break

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.picture import one_way
+from twinbench.mismatch.naming.bounded import Bounds
+from twinbench.mismatch.naming.ground import Ground, Products
+from twinbench.mismatch.naming.marginal import one_sided
+from twinbench.mismatch.naming.posterior import Posterior, posterior
 from twinbench.mismatch.naming.settle import Effect, Settled, settled
 from twinbench.physics.simulator import Array
 
@@ -33,14 +35,15 @@ def thinned(found: Settled, ground: Ground) -> Settled:
     """Leave out half of the effects that seem needless, or fewer of them, as long as the evidence rises."""
     needed: set[int] = set()
     while True:
-        odds = odds_without(found)
-        out = [k for k in np.argsort(-odds) if odds[k] > 0.0 and found.effects[k].variant.candidate not in needed]
+        odds = [less(found, [k], ground).odds for k in range(len(found.effects))]
+        order = np.argsort(odds)[::-1]
+        out = [k for k in order if odds[k] > 0.0 and found.effects[k].variant.candidate not in needed]
         out = out[: (len(out) + 1) // 2]
         if not out:
             return found
         while out:
-            rest = [e for k, e in enumerate(found.now) if k not in out]
-            fewer = settled(found.bare, found.own, rest, ground, found.learnt.s, rival=found.log)
+            start = less(found, out, ground)
+            fewer = settled(found.bare, start.own, start.effects, ground, found.learnt.s, rival=found.log)
             if fewer.log > found.log:
                 found = fewer
                 break
@@ -49,15 +52,45 @@ def thinned(found: Settled, ground: Ground) -> Settled:
             out = out[: len(out) // 2]
 
 
-def odds_without(found: Settled) -> Array:
-    """(E,) log odds, dimensionless, of each effect's absence against its presence, all others present.
+class Less(NamedTuple):
+    """A hypothesis less some effects, as far as can be told from where the whole one is.
 
-    It is the density of nothing in the posterior over that in the prior. Reference: Dickey, The weighted likelihood
-    ratio, linear hypotheses on normal location parameters, Ann. Math. Statist. 42 (1971).
+    Attributes:
+        odds: log odds of the absence of these against their presence.
+        own: (K,) where the unknowns that are no effect's should go, each in its own unit.
+        effects: those that are left, as they should then be.
     """
-    candidates = [found.problem.machine.candidates[e.variant.candidate] for e in found.effects]
-    sides = np.array([one_way(c) for c in candidates], dtype=bool)
-    sd, prior = np.array([e.sd for e in found.effects]), np.array([e.prior for e in found.effects])
-    ratio = found.sizes / found.sds
-    away = np.where(sides, np.log(2.0) + log_ndtr(np.abs(ratio)), 0.0)
-    return np.asarray(np.log(sd / found.sds) - 0.5 * ratio**2 - away - prior)
+
+    odds: float
+    own: Array
+    effects: tuple[Effect, ...]
+
+
+def less(found: Settled, out: Sequence[int], ground: Ground) -> Less:
+    """A hypothesis without some of its effects.
+
+    All that is unknown is moved, and the discrepancy learnt anew: it takes what it can of these effects. Their shapes,
+    and where their memories start, stay unknown: from afar a column cannot tell that they do nothing by then.
+
+    Args:
+        out: positions of the effects.
+    """
+    bounds, z, s = Bounds.of(found.problem), found.z, found.learnt.s
+    sizes = [int(found.entries(i)[0]) for i in out]
+    gone = np.concatenate((sizes, *(found.wandering(i) for i in out))).astype(int)
+
+    def told(products: Products, gone: np.ndarray) -> tuple[Posterior, float, np.ndarray]:
+        kept = np.setdiff1d(np.arange(len(found.mean)), gone)
+        free = kept[kept < len(z)]
+        low, high = ((side - z)[free] / bounds.scale[free] for side in (bounds.low, bounds.high))
+        said = posterior(products, found.mean[kept], ground, s, low, high)
+        return said, said.log - 0.5 * products.over()[2], free
+
+    _, whole, _ = told(found.products, gone[:0])
+    said, log, free = told(found.products.less(gone, sizes, found.mean[sizes]), gone)
+    sides = one_sided(np.abs(found.sizes[out]), found.sds[out], bounds.one_way[sizes]).sum()
+    prior = found.odds if len(out) == len(found.effects) else sum(found.effects[i].prior for i in out)
+    moved = z.copy()
+    moved[free] += said.step * bounds.scale[free]
+    rest = tuple(e for k, e in enumerate(found.effects_at(moved)) if k not in out)
+    return Less(log - whole - float(sides) - prior, moved[: found.first], rest)

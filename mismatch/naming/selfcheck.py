@@ -173,8 +173,8 @@ class Columns:
         for i in np.argsort(-gains):
             if np.isfinite(gains[i]) and shown.since[i] == -np.inf and len(best) < SINGLES:
                 best.setdefault(shown.names[i], int(i))
-        prior, units = shown.sets.prior, shown.units
-        effects = [Effect(shown.variants[i], float(units[i]), float(units[i]), float(prior[i])) for i in best.values()]
+        odds, units = shown.odds, shown.units
+        effects = [Effect(shown.variants[i], float(units[i]), float(units[i]), float(odds[i])) for i in best.values()]
         keys = self._of(effects, -np.inf)
         s = self.chosen.learnt.s
         return [Rival((*names, n), _joined([*own, (k,)]), s, np.nan) for n, k in zip(best, keys, strict=True)]

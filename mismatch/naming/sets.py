@@ -47,6 +47,7 @@ class Sets:
         usable: (V,) bool, is it more than a parameter?
         s: (P,) size of the discrepancy with nothing named, per cent.
         since: (V,) time from which it is there, s, on the recordings' clock; those of a set begin together.
+        late: log prior odds of beginning at such a time; once per set.
     """
 
     reduced: Reduced
@@ -57,6 +58,7 @@ class Sets:
     usable: np.ndarray
     s: Array
     since: Array
+    late: float = 0.0
     known: dict[Key, Scored] = field(default_factory=dict)
 
     @property
@@ -82,10 +84,13 @@ class Sets:
             inner = Reduced(G[np.ix_(some, some)], b[some], 0.0)
         start = self.s if not k else np.maximum(0.5 * self.s, 1e-3)
         learnt = learn(inner.G, inner.b, self.group, start, rounds=30 if not k else 8)
-        log = inner.log + learnt.log + float(self.prior[list(key)].sum())
+        log = inner.log + learnt.log + float(self.prior[list(key)].sum()) + self._odds_of_start(key)
         sizes, sds = self._sizes(key, learnt)
         log += float(one_sided(sizes, sds, self.bounded[list(key)]).sum())
         return Scored(key, log, sizes, sds, learnt)
+
+    def _odds_of_start(self, key: Key) -> float:
+        return self.late if key and self.since[key[0]] > -np.inf else 0.0
 
     def _sizes(self, key: Key, learnt: Learnt) -> tuple[Array, Array]:
         if not key:
@@ -116,7 +121,8 @@ class Sets:
         variance = 1.0 / (g + 1.0)
         mean = variance * right
         gain = 0.5 * np.log(variance) + 0.5 * mean * right + one_sided(mean, np.sqrt(variance), self.bounded)
-        return np.where(self.usable, gain + self.prior, -np.inf)
+        start = 0.0 if key else np.where(self.since > -np.inf, self.late, 0.0)
+        return np.where(self.usable, gain + self.prior + start, -np.inf)
 
     def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
         """The likeliest set: all single ones, then a beam."""

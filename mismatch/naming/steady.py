@@ -29,11 +29,9 @@ def one_size(chosen: Settled, i: int, ground: Ground) -> float:
 
 def one_form(chosen: Settled, i: int, ground: Ground) -> float:
     """Nats for a form that is nearly exact, against one that is off by far more; 0 for a fault, which has no form."""
-    if chosen.entries(i)[0] not in chosen.wanders:
+    at = chosen.wandering(i)
+    if not len(at):
         return 0.0
-    first = len(chosen.z)
-    each = (len(chosen.mean) - first) // len(chosen.wanders)
-    at = first + each * chosen.wanders.index(chosen.entries(i)[0]) + np.arange(each)
     G, b, _ = chosen.products.over()
     mean, precision = chosen.prior(ground)
     rest = np.setdiff1d(np.arange(len(b)), at)

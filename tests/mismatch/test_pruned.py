@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from motor import MOTOR
 from motor_case import record
+from scipy.optimize import lsq_linear
 
 from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
-from twinbench.mismatch.naming.pruned import all_at_once, odds_without
-from twinbench.mismatch.naming.settle import Settled, settled
+from twinbench.mismatch.naming.picture import Painter
+from twinbench.mismatch.naming.pruned import all_at_once, less
+from twinbench.mismatch.naming.settle import FAR_OUT, Settled, settled
+from twinbench.mismatch.naming.view import prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
+from twinbench.mismatch.variants import typical
 
 SIZES = {
     "offset@current_A": 60.0,
@@ -69,12 +74,70 @@ def test_the_odds_of_an_effects_absence_are_the_evidence_without_it():
     more = [e for e in all_physics(naming()) if name_of(found.problem.machine, e) == "offset@omega_rad_s"]
     whole = settled(found.bare, found.own, [*found.now, *more], exact, exact.s)
     needless = names(whole).index("offset@omega_rad_s")
-    less = settled(whole.bare, whole.own, whole.now[:needless], exact, exact.s)
-    assert odds_without(whole)[needless] == pytest.approx(less.log - whole.log, abs=1.0)
-    assert (np.delete(odds_without(whole), needless) < -5.0).all()
+    fewer = settled(whole.bare, whole.own, whole.now[:needless], exact, exact.s)
+    odds = [less(whole, [k], exact).odds for k in range(len(whole.effects))]
+    assert odds[needless] == pytest.approx(fewer.log - whole.log, abs=1.0)
+    assert max(np.delete(odds, needless)) < -5.0
 
 
 def test_on_an_exact_ground_the_sizes_of_effects_are_the_same_everywhere():
     found, exact = left_over(), naming().ground.exact
     again = settled(found.bare, found.own, found.now, exact, exact.s)
     assert len(again.mean) == len(again.z)
+
+
+def test_beside_a_discrepancy_the_odds_are_those_with_it_learnt_anew():
+    found, ground = left_over(), naming().ground
+    more = [e for e in all_physics(naming()) if name_of(found.problem.machine, e) == "offset@omega_rad_s"]
+    whole = settled(found.bare, found.own, [*found.now, *more], ground, ground.s)
+    fewer = settled(whole.bare, whole.own, whole.now[:-1], ground, whole.learnt.s)
+    last = len(whole.effects) - 1
+    assert less(whole, [last], ground).odds == pytest.approx(fewer.log - whole.log, abs=1.5)
+
+
+def test_a_set_less_an_effect_begins_near_where_it_comes_to_rest():
+    """Without the loss the others have to move: they begin moved, not where they were."""
+    found, ground = left_over(), naming().ground
+    out = names(found).index("quadratic_loss@current_A")
+    begun = less(found, [out], ground)
+    rest = settled(found.bare, begun.own, begun.effects, ground, found.learnt.s)
+    stayed = [e for k, e in enumerate(found.now) if k != out]
+
+    def off(effects, own):
+        sizes = [abs(a.size - b.size) / sd for a, b, sd in zip(effects, rest.now, rest.sds, strict=True)]
+        scales = np.array([scale_of(u) for u in rest.bare.unknowns])
+        return max(*sizes, *(abs(own - rest.own) / scales))
+
+    assert off(begun.effects, begun.own) < 0.5 * off(stayed, found.own)
+
+
+def test_an_effect_and_the_unknowns_begin_where_least_squares_puts_them():
+    known, exact = naming().painter, naming().ground.exact
+    painter = Painter(known.view, exact, known.listed, probes=known.probes)
+    shown = painter.picture()
+    i = shown.names.index("offset@current_A")
+    z, (size,) = painter.start(shown, [i], exact.s)
+    view, mean = painter.view, prior_mean(painter.view)
+    own, tried = view.unknowns(), view.of_variants([shown.variants[i]], np.array([known.probes[shown.variants[i]]]))
+    unit = shown.units[i] / abs(typical(shown.candidates[i]))
+    columns = [np.concatenate((a, b * unit), axis=2) for a, b in zip(own, tried, strict=True)]
+    white = np.concatenate([exact.whitened(r, c, view.residuals[r]) for r, c in enumerate(columns)])
+    many = len(mean) + 1
+    left, right = np.vstack((white[:, :-1], np.eye(many))), np.concatenate((white[:, -1], mean, [0.0]))
+    unknowns, scales = view.problem.unknowns, np.array([scale_of(u) for u in view.problem.unknowns])
+    ends = np.array([[u.low, u.high] for u in unknowns]).T - view.z
+    low, high = (np.append(side / scales, end) for side, end in zip(ends, (-np.inf, np.inf), strict=True))
+    step = lsq_linear(left, right, (low, high), method="bvls").x
+    assert size == pytest.approx(step[-1] * shown.units[i], rel=1e-4)
+    assert (z - view.z) / scales == pytest.approx(step[:-1], rel=1e-4, abs=1e-6)
+
+
+def test_an_effect_far_beyond_its_prior_gets_one_as_wide_as_it_is_large():
+    found, ground = left_over(), naming().ground
+    narrow = [replace(e, sd=0.3 * abs(e.size)) for e in found.now]
+    again = settled(found.bare, found.own, narrow, ground, found.learnt.s)
+    assert sorted(names(again)) == sorted(names(found))
+    for e, size, before in zip(again.effects, again.sizes, narrow, strict=True):
+        assert before.sd < abs(size) / FAR_OUT
+        assert e.sd >= abs(size) / FAR_OUT
+    assert again.sizes == pytest.approx(found.sizes, abs=float(3.0 * found.sds.max()))

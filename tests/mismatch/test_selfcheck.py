@@ -17,6 +17,7 @@ from twinbench.mismatch.friction import SMOOTH
 from twinbench.mismatch.naming import power as power_module
 from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import CREDIBLE
+from twinbench.mismatch.naming.ground import Products
 from twinbench.mismatch.naming.marginal import Reduced, one_sided
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.power import CLOSE, SHOWN, WANTED, Draws, power
@@ -65,7 +66,9 @@ def picture_of(sets: Sets, names: tuple[str, ...], high: float = 1e6) -> Picture
         variants=tuple(range(len(names))),
         since=sets.since,
         candidates=tuple(map(candidate, names)),
+        odds=sets.prior,
         units=np.full(len(names), 2.0),
+        products=Products(np.empty((1, 0, 0)), np.empty((1, 0, 0)), np.empty((1, 0, 0))),
         sets=sets,
         log=0.0,
         excess=0.0,

@@ -121,7 +121,11 @@ def test_an_interval_of_a_mixture_holds_nine_tenths():
 
 
 def test_an_interval_of_what_is_certain_is_that_number():
-    assert Mixture(np.array([0.9, 0.1]), np.ones(2), np.full(2, 1e-300)).interval() == (1.0, 1.0)
+    for number in (1.0, 0.0, -3e8):
+        sure = Mixture(np.array([0.9, 0.1]), np.full(2, number), np.full(2, 1e-300))
+        assert sure.interval() == pytest.approx((number, number), rel=1e-12)
+    apart = Mixture(np.array([0.9, 0.1]), np.array([1.0, 2.0]), np.full(2, 1e-300))
+    assert apart.interval() == pytest.approx((1.0, 2.0), rel=1e-12)
 
 
 def test_a_step_promises_what_it_gains_with_all_that_wanders_integrated_out():

@@ -44,9 +44,9 @@ class Made:
             products=products,
             mean=np.array([-SIZE, *np.zeros(PLACES)]),
             z=np.zeros(1),
-            wanders=[0],
             share=WANDERS,
             entries=lambda i: np.array([0]),
+            wandering=lambda i: 1 + np.arange(PLACES),
             prior=lambda ground: (np.array([-SIZE, *np.zeros(PLACES + FUNCTIONS)]), np.ones(1 + PLACES + FUNCTIONS)),
         )
 
@@ -89,5 +89,5 @@ def test_a_stand_in_is_told_by_either_and_the_same_everywhere_by_none() -> None:
 
 def test_a_fault_has_no_form() -> None:
     made = Made((2.0, 2.0))
-    made.chosen.wanders = []
+    made.chosen.wandering = lambda i: np.empty(0, dtype=int)
     assert one_form(made.chosen, 0, made.ground) == 0.0

@@ -62,7 +62,7 @@ def test_a_chamber_that_leaks_is_not_called_tight(name):
     """Nor is what leaks called something else: it is named, or nothing is. It is mended in any case."""
     before, after = held_out(name, "p_gauge_bar")
     assert before > 0.5, "the constant leak, calibrated"
-    assert after < 0.1 * before
+    assert after < 0.2 * before
     assert verdict_on(name).verdict in ("missing physics", "incomplete", "unexplained")
     assert all(one & {"linear_leak@p_bar", "quadratic_leak@p_bar", "leak@p_bar"} for one in named(name))
 
