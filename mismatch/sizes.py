@@ -50,8 +50,8 @@ def sizes(d: Diagnosis, place: int) -> tuple[Value, ...]:
     chosen = d.answer.chosen
     which = chosen.effects[place].variant.candidate
     mechanism = d.machine.candidates[which].mechanism
-    having = near([h for h in d.answer.naming.hypotheses if which in _candidates(h)])
-    numbers = [_numbers(h, _candidates(h).index(which)) for h in having]
+    having = near([h for h in d.answer.naming.hypotheses if which in h.candidates])
+    numbers = [_numbers(h, h.candidates.index(which)) for h in having]
     found = []
     for k, (v, (value, _)) in enumerate(zip(mechanism.parameters, _numbers(chosen, place), strict=True)):
         low, high = Mixture.of(having, [n[k] for n in numbers]).interval(v.low, v.high)
@@ -76,7 +76,7 @@ def parameters(d: Diagnosis) -> tuple[Value, ...]:
 
 def all_values(hypothesis: Settled, place: int) -> dict[str, float]:
     """An effect's parameters by name, as a hypothesis has them."""
-    mechanism = hypothesis.problem.machine.candidates[_candidates(hypothesis)[place]].mechanism
+    mechanism = hypothesis.problem.machine.candidates[hypothesis.candidates[place]].mechanism
     pairs = zip(mechanism.parameters, _numbers(hypothesis, place), strict=True)
     return {v.name: value for v, (value, _) in pairs}
 
@@ -109,13 +109,9 @@ def formula(mechanism: Mechanism, values: tuple[Value, ...]) -> str:
     return re.sub(r"\{(\w+)\}", lambda m: filled.get(m[1], m[0]), mechanism.formula)
 
 
-def _candidates(hypothesis: Settled) -> list[int]:
-    return [e.variant.candidate for e in hypothesis.effects]
-
-
 def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
     """Mean and standard deviation of each parameter of an effect."""
-    candidate = hypothesis.problem.machine.candidates[_candidates(hypothesis)[place]]
+    candidate = hypothesis.problem.machine.candidates[hypothesis.candidates[place]]
     at, n = hypothesis.entries(place)[0], len(candidate.at)
     if not is_amplitude(candidate):
         return [

@@ -187,17 +187,15 @@ def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[f
     Both are told from where the set less the effect settled, if it was brought there: what a picture promises from
     afar need not come true.
     """
-    others = [e for k, e in enumerate(chosen.effects) if k != i]
-    rest = sorted(e.variant.candidate for e in others)
-    came_to_rest = [h for h in naming.hypotheses if not h.given_up]
-    weighed = [h for h in came_to_rest if sorted(e.variant.candidate for e in h.effects) == rest]
+    rest = sorted(c for k, c in enumerate(chosen.candidates) if k != i)
+    weighed = [h for h in naming.hypotheses if not h.given_up and sorted(h.candidates) == rest]
     if weighed:
         best = max(weighed, key=lambda h: h.log)
         beside = unnamed_beside(naming.ground, best)
         return best.log, tuple(replace(u, log=u.log + best.log) for u in beside)
     ground, sets = naming.ground, shown.sets
     v = sets.many
-    odds = chosen.odds - chosen.effects[i].prior if others else 0.0
+    odds = chosen.odds - chosen.effects[i].prior if rest else 0.0
     base = sets.reduced.log + shown.log + odds
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log

@@ -34,6 +34,14 @@ class Bounds:
         one_way = np.array([v.mean in (v.low, v.high) for v in u], dtype=bool)
         return cls(np.array([v.low for v in u]), np.array([v.high for v in u]), np.array([*map(scale_of, u)]), one_way)
 
+    def around(self, z: Array) -> tuple[Array, Array]:
+        """The lower and the upper ones (K,) from somewhere, dimensionless: in prior sds.
+
+        Args:
+            z: (K,) from where, each in its own unit.
+        """
+        return (self.low - z) / self.scale, (self.high - z) / self.scale
+
 
 def bounded(A: Array, slope: Array, low: Array, high: Array) -> tuple[Array, np.ndarray]:
     """The x (N,) that makes ``slope x - x A x / 2`` largest, the first K within bounds; and which of those are at one.

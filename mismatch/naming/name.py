@@ -14,7 +14,7 @@ from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import Painter, Picture
-from twinbench.mismatch.naming.pruned import all_at_once, less
+from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
@@ -68,9 +68,14 @@ class Naming:
         """The likeliest hypothesis."""
         return self.hypotheses[0]
 
-    def knows(self, effects: Sequence[Effect], since_s: float) -> bool:
-        """Has a hypothesis of these candidates, from then on, been weighed?"""
-        return any(_is(h, effects, since_s) for h in self.hypotheses)
+    def of(self, candidates: Sequence[int], since_s: float) -> Settled | None:
+        """The hypothesis of these candidates that was weighed, if one was.
+
+        Times at which they began while they were watched are one time, told anew.
+        """
+        wanted, late = sorted(candidates), since_s > -np.inf
+        these = (h for h in self.hypotheses if sorted(h.candidates) == wanted and (h.since_s > -np.inf) == late)
+        return next(these, None)
 
     def without(self, hypothesis: Settled, effect: int) -> Painter:
         """A hypothesis less one effect, with all that could stand in its place; made once."""
@@ -109,18 +114,13 @@ class Naming:
 
     def keep(self, hypothesis: Settled) -> None:
         """Put a settled hypothesis in its place; of several of the same effects the likeliest counts."""
-        same = [h for h in self.hypotheses if _is(h, hypothesis.effects, hypothesis.since_s)]
-        if any(h.log >= hypothesis.log for h in same):
-            return
-        self.hypotheses = [*(h for h in self.hypotheses if h not in same), hypothesis]
+        same = self.of(hypothesis.candidates, hypothesis.since_s)
+        if same is not None:
+            if same.log >= hypothesis.log:
+                return
+            self.hypotheses.remove(same)
+        self.hypotheses.append(hypothesis)
         self.hypotheses.sort(key=lambda h: -h.log)
-
-
-def _is(hypothesis: Settled, effects: Sequence[Effect], since_s: float) -> bool:
-    """Is it of these candidates? Times at which they began while they were watched are one time, told anew."""
-    wanted = sorted(e.variant.candidate for e in effects)
-    late = (since_s > -np.inf) == (hypothesis.since_s > -np.inf)
-    return late and sorted(e.variant.candidate for e in hypothesis.effects) == wanted
 
 
 def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], None] = lambda share: None) -> Naming:
@@ -193,8 +193,8 @@ def _one_is_not_enough(found: Naming) -> bool:
 def _thinned_out(found: Naming) -> None:
     """Begin with all physics at once and leave out what is not needed."""
     null, shown = found.null, found.picture
-    likeliest = _since(null.problem, shown, shown.sets.best()) if found.best is null else found.best.bare
-    found.together = all_at_once(likeliest, null.z, all_physics(found), found.ground)
+    begun = _since(null.problem, shown, shown.sets.best()) if found.best is null else found.best.bare
+    found.together = all_at_once(begun, null.z, all_physics(found), found.ground)
     found.keep(found.together)
 
 
@@ -244,8 +244,9 @@ def _plainer(found: Naming) -> bool:
     if len(best.effects) < 2 or best in found.reduced:
         return False
     found.reduced.append(best)
+    whole = Whole(best, found.ground)
     for i in range(len(best.effects)):
-        start = less(best, [i], found.ground)
+        start = whole.less([i])
         if start.odds > -HOPELESS:
             found.settle(best.bare, start.own, start.effects, best.learnt.s)
     return found.best is not best
@@ -263,17 +264,7 @@ def _fuller(found: Naming) -> bool:
     painter = Painter(
         view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s
     )
-    shown = painter.picture()
-    gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
-    tried = 0
-    for i in np.argsort(-gains):
-        if gains[i] < 0.0 or tried == ADDED:
-            break
-        there, sizes = painter.start(shown, [i], best.learnt.s)
-        more = [*best.effects_at(there), *_effects(shown, [i], sizes)]
-        if not found.knows(more, best.since_s):
-            tried += 1
-            found.settle(best.bare, there[: best.first], more, best.learnt.s)
+    _settle_another(found, best, painter)
     return found.best is not best
 
 
@@ -284,20 +275,30 @@ def _rivalled(found: Naming) -> bool:
         return False
     found.rivalled.append(best)
     for i in range(len(best.effects)):
-        painter = found.without(best, i)
-        shown = painter.picture()
-        gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
-        tried = 0
-        for k in np.argsort(-gains):
-            if not np.isfinite(gains[k]) or gains[k] < gains.max() - NEAR or tried == ADDED:
-                break
-            there, sizes = painter.start(shown, [k], best.learnt.s)
-            rest = [e for j, e in enumerate(best.effects_at(there)) if j != i]
-            other = [*rest, *_effects(shown, [k], sizes)]
-            if not found.knows(other, best.since_s):
-                tried += 1
-                found.settle(best.bare, there[: best.first], other, best.learnt.s)
+        _settle_another(found, best, found.without(best, i), i)
     return found.best is not best
+
+
+def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | None = None) -> None:
+    """Settle a set with one effect more, or with another in the place of one; those that its own picture says most of.
+
+    Args:
+        painter: of the set, less the effect that is replaced.
+        out: position of that effect.
+    """
+    shown = painter.picture()
+    gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
+    least, tried = 0.0 if out is None else gains.max(initial=-np.inf) - NEAR, 0
+    for k in np.argsort(-gains):
+        if not np.isfinite(gains[k]) or gains[k] < least or tried == ADDED:
+            break
+        rest = [c for i, c in enumerate(best.candidates) if i != out]
+        if found.of([*rest, shown.variants[k].candidate], best.since_s) is None:
+            tried += 1
+            there, sizes = painter.start(shown, [k], best.learnt.s)
+            others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
+            effects = [*others, *_effects(shown, [k], sizes)]
+            found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 
 def common_fluxes(view: View) -> Array:

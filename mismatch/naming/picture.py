@@ -95,9 +95,8 @@ class Painter:
             self._mean = np.concatenate((self._mean, np.zeros(wandering[0].shape[2])))
         self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
-            shows = self._shows(self._products(view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE))))[
-                0
-            ]
+            first = view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE))
+            shows, *_ = self._shows(self._products(first))
             tried = np.clip(SHOWS / np.maximum(shows, 1e-12), LEAST_PROBE, MOST_PROBE)
             probes = dict(zip(self.listed, map(float, tried), strict=True))
         self.probes = probes
@@ -189,8 +188,8 @@ class Painter:
         # What wanders, if anything does, stands between the unknowns and the sizes.
         ends = np.array([[size / u for size in _range(shown.candidates[k])] for k, u in zip(some, sd, strict=True)])
         free = np.full(n - len(left), np.inf)
-        own_low, own_high = ((side - z)[left] / bounds.scale[left] for side in (bounds.low, bounds.high))
-        low, high = np.concatenate((own_low, -free, ends[:, 0])), np.concatenate((own_high, free, ends[:, 1]))
+        low, high = (side[left] for side in bounds.around(z))
+        low, high = np.concatenate((low, -free, ends[:, 0])), np.concatenate((high, free, ends[:, 1]))
         mean = np.concatenate((self._mean, np.zeros(len(some))))
         step = posterior(products, mean, self.ground, s, low, high).step
         z[left] += step[: len(left)] * bounds.scale[left]

@@ -11,7 +11,7 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import one_sided
-from twinbench.mismatch.naming.posterior import Posterior, posterior
+from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.settle import Effect, Settled, settled
 from twinbench.physics.simulator import Array
 
@@ -35,14 +35,15 @@ def thinned(found: Settled, ground: Ground) -> Settled:
     """Leave out half of the effects that seem needless, or fewer of them, as long as the evidence rises."""
     needed: set[int] = set()
     while True:
-        odds = [less(found, [k], ground).odds for k in range(len(found.effects))]
+        whole = Whole(found, ground)
+        odds = [whole.less([k]).odds for k in range(len(found.effects))]
         order = np.argsort(odds)[::-1]
         out = [k for k in order if odds[k] > 0.0 and found.effects[k].variant.candidate not in needed]
         out = out[: (len(out) + 1) // 2]
         if not out:
             return found
         while out:
-            start = less(found, out, ground)
+            start = whole.less(out)
             fewer = settled(found.bare, start.own, start.effects, ground, found.learnt.s, rival=found.log)
             if fewer.log > found.log:
                 found = fewer
@@ -66,31 +67,38 @@ class Less(NamedTuple):
     effects: tuple[Effect, ...]
 
 
-def less(found: Settled, out: Sequence[int], ground: Ground) -> Less:
-    """A hypothesis without some of its effects.
+class Whole:
+    """A hypothesis of which effects are left out."""
 
-    All that is unknown is moved, and the discrepancy learnt anew: it takes what it can of these effects. Their shapes,
-    and where their memories start, stay unknown: from afar a column cannot tell that they do nothing by then.
+    def __init__(self, found: Settled, ground: Ground) -> None:
+        self._found, self._ground, self._bounds = found, ground, Bounds.of(found.problem)
+        self._low, self._high = self._bounds.around(found.z)
+        _, self._log = self._told(found.products, np.arange(len(found.mean)))
 
-    Args:
-        out: positions of the effects.
-    """
-    bounds, z, s = Bounds.of(found.problem), found.z, found.learnt.s
-    sizes = [int(found.entries(i)[0]) for i in out]
-    gone = np.concatenate((sizes, *(found.wandering(i) for i in out))).astype(int)
+    def less(self, out: Sequence[int]) -> Less:
+        """It without some effects.
 
-    def told(products: Products, gone: np.ndarray) -> tuple[Posterior, float, np.ndarray]:
+        All that is unknown is moved, and the discrepancy learnt anew: it takes what it can of these effects. Their
+        shapes, and where their memories start, stay unknown: from afar a column cannot tell that they do nothing by
+        then.
+
+        Args:
+            out: positions of the effects.
+        """
+        found, bounds = self._found, self._bounds
+        sizes = [int(found.entries(i)[0]) for i in out]
+        gone = np.concatenate((sizes, *(found.wandering(i) for i in out))).astype(int)
         kept = np.setdiff1d(np.arange(len(found.mean)), gone)
-        free = kept[kept < len(z)]
-        low, high = ((side - z)[free] / bounds.scale[free] for side in (bounds.low, bounds.high))
-        said = posterior(products, found.mean[kept], ground, s, low, high)
-        return said, said.log - 0.5 * products.over()[2], free
+        step, log = self._told(found.products.less(gone, sizes, found.mean[sizes]), kept)
+        sides = one_sided(np.abs(found.sizes[out]), found.sds[out], bounds.one_way[sizes]).sum()
+        prior = found.odds if len(out) == len(found.effects) else sum(found.effects[i].prior for i in out)
+        moved, free = found.z.copy(), kept[kept < len(found.z)]
+        moved[free] += step * bounds.scale[free]
+        rest = tuple(e for k, e in enumerate(found.effects_at(moved)) if k not in out)
+        return Less(log - self._log - float(sides) - prior, moved[: found.first], rest)
 
-    _, whole, _ = told(found.products, gone[:0])
-    said, log, free = told(found.products.less(gone, sizes, found.mean[sizes]), gone)
-    sides = one_sided(np.abs(found.sizes[out]), found.sds[out], bounds.one_way[sizes]).sum()
-    prior = found.odds if len(out) == len(found.effects) else sum(found.effects[i].prior for i in out)
-    moved = z.copy()
-    moved[free] += said.step * bounds.scale[free]
-    rest = tuple(e for k, e in enumerate(found.effects_at(moved)) if k not in out)
-    return Less(log - whole - float(sides) - prior, moved[: found.first], rest)
+    def _told(self, products: Products, kept: np.ndarray) -> tuple[Array, float]:
+        """The step of the unknowns that are kept, in prior sds, and the evidence there."""
+        found, free = self._found, kept[kept < len(self._low)]
+        said = posterior(products, found.mean[kept], self._ground, found.learnt.s, self._low[free], self._high[free])
+        return said.step, said.log - 0.5 * products.over()[2]

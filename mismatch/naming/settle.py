@@ -99,6 +99,11 @@ class Settled:
     given_up: bool = False
 
     @property
+    def candidates(self) -> list[int]:
+        """Positions of its effects' candidates."""
+        return [e.variant.candidate for e in self.effects]
+
+    @property
     def bare(self) -> Problem:
         """The problem without its effects."""
         return replace(self.problem, unknowns=self.problem.unknowns[: self.first])
@@ -174,7 +179,7 @@ def settled(
     """Linearise, move to the posterior mean, and again.
 
     The evidence is that of a Gaussian around where the hypothesis stands (Laplace): what a step promises counts only
-    once it was made.
+    once it was made. An effect that comes to rest beyond FAR_OUT settles once more, with a wider prior.
 
     Args:
         problem: with no effect in it.
@@ -271,7 +276,7 @@ class _Hypothesis:
         mean = np.zeros(len(products.own[0]) - 1)
         mean[: len(z)] = (whole.z0 - z) / bounds.scale
         either = [products.scaled(np.arange(len(z), len(mean)), share / WANDERS) for share in shares]
-        low, high = ((side - z) / bounds.scale for side in (bounds.low, bounds.high))
+        low, high = bounds.around(z)
         found = [posterior(p, mean, self.ground, s, low, high) for p in either]
         logs = np.array([one.log for one in found])
         likelier = int(np.argmax(logs))

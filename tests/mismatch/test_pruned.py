@@ -16,7 +16,7 @@ from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.picture import Painter
-from twinbench.mismatch.naming.pruned import all_at_once, less
+from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.settle import FAR_OUT, Settled, settled
 from twinbench.mismatch.naming.view import prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
@@ -75,7 +75,7 @@ def test_the_odds_of_an_effects_absence_are_the_evidence_without_it():
     whole = settled(found.bare, found.own, [*found.now, *more], exact, exact.s)
     needless = names(whole).index("offset@omega_rad_s")
     fewer = settled(whole.bare, whole.own, whole.now[:needless], exact, exact.s)
-    odds = [less(whole, [k], exact).odds for k in range(len(whole.effects))]
+    odds = [Whole(whole, exact).less([k]).odds for k in range(len(whole.effects))]
     assert odds[needless] == pytest.approx(fewer.log - whole.log, abs=1.0)
     assert max(np.delete(odds, needless)) < -5.0
 
@@ -92,14 +92,14 @@ def test_beside_a_discrepancy_the_odds_are_those_with_it_learnt_anew():
     whole = settled(found.bare, found.own, [*found.now, *more], ground, ground.s)
     fewer = settled(whole.bare, whole.own, whole.now[:-1], ground, whole.learnt.s)
     last = len(whole.effects) - 1
-    assert less(whole, [last], ground).odds == pytest.approx(fewer.log - whole.log, abs=1.5)
+    assert Whole(whole, ground).less([last]).odds == pytest.approx(fewer.log - whole.log, abs=1.5)
 
 
 def test_a_set_less_an_effect_begins_near_where_it_comes_to_rest():
     """Without the loss the others have to move: they begin moved, not where they were."""
     found, ground = left_over(), naming().ground
     out = names(found).index("quadratic_loss@current_A")
-    begun = less(found, [out], ground)
+    begun = Whole(found, ground).less([out])
     rest = settled(found.bare, begun.own, begun.effects, ground, found.learnt.s)
     stayed = [e for k, e in enumerate(found.now) if k != out]
 

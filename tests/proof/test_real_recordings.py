@@ -59,12 +59,26 @@ def test_what_the_tanks_spill_mends_them_without_a_name():
 @recorded
 @pytest.mark.parametrize("name", ["air_chamber_a", pytest.param("air_chamber_b", marks=pytest.mark.slow)])
 def test_a_chamber_that_leaks_is_not_called_tight(name):
-    """Nor is what leaks called something else: it is named, or nothing is. It is mended in any case."""
-    before, after = held_out(name, "p_gauge_bar")
-    assert before > 0.5, "the constant leak, calibrated"
-    assert after < 0.2 * before
+    """Nor is what leaks called something else: it is named, or nothing is."""
     assert verdict_on(name).verdict in ("missing physics", "incomplete", "unexplained")
     assert all(one & {"linear_leak@p_bar", "quadratic_leak@p_bar", "leak@p_bar"} for one in named(name))
+
+
+@recorded
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            "air_chamber_a",
+            marks=pytest.mark.xfail(strict=True, reason="0.088 of 0.787 bar is left; an engine before had 0.062"),
+        ),
+        pytest.param("air_chamber_b", marks=pytest.mark.slow),
+    ],
+)
+def test_a_chamber_that_leaks_is_mended_in_any_case(name):
+    before, after = held_out(name, "p_gauge_bar")
+    assert before > 0.5, "the constant leak, calibrated"
+    assert after < 0.1 * before
 
 
 @recorded
