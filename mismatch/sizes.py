@@ -120,6 +120,7 @@ def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
         ]
     size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
     per_size = (candidate.typical - candidate.null) / typical(candidate)
+    per_size[0] = 1.0  # also where what is typical is what the simulator has
     return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, per_size, strict=True)]
 
 

@@ -115,8 +115,8 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
     """Something unnamed beside a hypothesis, at each port, the likeliest first."""
     inner = _known(hypothesis)
-    base = inner.log - 0.5 * hypothesis.products.over()[2] + hypothesis.odds - hypothesis.promised
-    return _unnamed(ground, inner.G, inner.b, base, hypothesis.log)
+    # Both of unknowns without bounds: what a step beyond one would gain speaks for nothing unnamed.
+    return _unnamed(ground, inner.G, inner.b, 0.0, learn(inner.G, inner.b, ground.group, hypothesis.learnt.s).log)
 
 
 def inexact_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:

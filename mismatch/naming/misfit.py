@@ -57,11 +57,20 @@ def misfit(
 
     def of(z: Array, problem: Problem) -> float:
         residuals = problem.residuals(z)
-        if any(np.isnan(r[np.isfinite(t.means)]).any() for r, t in zip(residuals, problem.tracks, strict=True)):
+        if diverged(problem, residuals):
             return np.inf
         return float(np.sum(((z - problem.z0) / scale) ** 2)) + square(residuals)
 
     return of
+
+
+def diverged(problem: Problem, residuals: Sequence[Array]) -> bool:
+    """Does a run break off before the readings do?
+
+    Args:
+        residuals: (B, ny) per recording, in the outputs' units.
+    """
+    return any(np.isnan(r[np.isfinite(t.means)]).any() for r, t in zip(residuals, problem.tracks, strict=True))
 
 
 def squared(ground: Ground, s: Array, wandering: Wandering | None = None) -> Callable[[Sequence[Array]], float]:

@@ -10,13 +10,14 @@ import numpy as np
 from twinbench.mismatch.began import STARTS
 from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
-from twinbench.mismatch.naming.picture import Painter, Picture
+from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
 from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, columns_of, misfit_around, settled
+from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Effect, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -78,30 +79,30 @@ class Naming:
         return next(these, None)
 
     def without(self, hypothesis: Settled, effect: int) -> Painter:
-        """A hypothesis less one effect, with all that could stand in its place; made once."""
+        """A hypothesis less one effect, with all that could stand in its place, itself first; made once."""
         key = id(hypothesis), effect
         if key not in self._without:
-            machine = hypothesis.problem.machine
+            machine, now = hypothesis.problem.machine, hypothesis.now[effect]
             rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
-            there = {machine.candidates[c].family for c in rest}
-            out = hypothesis.effects[effect].variant.candidate
-            others = [
-                v for v in self.forms if v.candidate != out and machine.candidates[v.candidate].family not in there
-            ]
-            view = View.around(hypothesis.problem, hypothesis.z)
+            size = abs(now.size / typical(machine.candidates[now.variant.candidate]))
+            probes = {now.variant: min(max(size, LEAST_PROBE), MOST_PROBE)} | dict(self.painter.probes)
             entries = hypothesis.entries(effect)
-            wanders = [k for k in hypothesis.wanders if k != entries[0]]
             self._without[key] = Painter(
-                view,
+                View.around(hypothesis.problem, hypothesis.z),
                 self.ground,
-                others,
+                [now.variant, *(v for v in self.beside(machine, rest) if v != now.variant)],
                 entries,
-                self.painter.probes,
-                wanders,
+                probes,
+                [k for k in hypothesis.wanders if k != entries[0]],
                 hypothesis.share,
                 hypothesis.since_s,
             )
         return self._without[key]
+
+    def beside(self, machine: Machine, there: Sequence[int]) -> list[Variant]:
+        """Variants of all families but those of some candidates."""
+        families = {machine.candidates[c].family for c in there}
+        return [v for v in self.painter.listed if machine.candidates[v.candidate].family not in families]
 
     def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
         """Bring a hypothesis to its fixed point and keep it in its place; arguments as of ``settled``.
@@ -257,9 +258,7 @@ def _fuller(found: Naming) -> bool:
     best = found.best
     if not 0 < len(best.effects) < MOST_EFFECTS:
         return False
-    machine = best.problem.machine
-    families = {machine.candidates[e.variant.candidate].family for e in best.effects}
-    others = [v for v in found.forms if machine.candidates[v.candidate].family not in families]
+    others = found.beside(best.problem.machine, best.candidates)
     view, probes = View.around(best.problem, best.z), found.painter.probes
     painter = Painter(
         view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s
@@ -288,17 +287,21 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
     """
     shown = painter.picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
-    least, tried = 0.0 if out is None else gains.max(initial=-np.inf) - NEAR, 0
+    # What replaces an effect is measured by what that itself does in the picture, where it stands first.
+    none, least = (best.log, 0.0) if out is None else (best.log - gains[0], gains.max() - NEAR)
+    rest, tried = [c for i, c in enumerate(best.candidates) if i != out], set[int]()
     for k in np.argsort(-gains):
-        if not np.isfinite(gains[k]) or gains[k] < least or tried == ADDED:
+        if not np.isfinite(gains[k]) or gains[k] < least or len(tried) == ADDED:
             break
-        rest = [c for i, c in enumerate(best.candidates) if i != out]
-        if found.of([*rest, shown.variants[k].candidate], best.since_s) is None:
-            tried += 1
-            there, sizes = painter.start(shown, [k], best.learnt.s)
-            others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
-            effects = [*others, *_effects(shown, [k], sizes)]
-            found.settle(best.bare, there[: best.first], effects, best.learnt.s)
+        candidate = shown.variants[k].candidate
+        known = found.of([*rest, candidate], best.since_s)
+        if candidate in tried or (known is not None and none + gains[k] < known.log + SETTLED):
+            continue
+        tried.add(candidate)
+        there, sizes = painter.start(shown, [k], best.learnt.s)
+        others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
+        effects = [*others, *_effects(shown, [k], sizes)]
+        found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 
 def common_fluxes(view: View) -> Array:

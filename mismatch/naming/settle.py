@@ -15,7 +15,7 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Learnt, one_sided
-from twinbench.mismatch.naming.misfit import Wandering, misfit
+from twinbench.mismatch.naming.misfit import Wandering, diverged, misfit
 from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.view import HARDLY, WANDERS, View
 from twinbench.mismatch.place import CLOCK
@@ -259,7 +259,10 @@ class _Hypothesis:
         # Where the simulator's equations are taken for exact, so are the effects'.
         wanders = [k for k, e in zip(sizes, effects, strict=True) if ground.ports and may_wander(problem, e)]
         made = cls(tuple(effects), ground, bounds, len(problem.unknowns), sizes, wanders)
-        return made, whole, np.clip(z, bounds.low, bounds.high)
+        z = np.clip(z, bounds.low, bounds.high)
+        while diverged(whole, whole.residuals(z)):  # the calibrated machine with none of them runs through
+            z = whole.z0 + SHORTENED * (z - whole.z0)
+        return made, whole, z
 
     def linearised(self, whole: Problem, z: Array, s: Array) -> _Here:
         """It in one place.
