@@ -25,12 +25,18 @@ class Change(NamedTuple):
 
 
 def change_of(yardstick: Yardstick, effect: Effect, onset_s: float = -float("inf")) -> Change:
-    """How an effect changes the yardstick's machine; from ``onset_s`` on where it is no fault."""
-    return _by_parameter(yardstick, effect, onset_s) if effect.slot else _by_fault(yardstick, effect)
+    """How an effect or a fault changes the yardstick's machine, from ``onset_s`` on."""
+    return (_by_parameter if effect.slot else _by_fault)(yardstick, effect, onset_s)
 
 
 def with_fault(
-    machine: Machine, take: Take, series: Array, port: str, fault: tuple[str, float], span: tuple[float, float]
+    machine: Machine,
+    take: Take,
+    series: Array,
+    port: str,
+    fault: tuple[str, float],
+    span: tuple[float, float],
+    onset_s: float = -float("inf"),
 ) -> Array:
     """A take's inputs or outputs with a fault in one of their channels.
 
@@ -39,13 +45,15 @@ def with_fault(
         port: "input:..." or "output:...".
         fault: its kind and size.
         span: lowest and highest value of the channel in training.
+        onset_s: it is there from here on, on the suite's clock.
     """
     side, _, channel = port.partition(":")
     column = (machine.inputs if side == "input" else machine.outputs).index(channel)
     time_s = take.start_s + clock(len(series) * machine.period_s, machine.period_s)
     last = take.name == f"train_{len(machine.seconds['train'])}"
     changed = series.copy()
-    changed[:, column] = faulty(*fault, time_s, series[:, column], span, last)
+    there = time_s >= onset_s
+    changed[there, column] = faulty(*fault, time_s, series[:, column], span, last)[there]
     return changed
 
 
@@ -58,27 +66,29 @@ def _by_parameter(yardstick: Yardstick, effect: Effect, onset_s: float) -> Chang
     return Change(effect.typical, effect.most, of)
 
 
-def _by_fault(yardstick: Yardstick, effect: Effect) -> Change:
+def _by_fault(yardstick: Yardstick, effect: Effect, onset_s: float) -> Change:
     kind, channel = parts(effect)
     machine, span = yardstick.machine, span_in_training(yardstick, effect)
     start, most = first_size(kind, machine.noise[channel].sigma, span, machine.period_s)
 
     def of(size: float) -> Sequence[Array]:
-        made = series_with_fault(yardstick, effect, size)
+        made = series_with_fault(yardstick, effect, size, onset_s)
         return yardstick.with_inputs(made) if channel in yardstick.machine.inputs else made
 
     return Change(start, most, of)
 
 
-def series_with_fault(yardstick: Yardstick, effect: Effect, size: float) -> list[Array]:
-    """The inputs or outputs of every take, (N, channels) each, as a fault makes them.
+def series_with_fault(
+    yardstick: Yardstick, effect: Effect, size: float, onset_s: float = -float("inf")
+) -> list[Array]:
+    """The inputs or outputs of every take, (N, channels) each, as a fault makes them from ``onset_s`` on.
 
     Args:
         size: in the fault's unit.
     """
     fault, span = (parts(effect)[0], size), span_in_training(yardstick, effect)
     pairs = zip(yardstick.takes, _clean(yardstick, effect)[0], strict=True)
-    return [with_fault(yardstick.machine, take, s, effect.ports[0], fault, span) for take, s in pairs]
+    return [with_fault(yardstick.machine, take, s, effect.ports[0], fault, span, onset_s) for take, s in pairs]
 
 
 def span_in_training(yardstick: Yardstick, effect: Effect) -> tuple[float, float]:

@@ -117,7 +117,7 @@ class Linear:
                 p = Parameters(self.yardstick.p, self._moved(**{effect.slot: size}), self._onset_s)
                 given = self.machine.driven(u, p, takes[take].start_s)
             else:
-                given = series_with_fault(self.yardstick, effect, size)[take]
+                given = series_with_fault(self.yardstick, effect, size, self._onset_s)[take]
             # A fault is in one channel.
             column = int(np.argmax(np.abs(given - u).max(axis=0)))
             which.append(column)
@@ -125,5 +125,5 @@ class Linear:
         return tangent.driven(tangent.inputs, np.array(which), np.stack(weights, axis=1), self._settled)
 
     def _at_output(self, effect: Effect, size: float) -> list[Array]:
-        made = series_with_fault(self.yardstick, effect, size)
+        made = series_with_fault(self.yardstick, effect, size, self._onset_s)
         return [(y - base).T for y, base in zip(made, self.yardstick.base, strict=True)]

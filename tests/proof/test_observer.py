@@ -216,6 +216,13 @@ def test_what_is_the_same_to_all_readings_is_one_class_by_the_machines_own_equat
         assert other in observe(view, effect, (), np.random.default_rng(0)).same
 
 
+def test_a_rival_may_begin_when_the_effect_does() -> None:
+    """A bias of the pump's voltage is an offset of the level's balance, from the same time on as from the beginning."""
+    yardstick = measured(SHORT["two_tanks"])
+    view = picture(OnTwin(yardstick, yardstick.takes[1].start_s + 20.0), {"offset@h1_cm": 0.02}, 0.0)
+    assert "input_bias@pump_V" in observe(view, "offset@h1_cm", (), np.random.default_rng(0)).same
+
+
 def test_forms_of_the_catalogue_without_a_truth_are_told_from_an_effect_too() -> None:
     """Radiation, of which no truth is drawn, is a loss to the ambient over a few tens of kelvins."""
     machine = SHORT["heat_exchanger"]
