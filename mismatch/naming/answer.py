@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
 from twinbench.mismatch.naming.misfit import squared
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
-from twinbench.mismatch.naming.settle import Effect, Settled
+from twinbench.mismatch.naming.settle import Settled, odds_of
 from twinbench.mismatch.naming.steady import one_form, one_size
 from twinbench.physics.simulator import Array, Port
 
@@ -195,7 +196,7 @@ def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[f
         return best.log, tuple(replace(u, log=u.log + best.log) for u in beside)
     ground, sets = naming.ground, shown.sets
     v = sets.many
-    odds = chosen.odds - chosen.effects[i].prior if rest else 0.0
+    odds = odds_of(chosen.problem, [e for k, e in enumerate(chosen.effects) if k != i])
     base = sets.reduced.log + shown.log + odds
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log

@@ -12,12 +12,13 @@ from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
 from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Effect, Settled, columns_of, misfit_around, settled
+from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -96,6 +97,7 @@ class Naming:
                 [k for k in hypothesis.wanders if k != entries[0]],
                 hypothesis.share,
                 hypothesis.since_s,
+                len(rest),
             )
         return self._without[key]
 
@@ -261,8 +263,9 @@ def _fuller(found: Naming) -> bool:
     others = found.beside(best.problem.machine, best.candidates)
     view, probes = View.around(best.problem, best.z), found.painter.probes
     painter = Painter(
-        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s
-    )
+        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s,
+        beside=len(best.effects),
+    )  # fmt: skip
     _settle_another(found, best, painter)
     return found.best is not best
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.mismatch.began import late_odds
-from twinbench.mismatch.machine import Candidate, Machine
+from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
+from twinbench.mismatch.naming.odds import log_odds
 from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
@@ -68,6 +69,7 @@ class Painter:
         probes: share of its typical size that each variant is tried with; found out if left out.
         wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
         since_s: from when the variants are there, on the recordings' clock.
+        beside: so many effects are among the view's unknowns.
     """
 
     def __init__(
@@ -80,8 +82,9 @@ class Painter:
         wanders: Sequence[int] = (),
         share: float = WANDERS,
         since_s: float = -np.inf,
+        beside: int = 0,
     ) -> None:
-        mean = prior_mean(view)
+        mean, self._beside = prior_mean(view), beside
         whole, out = view.unknowns(), np.array(without, dtype=int)
         self.removed = [columns[:, :, out] for columns in whole]
         size = out[:1]  # its shape does nothing where it is not
@@ -140,6 +143,8 @@ class Painter:
             s=self.ground.s,
             since=np.array(since),
             late=late_odds(self.view.problem.tracks),
+            beside=self._beside,
+            candidates=len(self.view.problem.machine.candidates),
         )
         return Picture(
             tuple(self.listed[i] for i in which),
@@ -214,12 +219,6 @@ class Painter:
         fitted = b[:n] @ np.linalg.solve(G[:n, :n] + np.eye(n), b[:n])
         share = kept / np.maximum(np.diag(G)[n : n + v], 1e-300)
         return np.sqrt(kept / self._rows), reduced, share, max(0.0, float(q - fitted) / self._rows - 1.0), q
-
-
-def log_odds(machine: Machine) -> Array:
-    """(C,) log prior odds of each of a machine's candidates, dimensionless: as told, or one of all of them."""
-    common = 1.0 / max(len(machine.candidates), 1)
-    return np.log([common if c.odds is None else c.odds for c in machine.candidates])
 
 
 def one_way(candidate: Candidate) -> bool:

@@ -78,9 +78,7 @@ def _by_fault(yardstick: Yardstick, effect: Effect, onset_s: float) -> Change:
     return Change(start, most, of)
 
 
-def series_with_fault(
-    yardstick: Yardstick, effect: Effect, size: float, onset_s: float = -float("inf")
-) -> list[Array]:
+def series_with_fault(yardstick: Yardstick, effect: Effect, size: float, onset_s: float = -float("inf")) -> list[Array]:
     """The inputs or outputs of every take, (N, channels) each, as a fault makes them from ``onset_s`` on.
 
     Args:
