@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ class Effect:
         size: from absence, in the first parameter's unit.
         sd: of the size's prior, in the same unit.
         prior: log prior odds.
+        least_sd: the sd's least, in the same unit; the sd itself if left out.
         memory: where what it remembers starts, in each recording, in its states' units; at nothing if left out.
     """
 
@@ -29,7 +30,13 @@ class Effect:
     size: float
     sd: float
     prior: float
+    least_sd: float | None = None
     memory: tuple[float, ...] = ()
+
+    @property
+    def as_large(self) -> Effect:
+        """It with a prior as wide as it is large."""
+        return replace(self, sd=max(self.sd if self.least_sd is None else self.least_sd, abs(self.size)))
 
 
 def may_wander(problem: Problem, effect: Effect) -> bool:

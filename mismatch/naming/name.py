@@ -177,10 +177,10 @@ def _sharpen(found: Naming) -> None:
         found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
 
 
-def _effects(shown: Picture, key: Sequence[int], sizes: Array) -> list[Effect]:
+def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
     """Variants of a picture, of some sizes (k,) from absence, each in its first parameter's unit."""
     return [
-        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]))
+        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]), float(shown.least[i]))
         for i, size in zip(key, sizes, strict=True)
     ]
 
@@ -211,8 +211,7 @@ def all_physics(found: Naming) -> list[Effect]:
         candidate = shown.candidates[i]
         if candidate.mechanism.kind == "physics" and candidate.family not in there:
             there.add(candidate.family)
-            unit, probe = float(shown.units[i]), found.painter.probes[shown.variants[i]]
-            effects.append(Effect(shown.variants[i], probe * typical(candidate), unit, float(shown.odds[i])))
+            effects += _effects(shown, [i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
     return effects
 
 

@@ -38,6 +38,7 @@ class Picture:
         candidates: (V,) of whom.
         odds: (V,) log prior odds of these, dimensionless; those of the variants in ``sets`` are shares of them.
         units: (V,) prior sd of each size, in the first parameter's unit.
+        least: (V,) the sd with which it shows as half the noise, likewise.
         products: of the unknowns' columns, then theirs per typical size.
         sets: their evidence.
         log: what makes the sets' evidence comparable with that of other views, nats.
@@ -49,6 +50,7 @@ class Picture:
     candidates: tuple[Candidate, ...]
     odds: Array
     units: Array
+    least: Array
     products: Products
     sets: Sets
     log: float
@@ -128,6 +130,7 @@ class Painter:
         candidates = [self.view.problem.machine.candidates[self.listed[i].candidate] for i in which]
         typicals = _typicals(candidates)
         most = np.array([max(np.abs(_range(c))) for c in candidates]) / typicals
+        least = np.minimum(VISIBLE / np.maximum(shows, 1e-12), most)
         sd = np.minimum(max(VISIBLE, np.sqrt(excess)) / np.maximum(shows, 1e-12), most)
         scale = np.concatenate((sd, np.ones(len(self.ground.group))))
         odds = log_odds(self.view.problem.machine)[[self.listed[i].candidate for i in which]]
@@ -152,6 +155,7 @@ class Painter:
             tuple(candidates),
             odds,
             sd * typicals,
+            least * typicals,
             products,
             sets,
             -0.5 * q,

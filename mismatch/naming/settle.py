@@ -35,10 +35,10 @@ HOPELESS, GIVEN_UP_AFTER = 30.0, 2
 after which it is then given up. A rival so far behind has no weight in any answer."""
 FAR_ROUNDS = 12
 """Jacobians of a fit without discrepancy, from far off."""
-FAR_OUT = 2.0
-"""Prior sds beyond which a size says that its prior was too narrow: how large an effect may be was told from afar, and
-what is named larger than that gives way to a discrepancy. Then the prior becomes as wide as the effect is large. It
-moved the Cascaded Tanks from 305 nats to 417; other values were not tried."""
+AS_WIDE = 2.0
+"""Factor by which a prior may be wider or narrower than its effect is large. How large an effect may be was told from
+afar: what is named larger gives way to a discrepancy, and what is smaller, one of a dozen, pays for all that there was
+to explain. Then the prior becomes as wide as the effect is large. It moved the Cascaded Tanks from 305 nats to 417."""
 SHORTENED = 0.4
 """What is left of a step that is too long, or of a way on which the run diverges."""
 
@@ -164,7 +164,7 @@ def settled(
     """Linearise, move to the posterior mean, and again.
 
     The evidence is that of a Gaussian around where the hypothesis stands (Laplace): what a step promises counts only
-    once it was made. An effect that comes to rest beyond FAR_OUT settles once more, with a wider prior.
+    once it was made. Once at rest, priors become as wide as their effects are large, and it settles once more.
 
     Args:
         problem: with no effect in it.
@@ -193,10 +193,10 @@ def settled(
             break
         z = ahead
     assert best is not None
-    if not any(abs(now.size) > FAR_OUT * now.sd for now in best.now):
+    told = [now.as_large for now in best.now]
+    if all(1.0 / AS_WIDE <= new.sd / now.sd <= AS_WIDE for new, now in zip(told, best.now, strict=True)):
         return best
-    wide = [replace(now, sd=max(now.sd, abs(now.size))) for now in best.now]
-    again = settled(best.bare, best.own, wide, ground, best.learnt.s, rival=rival)
+    again = settled(best.bare, best.own, told, ground, best.learnt.s, rival=rival)
     return again if again.log > best.log else best
 
 
