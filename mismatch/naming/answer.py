@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
@@ -116,7 +117,6 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
     """Something unnamed beside a hypothesis, at each port, the likeliest first."""
     inner = _known(hypothesis)
-    # Both of unknowns without bounds: what a step beyond one would gain speaks for nothing unnamed.
     return _unnamed(ground, inner.G, inner.b, 0.0, learn(inner.G, inner.b, ground.group, hypothesis.learnt.s).log)
 
 
@@ -132,10 +132,12 @@ def inexact_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
 
 
 def _known(hypothesis: Settled) -> Reduced:
-    """The discrepancy's functions with the unknowns of a hypothesis integrated out."""
+    """The discrepancy's functions with the unknowns of a hypothesis integrated out; what a bound holds stays there."""
     G, b, _ = hypothesis.products.over()
-    n = len(hypothesis.mean)
-    return eliminated(G, b, np.arange(n), hypothesis.mean, np.ones(n))
+    low, high = Bounds.of(hypothesis.problem).around(hypothesis.z)
+    held = np.flatnonzero((low >= 0.0) | (high <= 0.0))
+    left, mean = np.delete(np.arange(len(b)), held), np.delete(hypothesis.mean, held)
+    return eliminated(G[np.ix_(left, left)], b[left], np.arange(len(mean)), mean, np.ones(len(mean)))
 
 
 def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) -> tuple[Unnamed, ...]:
