@@ -10,15 +10,13 @@ import numpy as np
 from twinbench.mismatch.began import STARTS
 from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
-from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
-from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
+from twinbench.mismatch.naming.picture import Painter, Picture
 from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
+from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -80,31 +78,30 @@ class Naming:
         return next(these, None)
 
     def without(self, hypothesis: Settled, effect: int) -> Painter:
-        """A hypothesis less one effect, with all that could stand in its place, itself first; made once."""
+        """A hypothesis less one effect, with all that could stand in its place; made once."""
         key = id(hypothesis), effect
         if key not in self._without:
-            machine, now = hypothesis.problem.machine, hypothesis.now[effect]
+            machine = hypothesis.problem.machine
             rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
-            size = abs(now.size / typical(machine.candidates[now.variant.candidate]))
-            probes = {now.variant: min(max(size, LEAST_PROBE), MOST_PROBE)} | dict(self.painter.probes)
+            there = {machine.candidates[c].family for c in rest}
+            out = hypothesis.effects[effect].variant.candidate
+            others = [
+                v for v in self.forms if v.candidate != out and machine.candidates[v.candidate].family not in there
+            ]
+            view = View.around(hypothesis.problem, hypothesis.z)
             entries = hypothesis.entries(effect)
+            wanders = [k for k in hypothesis.wanders if k != entries[0]]
             self._without[key] = Painter(
-                View.around(hypothesis.problem, hypothesis.z),
+                view,
                 self.ground,
-                [now.variant, *(v for v in self.beside(machine, rest) if v != now.variant)],
+                others,
                 entries,
-                probes,
-                [k for k in hypothesis.wanders if k != entries[0]],
+                self.painter.probes,
+                wanders,
                 hypothesis.share,
                 hypothesis.since_s,
-                len(rest),
             )
         return self._without[key]
-
-    def beside(self, machine: Machine, there: Sequence[int]) -> list[Variant]:
-        """Variants of all families but those of some candidates."""
-        families = {machine.candidates[c].family for c in there}
-        return [v for v in self.painter.listed if machine.candidates[v.candidate].family not in families]
 
     def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
         """Bring a hypothesis to its fixed point and keep it in its place; arguments as of ``settled``.
@@ -177,10 +174,10 @@ def _sharpen(found: Naming) -> None:
         found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
 
 
-def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
+def _effects(shown: Picture, key: Sequence[int], sizes: Array) -> list[Effect]:
     """Variants of a picture, of some sizes (k,) from absence, each in its first parameter's unit."""
     return [
-        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]), float(shown.least[i]))
+        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]))
         for i, size in zip(key, sizes, strict=True)
     ]
 
@@ -211,7 +208,8 @@ def all_physics(found: Naming) -> list[Effect]:
         candidate = shown.candidates[i]
         if candidate.mechanism.kind == "physics" and candidate.family not in there:
             there.add(candidate.family)
-            effects += _effects(shown, [i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
+            unit, probe = float(shown.units[i]), found.painter.probes[shown.variants[i]]
+            effects.append(Effect(shown.variants[i], probe * typical(candidate), unit, float(shown.odds[i])))
     return effects
 
 
@@ -259,12 +257,13 @@ def _fuller(found: Naming) -> bool:
     best = found.best
     if not 0 < len(best.effects) < MOST_EFFECTS:
         return False
-    others = found.beside(best.problem.machine, best.candidates)
+    machine = best.problem.machine
+    families = {machine.candidates[e.variant.candidate].family for e in best.effects}
+    others = [v for v in found.forms if machine.candidates[v.candidate].family not in families]
     view, probes = View.around(best.problem, best.z), found.painter.probes
     painter = Painter(
-        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s,
-        beside=len(best.effects),
-    )  # fmt: skip
+        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s
+    )
     _settle_another(found, best, painter)
     return found.best is not best
 
@@ -289,21 +288,17 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
     """
     shown = painter.picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
-    # What replaces an effect is measured by what that itself does in the picture, where it stands first.
-    none, least = (best.log, 0.0) if out is None else (best.log - gains[0], gains.max() - NEAR)
-    rest, tried = [c for i, c in enumerate(best.candidates) if i != out], set[int]()
+    least, tried = 0.0 if out is None else gains.max(initial=-np.inf) - NEAR, 0
     for k in np.argsort(-gains):
-        if not np.isfinite(gains[k]) or gains[k] < least or len(tried) == ADDED:
+        if not np.isfinite(gains[k]) or gains[k] < least or tried == ADDED:
             break
-        candidate = shown.variants[k].candidate
-        known = found.of([*rest, candidate], best.since_s)
-        if candidate in tried or (known is not None and none + gains[k] < known.log + SETTLED):
-            continue
-        tried.add(candidate)
-        there, sizes = painter.start(shown, [k], best.learnt.s)
-        others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
-        effects = [*others, *_effects(shown, [k], sizes)]
-        found.settle(best.bare, there[: best.first], effects, best.learnt.s)
+        rest = [c for i, c in enumerate(best.candidates) if i != out]
+        if found.of([*rest, shown.variants[k].candidate], best.since_s) is None:
+            tried += 1
+            there, sizes = painter.start(shown, [k], best.learnt.s)
+            others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
+            effects = [*others, *_effects(shown, [k], sizes)]
+            found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 
 def common_fluxes(view: View) -> Array:

@@ -9,11 +9,10 @@ import numpy as np
 
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.bounded import Bounds
-from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import one_sided
 from twinbench.mismatch.naming.posterior import posterior
-from twinbench.mismatch.naming.settle import Settled, odds_of, settled
+from twinbench.mismatch.naming.settle import Effect, Settled, settled
 from twinbench.physics.simulator import Array
 
 
@@ -92,7 +91,7 @@ class Whole:
         kept = np.setdiff1d(np.arange(len(found.mean)), gone)
         step, log = self._told(found.products.less(gone, sizes, found.mean[sizes]), kept)
         sides = one_sided(np.abs(found.sizes[out]), found.sds[out], bounds.one_way[sizes]).sum()
-        prior = found.odds - odds_of(found.problem, [e for k, e in enumerate(found.effects) if k not in out])
+        prior = found.odds if len(out) == len(found.effects) else sum(found.effects[i].prior for i in out)
         moved, free = found.z.copy(), kept[kept < len(found.z)]
         moved[free] += step * bounds.scale[free]
         rest = tuple(e for k, e in enumerate(found.effects_at(moved)) if k not in out)
