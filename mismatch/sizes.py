@@ -13,7 +13,7 @@ from twinbench.mismatch.force import as_force, inertia
 from twinbench.mismatch.mixture import Z90, Mixture, covariance, near
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import scale_of
-from twinbench.mismatch.variants import is_amplitude, typical
+from twinbench.mismatch.variants import is_amplitude, per_size
 from twinbench.mismatch.words import digits_worth, interval, number, spoken, with_unit
 from twinbench.physics.simulator import Mechanism, Term
 
@@ -119,9 +119,8 @@ def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
             for k in range(at, at + n)
         ]
     size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
-    per_size = (candidate.typical - candidate.null) / typical(candidate)
-    per_size[0] = 1.0  # also where what is typical is what the simulator has
-    return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, per_size, strict=True)]
+    moves = per_size(candidate)
+    return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, moves, strict=True)]
 
 
 def _scale(hypothesis: Settled, k: int) -> float:

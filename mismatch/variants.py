@@ -64,10 +64,16 @@ def switched(machine: Machine, theta: Array, variant: Variant, size: float) -> A
     """
     candidate = machine.candidates[variant.candidate]
     changed = theta.copy()
-    changed[candidate.at[0]] = candidate.null[0] + size
     if is_amplitude(candidate):
-        rest = candidate.null[1:] + size / typical(candidate) * (candidate.typical[1:] - candidate.null[1:])
+        changed[list(candidate.at)] = candidate.null + size * per_size(candidate)
     else:
-        rest = np.array(variant.shape)
-    changed[list(candidate.at[1:])] = rest
+        changed[candidate.at[0]] = candidate.null[0] + size
+        changed[list(candidate.at[1:])] = variant.shape
     return changed
+
+
+def per_size(candidate: Candidate) -> Array:
+    """(n,) how far each parameter of an amplitude moves, in its unit, per unit of the first."""
+    moves = (candidate.typical - candidate.null) / typical(candidate)
+    moves[0] = 1.0  # also where what is typical is what the simulator has
+    return np.asarray(moves)

@@ -260,8 +260,8 @@ class _Hypothesis:
         wanders = [k for k, e in zip(sizes, effects, strict=True) if ground.ports and may_wander(problem, e)]
         made = cls(tuple(effects), ground, bounds, len(problem.unknowns), sizes, wanders)
         z = np.clip(z, bounds.low, bounds.high)
-        while diverged(whole, whole.residuals(z)):  # the calibrated machine with none of them runs through
-            z = whole.z0 + SHORTENED * (z - whole.z0)
+        while not np.allclose(z, whole.z0) and diverged(whole, whole.residuals(z)):
+            z = whole.z0 + SHORTENED * (z - whole.z0)  # towards the machine as it came
         return made, whole, z
 
     def linearised(self, whole: Problem, z: Array, s: Array) -> _Here:
