@@ -94,10 +94,9 @@ def leak(p: Place) -> Term:
     v = p.variable
     says = f"{p.name} leaks through an opening, with the square root of what drives it"
     size = p.size("leak", f"{p.unit}^0.5/s", math.sqrt(p.reach))
-    floor = max(v.low, 0.0)
-    to = p.shape(
-        "leak", "to", v.unit, Range(floor - v.scale, floor + v.scale, floor), f"{p.name} at which the leak ends"
-    )
+    floor = max(v.low, 0.0)  # an opening may be at any height, and drain to below the floor
+    within = Range(floor - v.scale, max(floor, v.nominal) + v.scale, floor)
+    to = p.shape("leak", "to", v.unit, within, f"{p.name} at which the leak ends")
     return p.add("leak", says, "-{0} sqrt(max(0, {x} - {1}))", term, size, to)
 
 

@@ -16,8 +16,9 @@ from twinbench.mismatch.fit import Unknown
 from twinbench.mismatch.followed import Followed, strangers, told_followed
 from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import Claim
+from twinbench.mismatch.naming.effect import memory_starts
 from twinbench.mismatch.naming.foretold import foretold
-from twinbench.mismatch.naming.settle import Settled, memory_starts
+from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse, held_out, worse_outputs
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.stage_calibrate import Calibration

@@ -10,8 +10,9 @@ import numpy as np
 from twinbench.mismatch.machine import Candidate, Machine
 from twinbench.physics.simulator import Amplitude, Array
 
-SHAPES = (0.5, 0.15, 0.85)
-"""Where in its range a shape parameter is tried: its nominal value for the first."""
+SHAPES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+"""Where in its range a shape parameter is tried, beside its nominal value. Evidence has a peak of its own wherever a
+threshold lies between other readings, and a fit stays at the one that it began next to."""
 
 
 @dataclass(frozen=True)
@@ -23,14 +24,14 @@ class Variant:
 
 
 def variants(candidates: Sequence[Candidate]) -> tuple[Variant, ...]:
-    """Every candidate with its shape parameters at their nominal and at an early and a late value."""
+    """Every candidate with its shape parameters at their nominal values, and each of them through its range."""
     out = []
     for j, candidate in enumerate(candidates):
         shapes = candidate.mechanism.parameters[1:] if not is_amplitude(candidate) else ()
         nominal = tuple(v.nominal for v in shapes)
         out.append(Variant(j, nominal))
         for place, v in enumerate(shapes):
-            for share in SHAPES[1:]:
+            for share in SHAPES:
                 moved = list(nominal)
                 moved[place] = _within(v.low, v.high, share)
                 out.append(Variant(j, tuple(moved)))

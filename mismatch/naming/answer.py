@@ -8,12 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.mismatch.machine import Machine
+from twinbench.mismatch.naming.bounded import Bounds
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
 from twinbench.mismatch.naming.misfit import squared
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
-from twinbench.mismatch.naming.settle import Effect, Settled
+from twinbench.mismatch.naming.settle import Settled, odds_of
 from twinbench.mismatch.naming.steady import one_form, one_size
 from twinbench.physics.simulator import Array, Port
 
@@ -115,8 +117,7 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
     """Something unnamed beside a hypothesis, at each port, the likeliest first."""
     inner = _known(hypothesis)
-    base = inner.log - 0.5 * hypothesis.products.over()[2] + hypothesis.odds - hypothesis.promised
-    return _unnamed(ground, inner.G, inner.b, base, hypothesis.log)
+    return _unnamed(ground, inner.G, inner.b, 0.0, learn(inner.G, inner.b, ground.group, hypothesis.learnt.s).log)
 
 
 def inexact_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
@@ -131,10 +132,12 @@ def inexact_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
 
 
 def _known(hypothesis: Settled) -> Reduced:
-    """The discrepancy's functions with the unknowns of a hypothesis integrated out."""
+    """The discrepancy's functions with the unknowns of a hypothesis integrated out; what a bound holds stays there."""
     G, b, _ = hypothesis.products.over()
-    n = len(hypothesis.mean)
-    return eliminated(G, b, np.arange(n), hypothesis.mean, np.ones(n))
+    low, high = Bounds.of(hypothesis.problem).around(hypothesis.z)
+    held = np.flatnonzero((low >= 0.0) | (high <= 0.0))
+    left, mean = np.delete(np.arange(len(b)), held), np.delete(hypothesis.mean, held)
+    return eliminated(G[np.ix_(left, left)], b[left], np.arange(len(mean)), mean, np.ones(len(mean)))
 
 
 def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) -> tuple[Unnamed, ...]:
@@ -195,7 +198,7 @@ def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[f
         return best.log, tuple(replace(u, log=u.log + best.log) for u in beside)
     ground, sets = naming.ground, shown.sets
     v = sets.many
-    odds = chosen.odds - chosen.effects[i].prior if rest else 0.0
+    odds = odds_of(chosen.problem, [e for k, e in enumerate(chosen.effects) if k != i])
     base = sets.reduced.log + shown.log + odds
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
     none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log

@@ -10,13 +10,16 @@ import numpy as np
 from twinbench.mismatch.began import STARTS
 from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.misfit import misfit
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
-from twinbench.mismatch.naming.picture import Painter, Picture
+from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
 from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.sets import MOST, Scored
-from twinbench.mismatch.naming.settle import HOPELESS, Effect, Settled, columns_of, misfit_around, settled
+from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -30,6 +33,9 @@ NEAR = 12.0
 FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
+TIMES = 24
+"""Parts of a recording between which effects may have begun, where runs are asked for when: a fit finds its way from
+half such a part away."""
 SHARPENED, SIDES = 3, 6
 """Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
 MOST_EFFECTS = 12
@@ -78,30 +84,31 @@ class Naming:
         return next(these, None)
 
     def without(self, hypothesis: Settled, effect: int) -> Painter:
-        """A hypothesis less one effect, with all that could stand in its place; made once."""
+        """A hypothesis less one effect, with all that could stand in its place, itself first; made once."""
         key = id(hypothesis), effect
         if key not in self._without:
-            machine = hypothesis.problem.machine
+            machine, now = hypothesis.problem.machine, hypothesis.now[effect]
             rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
-            there = {machine.candidates[c].family for c in rest}
-            out = hypothesis.effects[effect].variant.candidate
-            others = [
-                v for v in self.forms if v.candidate != out and machine.candidates[v.candidate].family not in there
-            ]
-            view = View.around(hypothesis.problem, hypothesis.z)
+            size = abs(now.size / typical(machine.candidates[now.variant.candidate]))
+            probes = {now.variant: min(max(size, LEAST_PROBE), MOST_PROBE)} | dict(self.painter.probes)
             entries = hypothesis.entries(effect)
-            wanders = [k for k in hypothesis.wanders if k != entries[0]]
             self._without[key] = Painter(
-                view,
+                View.around(hypothesis.problem, hypothesis.z),
                 self.ground,
-                others,
+                [now.variant, *(v for v in self.beside(machine, rest) if v != now.variant)],
                 entries,
-                self.painter.probes,
-                wanders,
+                probes,
+                [k for k in hypothesis.wanders if k != entries[0]],
                 hypothesis.share,
                 hypothesis.since_s,
+                len(rest),
             )
         return self._without[key]
+
+    def beside(self, machine: Machine, there: Sequence[int]) -> list[Variant]:
+        """Variants of all families but those of some candidates."""
+        families = {machine.candidates[c].family for c in there}
+        return [v for v in self.painter.listed if machine.candidates[v.candidate].family not in families]
 
     def settle(self, problem: Problem, z: Array, effects: Sequence[Effect], s: Array) -> None:
         """Bring a hypothesis to its fixed point and keep it in its place; arguments as of ``settled``.
@@ -150,12 +157,27 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         effects = _effects(shown, scored.key, sizes)
         found.settle(_since(problem, shown, scored), z if found.far else there, effects, scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
+    if found.far or found.best.since_s > -np.inf:
+        _late(found)
+    if found.best.since_s > -np.inf:
+        _sharpen(found)
     while _one_is_not_enough(found) or _fuller(found) or _plainer(found) or _rivalled(found):
         pass
     if found.best.since_s > -np.inf:
         _sharpen(found)
     progress(1.0)
     return found
+
+
+def _late(found: Naming) -> None:
+    """Settle what is as of the beginning once more, from when its runs fit best: from afar columns do not say when."""
+    for h in [h for h in found.hypotheses if h.effects and h.since_s == -np.inf]:
+        tracks, shares = h.problem.tracks, np.arange(1, TIMES) / TIMES
+        times = [float(t.time_s[0] + share * np.ptp(t.time_s)) for t in tracks for share in shares]
+        begun = [replace(h.bare, since=(since_s,) * len(tracks)) for since_s in times]
+        cost = misfit(h.problem, found.ground, h.learnt.s)
+        best = int(np.argmin([cost(h.z, replace(h.problem, since=one.since)) for one in begun]))
+        found.settle(begun[best], h.own, h.now, h.learnt.s)
 
 
 def _sharpen(found: Naming) -> None:
@@ -174,10 +196,10 @@ def _sharpen(found: Naming) -> None:
         found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
 
 
-def _effects(shown: Picture, key: Sequence[int], sizes: Array) -> list[Effect]:
+def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
     """Variants of a picture, of some sizes (k,) from absence, each in its first parameter's unit."""
     return [
-        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]))
+        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]), float(shown.least[i]))
         for i, size in zip(key, sizes, strict=True)
     ]
 
@@ -208,8 +230,7 @@ def all_physics(found: Naming) -> list[Effect]:
         candidate = shown.candidates[i]
         if candidate.mechanism.kind == "physics" and candidate.family not in there:
             there.add(candidate.family)
-            unit, probe = float(shown.units[i]), found.painter.probes[shown.variants[i]]
-            effects.append(Effect(shown.variants[i], probe * typical(candidate), unit, float(shown.odds[i])))
+            effects += _effects(shown, [i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
     return effects
 
 
@@ -246,9 +267,8 @@ def _plainer(found: Naming) -> bool:
     found.reduced.append(best)
     whole = Whole(best, found.ground)
     for i in range(len(best.effects)):
-        start = whole.less([i])
-        if start.odds > -HOPELESS:
-            found.settle(best.bare, start.own, start.effects, best.learnt.s)
+        if whole.less([i]).odds > -HOPELESS:
+            found.keep(whole.settled_less([i], found.best.log, found.far))
     return found.best is not best
 
 
@@ -257,13 +277,12 @@ def _fuller(found: Naming) -> bool:
     best = found.best
     if not 0 < len(best.effects) < MOST_EFFECTS:
         return False
-    machine = best.problem.machine
-    families = {machine.candidates[e.variant.candidate].family for e in best.effects}
-    others = [v for v in found.forms if machine.candidates[v.candidate].family not in families]
+    others = found.beside(best.problem.machine, best.candidates)
     view, probes = View.around(best.problem, best.z), found.painter.probes
     painter = Painter(
-        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s
-    )
+        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s,
+        beside=len(best.effects),
+    )  # fmt: skip
     _settle_another(found, best, painter)
     return found.best is not best
 
@@ -288,17 +307,21 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
     """
     shown = painter.picture()
     gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
-    least, tried = 0.0 if out is None else gains.max(initial=-np.inf) - NEAR, 0
+    # What replaces an effect is measured by what that itself does in the picture, where it stands first.
+    none, least = (best.log, 0.0) if out is None else (best.log - gains[0], gains.max() - NEAR)
+    rest, tried = [c for i, c in enumerate(best.candidates) if i != out], set[int]()
     for k in np.argsort(-gains):
-        if not np.isfinite(gains[k]) or gains[k] < least or tried == ADDED:
+        if not np.isfinite(gains[k]) or gains[k] < least or len(tried) == ADDED:
             break
-        rest = [c for i, c in enumerate(best.candidates) if i != out]
-        if found.of([*rest, shown.variants[k].candidate], best.since_s) is None:
-            tried += 1
-            there, sizes = painter.start(shown, [k], best.learnt.s)
-            others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
-            effects = [*others, *_effects(shown, [k], sizes)]
-            found.settle(best.bare, there[: best.first], effects, best.learnt.s)
+        candidate = shown.variants[k].candidate
+        known = found.of([*rest, candidate], best.since_s)
+        if candidate in tried or (known is not None and none + gains[k] < known.log + SETTLED):
+            continue
+        tried.add(candidate)
+        there, sizes = painter.start(shown, [k], best.learnt.s)
+        others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
+        effects = [*others, *_effects(shown, [k], sizes)]
+        found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 
 def common_fluxes(view: View) -> Array:

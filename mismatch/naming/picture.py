@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.mismatch.began import late_odds
-from twinbench.mismatch.machine import Candidate, Machine
+from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
+from twinbench.mismatch.naming.odds import log_odds
 from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.sets import PARAMETER, Sets
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
@@ -37,6 +38,7 @@ class Picture:
         candidates: (V,) of whom.
         odds: (V,) log prior odds of these, dimensionless; those of the variants in ``sets`` are shares of them.
         units: (V,) prior sd of each size, in the first parameter's unit.
+        least: (V,) the sd with which it shows as half the noise, likewise.
         products: of the unknowns' columns, then theirs per typical size.
         sets: their evidence.
         log: what makes the sets' evidence comparable with that of other views, nats.
@@ -48,6 +50,7 @@ class Picture:
     candidates: tuple[Candidate, ...]
     odds: Array
     units: Array
+    least: Array
     products: Products
     sets: Sets
     log: float
@@ -68,6 +71,7 @@ class Painter:
         probes: share of its typical size that each variant is tried with; found out if left out.
         wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
         since_s: from when the variants are there, on the recordings' clock.
+        beside: so many effects are among the view's unknowns.
     """
 
     def __init__(
@@ -80,8 +84,9 @@ class Painter:
         wanders: Sequence[int] = (),
         share: float = WANDERS,
         since_s: float = -np.inf,
+        beside: int = 0,
     ) -> None:
-        mean = prior_mean(view)
+        mean, self._beside = prior_mean(view), beside
         whole, out = view.unknowns(), np.array(without, dtype=int)
         self.removed = [columns[:, :, out] for columns in whole]
         size = out[:1]  # its shape does nothing where it is not
@@ -125,6 +130,7 @@ class Painter:
         candidates = [self.view.problem.machine.candidates[self.listed[i].candidate] for i in which]
         typicals = _typicals(candidates)
         most = np.array([max(np.abs(_range(c))) for c in candidates]) / typicals
+        least = np.minimum(VISIBLE / np.maximum(shows, 1e-12), most)
         sd = np.minimum(max(VISIBLE, np.sqrt(excess)) / np.maximum(shows, 1e-12), most)
         scale = np.concatenate((sd, np.ones(len(self.ground.group))))
         odds = log_odds(self.view.problem.machine)[[self.listed[i].candidate for i in which]]
@@ -140,6 +146,8 @@ class Painter:
             s=self.ground.s,
             since=np.array(since),
             late=late_odds(self.view.problem.tracks),
+            beside=self._beside,
+            candidates=len(self.view.problem.machine.candidates),
         )
         return Picture(
             tuple(self.listed[i] for i in which),
@@ -147,6 +155,7 @@ class Painter:
             tuple(candidates),
             odds,
             sd * typicals,
+            least * typicals,
             products,
             sets,
             -0.5 * q,
@@ -214,12 +223,6 @@ class Painter:
         fitted = b[:n] @ np.linalg.solve(G[:n, :n] + np.eye(n), b[:n])
         share = kept / np.maximum(np.diag(G)[n : n + v], 1e-300)
         return np.sqrt(kept / self._rows), reduced, share, max(0.0, float(q - fitted) / self._rows - 1.0), q
-
-
-def log_odds(machine: Machine) -> Array:
-    """(C,) log prior odds of each of a machine's candidates, dimensionless: as told, or one of all of them."""
-    common = 1.0 / max(len(machine.candidates), 1)
-    return np.log([common if c.odds is None else c.odds for c in machine.candidates])
 
 
 def one_way(candidate: Candidate) -> bool:

@@ -27,6 +27,10 @@ class Posterior(NamedTuple):
         cov: (K + W, K + W) their dimensionless covariance, in prior sds squared, bounds apart.
         step: (K,) to the likeliest within the bounds, dimensionless: in prior sds.
         promised: nats that the step gains.
+        A: (K + W, K + W) dimensionless curvature in prior sds, the prior in it.
+        slope: (K + W,) dimensionless, likewise.
+        low: (K,) bounds of the unknowns, from there, dimensionless: in prior sds.
+        high: (K,) dimensionless, likewise.
     """
 
     log: float
@@ -34,6 +38,19 @@ class Posterior(NamedTuple):
     cov: Array
     step: Array
     promised: float
+    A: Array
+    slope: Array
+    low: Array
+    high: Array
+
+    def damped(self, damping: float) -> Array:
+        """(K,) a shorter step, dimensionless: less in directions that the readings tell little of.
+
+        Args:
+            damping: by which share of itself the curvature of each unknown is larger (Levenberg and Marquardt).
+        """
+        A = self.A + damping * np.diag(np.diag(self.A))
+        return bounded(A, self.slope, self.low, self.high)[0][: len(self.low)]
 
 
 def posterior(products: Products, mean: Array, ground: Ground, s: Array, low: Array, high: Array) -> Posterior:
@@ -74,4 +91,4 @@ def posterior(products: Products, mean: Array, ground: Ground, s: Array, low: Ar
     # At a bound only the flank exp(-t x - x^2/2) of what is likelier beyond it is left, in place of a whole Gaussian.
     flank = np.abs(slope - A @ step)[held[:n]] * sd
     log += float(np.log(sd * erfcx(flank / np.sqrt(2.0))).sum())
-    return Posterior(log, learnt, cov, step[: len(low)], promised)
+    return Posterior(log, learnt, cov, step[: len(low)], promised, A, slope, low, high)

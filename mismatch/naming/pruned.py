@@ -9,10 +9,11 @@ import numpy as np
 
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.bounded import Bounds
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import one_sided
 from twinbench.mismatch.naming.posterior import posterior
-from twinbench.mismatch.naming.settle import Effect, Settled, settled
+from twinbench.mismatch.naming.settle import Settled, odds_of, settled
 from twinbench.physics.simulator import Array
 
 
@@ -43,8 +44,7 @@ def thinned(found: Settled, ground: Ground) -> Settled:
         if not out:
             return found
         while out:
-            start = whole.less(out)
-            fewer = settled(found.bare, start.own, start.effects, ground, found.learnt.s, rival=found.log)
+            fewer = whole.settled_less(out, found.log)
             if fewer.log > found.log:
                 found = fewer
                 break
@@ -91,11 +91,27 @@ class Whole:
         kept = np.setdiff1d(np.arange(len(found.mean)), gone)
         step, log = self._told(found.products.less(gone, sizes, found.mean[sizes]), kept)
         sides = one_sided(np.abs(found.sizes[out]), found.sds[out], bounds.one_way[sizes]).sum()
-        prior = found.odds if len(out) == len(found.effects) else sum(found.effects[i].prior for i in out)
+        prior = found.odds - odds_of(found.problem, [e for k, e in enumerate(found.effects) if k not in out])
         moved, free = found.z.copy(), kept[kept < len(found.z)]
         moved[free] += step * bounds.scale[free]
         rest = tuple(e for k, e in enumerate(found.effects_at(moved)) if k not in out)
         return Less(log - self._log - float(sides) - prior, moved[: found.first], rest)
+
+    def settled_less(self, out: Sequence[int], rival: float, far: bool = False) -> Settled:
+        """It without some effects, brought to its fixed point; from where it stood if not from where it should go.
+
+        Args:
+            out: positions of the effects.
+            rival: evidence of the best hypothesis so far, nats.
+            far: as of ``settled``.
+        """
+        found, start = self._found, self.less(out)
+        s, rest = found.learnt.s, [e for k, e in enumerate(found.now) if k not in out]
+        moved = settled(found.bare, start.own, start.effects, self._ground, s, far, rival)
+        if not moved.promised:
+            return moved
+        stayed = settled(found.bare, found.own, rest, self._ground, s, far, rival)
+        return max(moved, stayed, key=lambda h: h.log)
 
     def _told(self, products: Products, kept: np.ndarray) -> tuple[Array, float]:
         """The step of the unknowns that are kept, in prior sds, and the evidence there."""

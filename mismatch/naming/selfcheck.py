@@ -11,13 +11,14 @@ import numpy as np
 
 from twinbench.mismatch.naming.answer import PLAIN, Answer, name_of
 from twinbench.mismatch.naming.decision import CREDIBLE
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
 from twinbench.mismatch.naming.name import SINGLES
 from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
 from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
-from twinbench.mismatch.naming.settle import Effect, Settled
+from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.mismatch.words import count

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.mismatch.naming.odds import of_number
 from twinbench.physics.simulator import Array
 
 Key = tuple[int, ...]
@@ -48,6 +49,7 @@ class Sets:
         s: (P,) size of the discrepancy with nothing named, per cent.
         since: (V,) time from which it is there, s, on the recordings' clock; those of a set begin together.
         late: log prior odds of beginning at such a time; once per set.
+        beside: so many effects are there anyway, of so many ``candidates``.
     """
 
     reduced: Reduced
@@ -59,6 +61,8 @@ class Sets:
     s: Array
     since: Array
     late: float = 0.0
+    beside: int = 0
+    candidates: int = 1
     known: dict[Key, Scored] = field(default_factory=dict)
 
     @property
@@ -84,13 +88,18 @@ class Sets:
             inner = Reduced(G[np.ix_(some, some)], b[some], 0.0)
         start = self.s if not k else np.maximum(0.5 * self.s, 1e-3)
         learnt = learn(inner.G, inner.b, self.group, start, rounds=30 if not k else 8)
-        log = inner.log + learnt.log + float(self.prior[list(key)].sum()) + self._odds_of_start(key)
+        log = inner.log + learnt.log + float(self.prior[list(key)].sum()) + self._odds(key)
         sizes, sds = self._sizes(key, learnt)
         log += float(one_sided(sizes, sds, self.bounded[list(key)]).sum())
         return Scored(key, log, sizes, sds, learnt)
 
-    def _odds_of_start(self, key: Key) -> float:
-        return self.late if key and self.since[key[0]] > -np.inf else 0.0
+    def _odds(self, key: Key) -> float:
+        """Log prior odds of the set as a whole: when it begins, and how many it makes."""
+        late = self.late if key and self.since[key[0]] > -np.inf else 0.0
+        return late + self._of_number(len(key)) - self._of_number(0)
+
+    def _of_number(self, effects: int) -> float:
+        return of_number(min(self.beside + effects, self.candidates), self.candidates)
 
     def _sizes(self, key: Key, learnt: Learnt) -> tuple[Array, Array]:
         if not key:
@@ -122,7 +131,8 @@ class Sets:
         mean = variance * right
         gain = 0.5 * np.log(variance) + 0.5 * mean * right + one_sided(mean, np.sqrt(variance), self.bounded)
         start = 0.0 if key else np.where(self.since > -np.inf, self.late, 0.0)
-        return np.where(self.usable, gain + self.prior + start, -np.inf)
+        one_more = self._of_number(len(key) + 1) - self._of_number(len(key))
+        return np.where(self.usable, gain + self.prior + start + one_more, -np.inf)
 
     def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
         """The likeliest set: all single ones, then a beam."""

@@ -83,6 +83,7 @@ def _row(item: Item, seed: int) -> dict[str, Any]:
         "findings": [_finding(f, case, answer) for f in answer.found],
         "left": [(str(u.port), u.log, u.size_pct) for u in answer.left[:3]],
         "gain": answer.chosen.log - answer.naming.null.log,
+        "far": answer.naming.far,
         "seconds": time.process_time() - began,
     }
 

@@ -10,8 +10,9 @@ from motor_friction import friction_found
 from scipy.stats import multivariate_normal
 
 from twinbench.mismatch.calibrate import own_unknowns
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.foretold import UNFORETOLD, density, foretold
-from twinbench.mismatch.naming.settle import Effect, Settled, settled
+from twinbench.mismatch.naming.settle import Settled, settled
 from twinbench.mismatch.variants import Variant, typical
 
 

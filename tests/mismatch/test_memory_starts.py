@@ -13,7 +13,8 @@ from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.heat import second_thermal_mass
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.naming.settle import Effect, Settled, memory_starts, settled
+from twinbench.mismatch.naming.effect import Effect, memory_starts
+from twinbench.mismatch.naming.settle import Settled, settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.place import Place

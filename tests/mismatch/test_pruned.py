@@ -7,17 +7,21 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from motor import MOTOR
 from motor_case import record
 from scipy.optimize import lsq_linear
+from scipy.special import gammaln
 
 from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
+from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
 from twinbench.mismatch.naming.pruned import Whole, all_at_once
-from twinbench.mismatch.naming.settle import FAR_OUT, Settled, settled
+from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
 from twinbench.mismatch.naming.view import prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.variants import typical
@@ -132,12 +136,23 @@ def test_an_effect_and_the_unknowns_begin_where_least_squares_puts_them():
     assert (z - view.z) / scales == pytest.approx(step[:-1], rel=1e-4, abs=1e-6)
 
 
-def test_an_effect_far_beyond_its_prior_gets_one_as_wide_as_it_is_large():
+@pytest.mark.parametrize("times", [0.3, 30.0])
+def test_a_prior_that_is_far_too_narrow_or_wide_becomes_as_wide_as_its_effect_is_large(times):
     found, ground = left_over(), naming().ground
-    narrow = [replace(e, sd=0.3 * abs(e.size)) for e in found.now]
-    again = settled(found.bare, found.own, narrow, ground, found.learnt.s)
+    told = [replace(e, sd=times * abs(e.size), least_sd=1e-6 * abs(e.size)) for e in found.now]
+    again = settled(found.bare, found.own, told, ground, found.learnt.s)
     assert sorted(names(again)) == sorted(names(found))
-    for e, size, before in zip(again.effects, again.sizes, narrow, strict=True):
-        assert before.sd < abs(size) / FAR_OUT
-        assert e.sd >= abs(size) / FAR_OUT
+    for e, size in zip(again.effects, again.sizes, strict=True):
+        assert abs(size) / AS_WIDE <= e.sd <= AS_WIDE * abs(size)
     assert again.sizes == pytest.approx(found.sizes, abs=float(3.0 * found.sds.max()))
+
+
+@given(candidates=st.integers(1, 80))
+def test_any_number_of_effects_is_as_likely_as_any_other(candidates):
+    each = np.log(1.0 / candidates)
+    logs = [
+        gammaln(candidates + 1) - gammaln(k + 1) - gammaln(candidates - k + 1) + k * each for k in range(candidates)
+    ]
+    number = [of_number(k, candidates) for k in range(candidates)]
+    assert np.add(logs, number) == pytest.approx(np.zeros(candidates), abs=1e-9)
+    assert of_number(1, candidates) == pytest.approx(0.0, abs=1e-9)

@@ -68,6 +68,7 @@ def picture_of(sets: Sets, names: tuple[str, ...], high: float = 1e6) -> Picture
         candidates=tuple(map(candidate, names)),
         odds=sets.prior,
         units=np.full(len(names), 2.0),
+        least=np.full(len(names), 2.0),
         products=Products(np.empty((1, 0, 0)), np.empty((1, 0, 0)), np.empty((1, 0, 0))),
         sets=sets,
         log=0.0,

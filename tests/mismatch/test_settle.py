@@ -14,9 +14,10 @@ from scipy.optimize import lsq_linear
 
 from twinbench.mismatch.mixture import Mixture
 from twinbench.mismatch.naming.bounded import bounded
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Products
 from twinbench.mismatch.naming.posterior import posterior
-from twinbench.mismatch.naming.settle import SETTLED, Effect, Settled, settled
+from twinbench.mismatch.naming.settle import SETTLED, Settled, settled
 from twinbench.mismatch.variants import Variant, typical
 
 SIZE = 1.2

@@ -65,16 +65,7 @@ def test_a_chamber_that_leaks_is_not_called_tight(name):
 
 
 @recorded
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            "air_chamber_a",
-            marks=pytest.mark.xfail(strict=True, reason="0.088 of 0.787 bar is left; an engine before had 0.062"),
-        ),
-        pytest.param("air_chamber_b", marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("name", ["air_chamber_a", pytest.param("air_chamber_b", marks=pytest.mark.slow)])
 def test_a_chamber_that_leaks_is_mended_in_any_case(name):
     before, after = held_out(name, "p_gauge_bar")
     assert before > 0.5, "the constant leak, calibrated"
