@@ -121,6 +121,8 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
     kind_of = {c.name: PHYSICS if c.mechanism.kind == "physics" else SENSOR for c in d.machine.candidates}
     # Names that are one thing are of the likeliest's kind.
     kinds = {kind_of[name] for name in (claim.names[:1] if claim.alike else claim.names)}
+    since_s = d.answer.chosen.since_s
+    until_s = max(float(t.time_s[-1]) for t in d.tracks)
     found = Finding(
         kind=kinds.pop() if len(kinds) == 1 else UNEXPLAINED,
         says="",
@@ -129,25 +131,23 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         weights={name: p for name, p in claim.found.weights.items() if p > SELDOM},
         port=claim.port,
         ports=_told(claim),
+        since_s=since_s if np.isfinite(since_s) else None,
+        onsets=told_onsets(since_s, d.tracks),
+        intervals_s=((since_s, until_s),) if np.isfinite(since_s) else (),
     )
     if not claim.names:
-        found = replace(found, says=_unnamed_says(d, claim))
+        found = replace(found, says=_unnamed_says(d, claim, found.onsets))
         if claim.found.name not in d.stand_ins:
             return found
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
     values = sizes(d, claim.found.place)
     if not claim.names:
         return replace(found, stand_in=claim.found.name, term=formula(mechanism, values), parameters=values)
-    since_s = d.answer.chosen.since_s
-    until_s = max(float(t.time_s[-1]) for t in d.tracks)
     found = replace(
         found,
         mechanism=claim.names[0],
         indistinguishable_from=claim.names[1:],
         term=formula(mechanism, values),
-        since_s=since_s if np.isfinite(since_s) else None,
-        onsets=told_onsets(since_s, d.tracks),
-        intervals_s=((since_s, until_s),) if np.isfinite(since_s) else (),
         regime=regime(d),
         parameters=values,
         force=force(d, claim.found.place),
@@ -166,7 +166,7 @@ def _told(claim: Claim) -> tuple[tuple[Port, float], ...]:
     return tuple((port, p) for port, p in claim.ports if p > SELDOM)
 
 
-def _unnamed_says(d: Diagnosis, claim: Claim) -> str:
+def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) -> str:
     """Something at a port: how large, if that was weighed, and what was refused, if anything."""
     beside = "something else" if claim.found is None and d.named else "something"
     says = f"{beside} acts at {claim.port} that these recordings cannot name"
@@ -177,8 +177,9 @@ def _unnamed_says(d: Diagnosis, claim: Claim) -> str:
         return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
     right = f"and is right with probability {probable(1.0 - claim.probability)}"
     if astray(d.answer):
-        right = "but the simulator is so far off, and so much is left, that other sets may explain as much"
+        right = "but the simulator is so far off that other sets of effects may explain as much"
     says = sentence(f"{says}: {claim.found.name} explains it best, {right}")
+    says += " " + sentence(begins(onsets)) if onsets else ""
     if claim.found.name in d.stand_ins:
         says += f" Until more is known {claim.found.name} stands in for it in the mended model."
     return says

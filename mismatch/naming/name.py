@@ -159,12 +159,9 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         progress(0.4 + 0.5 * k / len(contenders))
     if found.far or found.best.since_s > -np.inf:
         _late(found)
-    if found.best.since_s > -np.inf:
-        _sharpen(found)
-    while _one_is_not_enough(found) or _fuller(found) or _plainer(found) or _rivalled(found):
+    _sharpened(found)
+    while _one_is_not_enough(found) or _fuller(found) or _plainer(found) or _rivalled(found) or _sharpened(found):
         pass
-    if found.best.since_s > -np.inf:
-        _sharpen(found)
     progress(1.0)
     return found
 
@@ -180,9 +177,11 @@ def _late(found: Naming) -> None:
         found.settle(begun[best], h.own, h.now, h.learnt.s)
 
 
-def _sharpen(found: Naming) -> None:
-    """Settle the best hypothesis again, and its near rivals, from when its own fit says that it began."""
+def _sharpened(found: Naming) -> bool:
+    """Settle the best hypothesis again, and its near rivals, from when its own fit says that it began; does it help?"""
     best = found.best
+    if best.since_s == -np.inf:
+        return False
     view = View.around(best.problem, best.z)
     cost = misfit_around(best, found.ground, view, columns_of(view, found.ground, best.wanders))
     since, gap = best.since_s, STARTS[0] * max(float(np.ptp(t.time_s)) for t in best.problem.tracks)
@@ -191,9 +190,10 @@ def _sharpen(found: Naming) -> None:
         at = [replace(best.problem, since=(t,) * len(best.problem.tracks)) for t in times]
         since, gap = times[int(np.argmin([cost(best.z, problem) for problem in at]))], gap / SIDES
     if abs(since - best.since_s) < gap / SIDES:
-        return
+        return False
     for h in [h for h in found.hypotheses if h.log > best.log - NEAR and h.since_s == best.since_s]:
         found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
+    return found.best.log > best.log + SETTLED
 
 
 def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
