@@ -177,7 +177,7 @@ def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) ->
         return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
     right = f"and is right with probability {probable(1.0 - claim.probability)}"
     if astray(d.answer):
-        right = "but the simulator is so far off that other sets of effects may explain as much"
+        right = "but the simulator is so far off, and so much is left, that other sets may explain as much"
     says = sentence(f"{says}: {claim.found.name} explains it best, {right}")
     says += " " + sentence(begins(onsets)) if onsets else ""
     if claim.found.name in d.stand_ins:

@@ -26,7 +26,7 @@ SAME = 0.998
 SAME_SQ, SAME_SHARE = 1.0, 0.05
 """So are hypotheses whose readings are nearer than one sd of the noise, if that is also less than this share of what
 the effect does to them: forms and phases of their own can make one thing of columns that differ."""
-PERIODIC = "periodic@"
+PERIODIC, PHYSICS = "periodic@", "physics"
 SAME_PERIOD = 0.01
 """Share by which two periods may differ and be one: periods are known to a thousandth, and drawn over a decade."""
 SOMETHING = 0.2
@@ -255,11 +255,17 @@ def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
 
 
 def _echoes(chosen: Settled, i: int) -> bool:
-    """Does another effect of the set go with its period? Two periodic forces of one period are one, somewhere else."""
+    """Is it one of several effects of the set that draw one thing, which is none of them?
 
-    def period_s(effect: Effect) -> float:
-        found = chosen.problem.machine.candidates[effect.variant.candidate].name.startswith(PERIODIC)
-        return effect.variant.shape[0] if found else np.nan
+    Two periodic forces of one period are one, somewhere else. Several faults of one channel draw its curve, or that of
+    what acts there.
+    """
+    effects, me = chosen.now, chosen.problem.machine.candidates[chosen.now[i].variant.candidate]
 
-    own = period_s(chosen.now[i])
-    return any(abs(period_s(e) / own - 1.0) < SAME_PERIOD for k, e in enumerate(chosen.now) if k != i)
+    def draws_one_thing(other: Effect) -> bool:
+        it = chosen.problem.machine.candidates[other.variant.candidate]
+        if me.name.startswith(PERIODIC) and it.name.startswith(PERIODIC):
+            return abs(other.variant.shape[0] / effects[i].variant.shape[0] - 1.0) < SAME_PERIOD
+        return PHYSICS not in (me.mechanism.kind, it.mechanism.kind) and me.mechanism.port == it.mechanism.port
+
+    return any(draws_one_thing(e) for k, e in enumerate(effects) if k != i)

@@ -132,12 +132,8 @@ def decided(answer: Answer, rule: Rule | None = None) -> tuple[Claim, ...]:
 
 
 def astray(answer: Answer) -> bool:
-    """Is the simulator far off, and did no single effect explain all of it? Then other sets may explain as much.
-
-    Of the cases that the rule was learnt from hardly any is far off, and on a real chamber that leaks it gave a lag and
-    a bias of the gauge nine chances in ten.
-    """
-    return answer.naming.far and (len(answer.found) > 1 or _more(answer))
+    """Is the simulator far off, and still not all explained? Then many sets fit about as well, and none is a name."""
+    return answer.naming.far and _more(answer)
 
 
 def _more(answer: Answer) -> bool:

@@ -167,7 +167,9 @@ def test_from_far_off_no_probability_is_told(friction):
     left = (replace(d.answer.left[0], log=5.0), *d.answer.left[1:])
     answer = replace(d.answer, left=left, naming=replace(d.answer.naming, far=True))
     verdict = conclude(replace(d, answer=answer, claims=decided(answer), mended=None, held_after=None))
-    assert "but the simulator is so far off that other sets of effects may explain as much" in verdict.points[0]
+    assert (
+        "but the simulator is so far off, and so much is left, that other sets may explain as much" in verdict.points[0]
+    )
     assert verdict.findings[0].mechanism is None
 
 

@@ -67,7 +67,8 @@ def test_the_rule_is_the_one_that_its_rows_give(tmp_path: Path, monkeypatch: pyt
     assert curve["wrong"].is_monotonic_decreasing
     assert curve["named"].is_monotonic_decreasing
     own = curve[curve["say_name"] >= again["say_name"]].iloc[0]
-    assert own["wrong"] * again["left_out"]["cases"] <= again["left_out"]["named_wrong"]
+    wrong = round(own["wrong"] * again["left_out"]["cases"])  # a count, of which the table rounds the share
+    assert wrong <= again["left_out"]["named_wrong"]
     rule = learnt_rule()
     assert isinstance(rule, Rule)
     assert set(rule.weights) == {"constant", *FEATURES}
