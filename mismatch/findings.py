@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -175,14 +175,21 @@ def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) ->
         return sentence(f"{says}: {unnamed_size(here)}")
     if d.refused:
         return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
-    right = f"and is right with probability {probable(1.0 - claim.probability)}"
-    if astray(d.answer):
-        right = "but the simulator is so far off, and so much is left, that other sets may explain as much"
+    none = none_of_them(d, [claim.found.name])
+    right = f"but {none}" if none else f"and is right with probability {probable(1.0 - claim.probability)}"
     says = sentence(f"{says}: {claim.found.name} explains it best, {right}")
     says += " " + sentence(begins(onsets)) if onsets else ""
     if claim.found.name in d.stand_ins:
         says += f" Until more is known {claim.found.name} stands in for it in the mended model."
     return says
+
+
+def none_of_them(d: Diagnosis, names: Collection[str]) -> str:
+    """Why effects that explain something best are no names for it, whatever their probability; empty if nothing is."""
+    if astray(d.answer):
+        return "the simulator is so far off, and so much is left, that other sets may explain as much"
+    drawn = {c.found.name for c in d.claims if c.found is not None and c.found.evidence["echo"]}
+    return "several effects draw one thing there that is none of them" if drawn.issuperset(names) else ""
 
 
 def unnamed_size(u: Unnamed) -> str:

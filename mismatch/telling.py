@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from twinbench.mismatch.began import begins
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError
-from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, variable_names
+from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, none_of_them, probable, variable_names
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.sizes import Value
@@ -69,7 +70,7 @@ def points(
         changed: parameters that moved.
         missing: what else is wrong, of which no finding speaks.
     """
-    yield from (f.says for f in found)
+    yield from _told(d, found)
     shown = [e for e in errors if e.held_out]
     for e in shown:
         if e is not furthest(d, shown):
@@ -90,6 +91,27 @@ def points(
             "could not be checked"
         )
     yield held_out_use(d)
+
+
+def _told(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
+    """What each finding says; of several that stand in for what acts at one port, what they say together."""
+    for f in found:
+        same = [g for g in found if g.stand_in and g.port == f.port] if f.stand_in else [f]
+        if len(same) == 1:
+            yield f.says
+        elif f is same[0]:
+            yield _stand_in_together(d, same)
+
+
+def _stand_in_together(d: Diagnosis, same: Sequence[Finding]) -> str:
+    low, *_, high = sorted(1.0 - (f.probability or 0.0) for f in same)
+    right = f"and each is right with probability {probable(low)} to {probable(high)}"
+    if none := none_of_them(d, [f.stand_in for f in same]):
+        right = f"but {none}"
+    names = listed([f.stand_in for f in same])
+    says = f"something acts at {same[0].port} that these recordings cannot name: {names} explain it best, {right}"
+    since = f" {sentence(begins(same[0].onsets))}" if same[0].onsets else ""
+    return f"{sentence(says)}{since} Until more is known they stand in for it in the mended model."
 
 
 def inexact(d: Diagnosis) -> tuple[Unnamed, ...]:
@@ -195,7 +217,7 @@ def _unnamed(d: Diagnosis, places: Sequence[str]) -> str:
     beside = "something else" if d.named else "something"
     says = f"{beside} acts at {listed(places)} that these recordings cannot name"
     if d.stand_ins:
-        says += f", and {listed(d.stand_ins)} {'stands' if len(d.stand_ins) == 1 else 'stand'} in for it"
+        says += f", and {listed(d.stand_ins, MOST_NAMED)} {'stands' if len(d.stand_ins) == 1 else 'stand'} in for it"
     return says
 
 

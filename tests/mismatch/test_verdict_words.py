@@ -162,6 +162,29 @@ def test_what_has_no_name_may_mend_the_model_all_the_same(friction):
     assert finding.parameters == friction.findings[0].parameters
 
 
+def test_several_that_stand_in_at_one_port_are_told_together(friction):
+    d = claiming(friction, probability=0.7, stands=True).diagnosis
+    (one,) = d.claims
+    other = replace(one, probability=0.8, found=replace(one.found, name=BIAS))
+    verdict = conclude(replace(d, claims=(one, other)))
+    assert len(verdict.findings) == 2
+    assert verdict.points[0] == (
+        f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} and {BIAS} explain it best, "
+        "and each is right with probability 0.2 to 0.3. Until more is known they stand in for it in the mended model."
+    )
+    assert "cannot name" not in verdict.points[1]
+
+
+def test_of_what_draws_one_thing_with_others_no_probability_is_told(friction):
+    d = claiming(friction, probability=0.7).diagnosis
+    (claim,) = d.claims
+    echo = replace(claim, found=replace(claim.found, evidence={**claim.found.evidence, "echo": 1.0}))
+    (finding,) = conclude(replace(d, claims=(echo,))).findings
+    assert finding.says.endswith(
+        f"{DRY} explains it best, but several effects draw one thing there that is none of them."
+    )
+
+
 def test_from_far_off_no_probability_is_told(friction):
     d = friction.diagnosis
     left = (replace(d.answer.left[0], log=5.0), *d.answer.left[1:])
