@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
@@ -173,23 +173,24 @@ def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) ->
     if claim.found is None:
         (here,) = (u for u in d.answer.left if u.port == claim.port)
         return sentence(f"{says}: {unnamed_size(here)}")
+    since = f" {sentence(begins(onsets))}" if onsets else ""
     if d.refused:
-        return sentence(f"{says}: {claim.found.name} explains what was learnt from best, but is refused: {d.refused}")
-    none = none_of_them(d, [claim.found.name])
+        refused = f"{claim.found.name} explains what was learnt from best, but is refused: {d.refused}"
+        return f"{sentence(f'{says}: {refused}')}{since}"
+    none = none_of_them(d, claim.found.name)
     right = f"but {none}" if none else f"and is right with probability {probable(1.0 - claim.probability)}"
-    says = sentence(f"{says}: {claim.found.name} explains it best, {right}")
-    says += " " + sentence(begins(onsets)) if onsets else ""
+    says = sentence(f"{says}: {claim.found.name} explains it best, {right}") + since
     if claim.found.name in d.stand_ins:
         says += f" Until more is known {claim.found.name} stands in for it in the mended model."
     return says
 
 
-def none_of_them(d: Diagnosis, names: Collection[str]) -> str:
-    """Why effects that explain something best are no names for it, whatever their probability; empty if nothing is."""
+def none_of_them(d: Diagnosis, name: str) -> str:
+    """Why an effect that explains something best is no name for it, whatever its probability; empty if nothing is."""
     if astray(d.answer):
         return "the simulator is so far off, and so much is left, that other sets may explain as much"
     drawn = {c.found.name for c in d.claims if c.found is not None and c.found.evidence["echo"]}
-    return "several effects draw one thing there that is none of them" if drawn.issuperset(names) else ""
+    return "several effects of one channel or period draw one thing that is none of them" if name in drawn else ""
 
 
 def unnamed_size(u: Unnamed) -> str:

@@ -95,19 +95,21 @@ def points(
 
 def _told(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
     """What each finding says; of several that stand in for what acts at one port, what they say together."""
+
+    def none(f: Finding) -> str:
+        return none_of_them(d, f.stand_in)
+
     for f in found:
-        same = [g for g in found if g.stand_in and g.port == f.port] if f.stand_in else [f]
+        same = [g for g in found if g.stand_in and g.port == f.port and none(g) == none(f)] if f.stand_in else [f]
         if len(same) == 1:
             yield f.says
         elif f is same[0]:
-            yield _stand_in_together(d, same)
+            yield _stand_in_together(same, none(f))
 
 
-def _stand_in_together(d: Diagnosis, same: Sequence[Finding]) -> str:
-    low, *_, high = sorted(1.0 - (f.probability or 0.0) for f in same)
-    right = f"and each is right with probability {probable(low)} to {probable(high)}"
-    if none := none_of_them(d, [f.stand_in for f in same]):
-        right = f"but {none}"
+def _stand_in_together(same: Sequence[Finding], none: str) -> str:
+    most = max(1.0 - (f.probability or 0.0) for f in same)
+    right = f"but {none}" if none else f"none of them with a probability above {probable(most)}"
     names = listed([f.stand_in for f in same])
     says = f"something acts at {same[0].port} that these recordings cannot name: {names} explain it best, {right}"
     since = f" {sentence(begins(same[0].onsets))}" if same[0].onsets else ""

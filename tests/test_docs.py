@@ -259,7 +259,8 @@ def test_what_the_proof_page_says_of_the_rule_is_in_its_file():
     assert f"learnt from {known['cases']} cases" in page
     assert f"a probability of {rule['say_name']:.2f}" in page
     assert f"right in {known['right']} of {known['findings']} findings" in page
-    assert f"Named are {known['named']} of them, with {known['named_wrong']} wrong" in page
+    right = known["named"] - known["named_wrong"]
+    assert f"The rule names {right} of them, and {known['named_wrong']} others wrongly" in page
 
 
 def test_the_proof_page_shows_the_earlier_runs_as_they_are_stored():

@@ -170,9 +170,18 @@ def test_several_that_stand_in_at_one_port_are_told_together(friction):
     assert len(verdict.findings) == 2
     assert verdict.points[0] == (
         f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} and {BIAS} explain it best, "
-        "and each is right with probability 0.2 to 0.3. Until more is known they stand in for it in the mended model."
+        "none of them with a probability above 0.3. Until more is known they stand in for it in the mended model."
     )
     assert "cannot name" not in verdict.points[1]
+
+
+def test_what_draws_one_thing_is_told_apart_from_the_other_stand_ins(friction):
+    d = claiming(friction, probability=0.7, stands=True).diagnosis
+    (one,) = d.claims
+    echo = replace(one, found=replace(one.found, name=BIAS, evidence={**one.found.evidence, "echo": 1.0}))
+    apart = conclude(replace(d, claims=(one, echo))).points[:2]
+    assert f"{DRY} explains it best, and is right with probability 0.3." in apart[0]
+    assert f"{BIAS} explains it best, but several effects" in apart[1]
 
 
 def test_of_what_draws_one_thing_with_others_no_probability_is_told(friction):
@@ -181,7 +190,7 @@ def test_of_what_draws_one_thing_with_others_no_probability_is_told(friction):
     echo = replace(claim, found=replace(claim.found, evidence={**claim.found.evidence, "echo": 1.0}))
     (finding,) = conclude(replace(d, claims=(echo,))).findings
     assert finding.says.endswith(
-        f"{DRY} explains it best, but several effects draw one thing there that is none of them."
+        f"{DRY} explains it best, but several effects of one channel or period draw one thing that is none of them."
     )
 
 
