@@ -169,7 +169,7 @@ def _told(claim: Claim) -> tuple[tuple[Port, float], ...]:
 def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) -> str:
     """Something at a port: how large, if that was weighed, and what was refused, if anything."""
     beside = "something else" if claim.found is None and d.named else "something"
-    says = f"{beside} acts at {claim.port} that these recordings cannot name"
+    says = acts_at(str(claim.port), beside)
     if claim.found is None:
         (here,) = (u for u in d.answer.left if u.port == claim.port)
         return sentence(f"{says}: {unnamed_size(here)}")
@@ -183,6 +183,11 @@ def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) ->
     if claim.found.name in d.stand_ins:
         says += f" Until more is known {claim.found.name} stands in for it in the mended model."
     return says
+
+
+def acts_at(where: str, what: str = "something") -> str:
+    """That something has no name, and where it acts."""
+    return f"{what} acts at {where} that these recordings cannot name"
 
 
 def none_of_them(d: Diagnosis, name: str) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from twinbench.mismatch.began import begins
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError
-from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, none_of_them, probable, variable_names
+from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, acts_at, none_of_them, probable, variable_names
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.sizes import Value
@@ -111,7 +111,7 @@ def _stand_in_together(same: Sequence[Finding], none: str) -> str:
     most = max(1.0 - (f.probability or 0.0) for f in same)
     right = f"but {none}" if none else f"none of them with a probability above {probable(most)}"
     names = listed([f.stand_in for f in same])
-    says = f"something acts at {same[0].port} that these recordings cannot name: {names} explain it best, {right}"
+    says = f"{acts_at(str(same[0].port))}: {names} explain it best, {right}"
     since = f" {sentence(begins(same[0].onsets))}" if same[0].onsets else ""
     return f"{sentence(says)}{since} Until more is known they stand in for it in the mended model."
 
@@ -217,7 +217,7 @@ def _one(d: Diagnosis, f: Finding) -> str:
 
 def _unnamed(d: Diagnosis, places: Sequence[str]) -> str:
     beside = "something else" if d.named else "something"
-    says = f"{beside} acts at {listed(places)} that these recordings cannot name"
+    says = acts_at(listed(places), beside)
     if d.stand_ins:
         says += f", and {listed(d.stand_ins, MOST_NAMED)} {'stands' if len(d.stand_ins) == 1 else 'stand'} in for it"
     return says

@@ -26,7 +26,7 @@ SAME = 0.998
 SAME_SQ, SAME_SHARE = 1.0, 0.05
 """So are hypotheses whose readings are nearer than one sd of the noise, if that is also less than this share of what
 the effect does to them: forms and phases of their own can make one thing of columns that differ."""
-PERIODIC, PHYSICS = "periodic@", "physics"
+PERIODIC = "periodic@"
 SAME_PERIOD = 0.01
 """Share by which two periods may differ and be one: periods are known to a thousandth, and drawn over a decade."""
 SOMETHING = 0.2
@@ -266,6 +266,7 @@ def _echoes(chosen: Settled, i: int) -> bool:
         it = chosen.problem.machine.candidates[other.variant.candidate]
         if me.name.startswith(PERIODIC) and it.name.startswith(PERIODIC):
             return abs(other.variant.shape[0] / effects[i].variant.shape[0] - 1.0) < SAME_PERIOD
-        return PHYSICS not in (me.mechanism.kind, it.mechanism.kind) and me.mechanism.port == it.mechanism.port
+        both_faults = "physics" not in (me.mechanism.kind, it.mechanism.kind)
+        return both_faults and me.mechanism.port == it.mechanism.port
 
     return any(draws_one_thing(e) for k, e in enumerate(effects) if k != i)

@@ -35,7 +35,7 @@ FAR_OFF, FAR_SINGLES = 3.0, 16
 little then, and so many single effects are fitted."""
 TIMES = 24
 """Parts of a recording between which effects may have begun, where runs are asked for when: a fit finds its way from
-half such a part away."""
+half such a part away. What other numbers would change was not measured."""
 SHARPENED, SIDES = 3, 6
 """Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
 MOST_EFFECTS = 12
@@ -169,12 +169,20 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
 def _late(found: Naming) -> None:
     """Settle what is as of the beginning once more, from when its runs fit best: from afar columns do not say when."""
     for h in [h for h in found.hypotheses if h.effects and h.since_s == -np.inf]:
-        tracks, shares = h.problem.tracks, np.arange(1, TIMES) / TIMES
-        times = [float(t.time_s[0] + share * np.ptp(t.time_s)) for t in tracks for share in shares]
-        begun = [replace(h.bare, since=(since_s,) * len(tracks)) for since_s in times]
-        cost = misfit(h.problem, found.ground, h.learnt.s)
-        best = int(np.argmin([cost(h.z, replace(h.problem, since=one.since)) for one in begun]))
-        found.settle(begun[best], h.own, h.now, h.learnt.s)
+        shares = np.arange(1, TIMES) / TIMES
+        times = [float(t.time_s[0] + share * np.ptp(t.time_s)) for t in h.problem.tracks for share in shares]
+        since_s = _fitting_best(times, h, misfit(h.problem, found.ground, h.learnt.s))
+        found.settle(_begun(h.bare, since_s), h.own, h.now, h.learnt.s)
+
+
+def _begun(problem: Problem, since_s: float) -> Problem:
+    """A problem with effects that begin at one time in all recordings."""
+    return replace(problem, since=(since_s,) * len(problem.tracks))
+
+
+def _fitting_best(times_s: Sequence[float], h: Settled, cost: Callable[[Array, Problem], float]) -> float:
+    """The time from which a hypothesis fits best, as it stands."""
+    return times_s[int(np.argmin([cost(h.z, _begun(h.problem, since_s)) for since_s in times_s]))]
 
 
 def _sharpened(found: Naming) -> bool:
@@ -187,12 +195,11 @@ def _sharpened(found: Naming) -> bool:
     since, gap = best.since_s, STARTS[0] * max(float(np.ptp(t.time_s)) for t in best.problem.tracks)
     for _ in range(SHARPENED):
         times = [since + gap * k / SIDES for k in range(-SIDES, SIDES + 1)]
-        at = [replace(best.problem, since=(t,) * len(best.problem.tracks)) for t in times]
-        since, gap = times[int(np.argmin([cost(best.z, problem) for problem in at]))], gap / SIDES
+        since, gap = _fitting_best(times, best, cost), gap / SIDES
     if abs(since - best.since_s) < gap / SIDES:
         return False
     for h in [h for h in found.hypotheses if h.log > best.log - NEAR and h.since_s == best.since_s]:
-        found.settle(replace(h.bare, since=(since,) * len(h.problem.tracks)), h.own, h.now, h.learnt.s)
+        found.settle(_begun(h.bare, since), h.own, h.now, h.learnt.s)
     return found.best.log > best.log + SETTLED
 
 
@@ -236,7 +243,7 @@ def all_physics(found: Naming) -> list[Effect]:
 
 def _since(problem: Problem, shown: Picture, scored: Scored) -> Problem:
     since = float(shown.since[scored.key[0]]) if scored.key else -np.inf
-    return replace(problem, since=(since,) * len(problem.tracks)) if since > -np.inf else problem
+    return _begun(problem, since) if since > -np.inf else problem
 
 
 def _contenders(shown: Picture, far: bool) -> list[Scored]:
@@ -267,8 +274,9 @@ def _plainer(found: Naming) -> bool:
     found.reduced.append(best)
     whole = Whole(best, found.ground)
     for i in range(len(best.effects)):
-        if whole.less([i]).odds > -HOPELESS:
-            found.keep(whole.settled_less([i], found.best.log, found.far))
+        start = whole.less([i])
+        if start.odds > -HOPELESS:
+            found.keep(whole.settled_less(start, found.best.log, found.far))
     return found.best is not best
 
 

@@ -44,7 +44,7 @@ def thinned(found: Settled, ground: Ground) -> Settled:
         if not out:
             return found
         while out:
-            fewer = whole.settled_less(out, found.log)
+            fewer = whole.settled_less(whole.less(out), found.log)
             if fewer.log > found.log:
                 found = fewer
                 break
@@ -59,12 +59,13 @@ class Less(NamedTuple):
     Attributes:
         odds: log odds of the absence of these against their presence.
         own: (K,) where the unknowns that are no effect's should go, each in its own unit.
-        effects: those that are left, as they should then be.
+        effects: those that are left, as they should then be; ``now`` as they are.
     """
 
     odds: float
     own: Array
     effects: tuple[Effect, ...]
+    now: tuple[Effect, ...]
 
 
 class Whole:
@@ -94,23 +95,23 @@ class Whole:
         prior = found.odds - odds_of(found.problem, [e for k, e in enumerate(found.effects) if k not in out])
         moved, free = found.z.copy(), kept[kept < len(found.z)]
         moved[free] += step * bounds.scale[free]
-        rest = tuple(e for k, e in enumerate(found.effects_at(moved)) if k not in out)
-        return Less(log - self._log - float(sides) - prior, moved[: found.first], rest)
+        rest, now = (
+            tuple(e for k, e in enumerate(these) if k not in out) for these in (found.effects_at(moved), found.now)
+        )
+        return Less(log - self._log - float(sides) - prior, moved[: found.first], rest, now)
 
-    def settled_less(self, out: Sequence[int], rival: float, far: bool = False) -> Settled:
+    def settled_less(self, start: Less, rival: float, far: bool = False) -> Settled:
         """It without some effects, brought to its fixed point; from where it stood if not from where it should go.
 
         Args:
-            out: positions of the effects.
             rival: evidence of the best hypothesis so far, nats.
             far: as of ``settled``.
         """
-        found, start = self._found, self.less(out)
-        s, rest = found.learnt.s, [e for k, e in enumerate(found.now) if k not in out]
+        found, s = self._found, self._found.learnt.s
         moved = settled(found.bare, start.own, start.effects, self._ground, s, far, rival)
         if not moved.promised:
             return moved
-        stayed = settled(found.bare, found.own, rest, self._ground, s, far, rival)
+        stayed = settled(found.bare, found.own, start.now, self._ground, s, far, rival)
         return max(moved, stayed, key=lambda h: h.log)
 
     def _told(self, products: Products, kept: np.ndarray) -> tuple[Array, float]:
