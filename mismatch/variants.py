@@ -29,12 +29,13 @@ def variants(candidates: Sequence[Candidate]) -> tuple[Variant, ...]:
     for j, candidate in enumerate(candidates):
         shapes = candidate.mechanism.parameters[1:] if not is_amplitude(candidate) else ()
         nominal = tuple(v.nominal for v in shapes)
-        out.append(Variant(j, nominal))
+        tried = {nominal: None}  # a set that keeps its order
         for place, v in enumerate(shapes):
             for share in SHAPES:
                 moved = list(nominal)
                 moved[place] = _within(v.low, v.high, share)
-                out.append(Variant(j, tuple(moved)))
+                tried[tuple(moved)] = None
+        out += [Variant(j, shape) for shape in tried]
     return tuple(out)
 
 

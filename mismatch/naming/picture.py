@@ -145,7 +145,7 @@ class Painter:
             usable=kept > PARAMETER,
             s=self.ground.s,
             since=np.array(since),
-            late=late_odds(self.view.problem.tracks),
+            late=0.0 if self._beside else late_odds(self.view.problem.tracks),  # those beside begin then already
             beside=self._beside,
             candidates=len(self.view.problem.machine.candidates),
         )

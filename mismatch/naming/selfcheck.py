@@ -15,6 +15,7 @@ from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
 from twinbench.mismatch.naming.name import SINGLES
+from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
 from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
@@ -97,13 +98,14 @@ def checked(answer: Answer) -> SelfCheck:
     tried = columns.of_decoys(shown, naming.painter.probes, rng)
     pieces = Pieces.of(columns, naming.ground)
     sets = pieces.sets()
-    decoys = unlike(sets, tried)
+    decoys, k = unlike(sets, tried), len(effects)
+    another = of_number(min(k + 1, pieces.candidates), pieces.candidates) - of_number(k, pieces.candidates)
     said = [{*f.credible(CREDIBLE), *f.alike} for f in answer.found]
     ahead = nearer(pieces, rivals)
     again = [is_said(likeliest(pieces, rivals, half, ahead), said) for half in pieces.halves(rng)]
     rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
     return SelfCheck(
-        decoys_named=len(named_decoys(sets, effects, decoys)),
+        decoys_named=len(named_decoys(sets, effects, decoys, another)),
         decoys=len(decoys),
         named_again=sum(again),
         halves=len(again),
@@ -235,6 +237,7 @@ class Pieces:
         bounded: (V,) bool, can its size have one sign only?
         group: (F,) positions of each function's port.
         s: (P,) the discrepancy beside the chosen hypothesis, per cent.
+        candidates: how many the machine has.
     """
 
     products: Array
@@ -243,6 +246,7 @@ class Pieces:
     bounded: np.ndarray
     group: np.ndarray
     s: Array
+    candidates: int
 
     @classmethod
     def of(cls, columns: Columns, ground: Ground) -> Pieces:
@@ -257,7 +261,8 @@ class Pieces:
             white = np.concatenate((white[:, :-1], ground.white[r][:, some], white[:, -1:]), axis=1)
             products.append([part.T @ part for part in np.array_split(white, HALVED_PIECES)])
         prior, bounded = np.array(columns.prior), np.array(columns.bounded, dtype=bool)
-        return cls(np.array(products), columns.mean, prior, bounded, ground.group[some], s)
+        many = len(columns.view.problem.machine.candidates)
+        return cls(np.array(products), columns.mean, prior, bounded, ground.group[some], s, many)
 
     def _reduced(self, G: Array) -> Reduced:
         n = len(self.mean)
@@ -296,6 +301,7 @@ class Pieces:
         cov = np.linalg.inv(beside.G + np.eye(k))
         mean = cov @ beside.b
         log = beside.log - 0.5 * float(np.sum((rival.s / DISCREPANCY_PCT) ** 2)) + float(self.prior[key].sum())
+        log += of_number(len(rival.names), self.candidates)
         log += 0.5 * float(beside.b @ mean) + 0.5 * float(np.linalg.slogdet(cov)[1])
         return log + float(one_sided(mean, np.sqrt(np.diag(cov)), self.bounded[key]).sum())
 
@@ -308,12 +314,16 @@ def unlike(sets: Sets, tried: Key) -> Key:
     return tuple(int(d) for d in at[sets.usable[at] & (like.max(axis=1, initial=0.0) < ALIEN)][:DECOYS])
 
 
-def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key) -> set[int]:
-    """Decoys that would be named beside the effects, or in the place of one."""
+def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key, another: float = 0.0) -> set[int]:
+    """Decoys that would be named beside the effects, or in the place of one.
+
+    Args:
+        another: log odds of one effect more, beside that effect's own.
+    """
     best, found = sets.score(_joined(effects)), set()
     for out in (None, *range(len(effects))):
         rest = sets.score(_joined(key for i, key in enumerate(effects) if i != out))
-        wanted = best.log + (PLAIN if out is None else 0.0)
+        wanted = best.log + (PLAIN - another if out is None else 0.0)
         gains = np.maximum(
             *(sets.quick(rest.key, np.maximum(rest.learnt.s * f, _LEAST_SEARCHED_PCT)) for f in (1.0, 0.15))
         )

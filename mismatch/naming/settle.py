@@ -174,9 +174,35 @@ def settled(
             first fitted without one.
         rival: evidence of the best hypothesis so far, nats.
     """
+    best = _at_rest(problem, z, effects, ground, s, rival, FAR_ROUNDS if far else 0)
+    while not best.given_up:
+        told = [now.as_large for now in best.now]
+        if all(1.0 / AS_WIDE <= new.sd / now.sd <= AS_WIDE for new, now in zip(told, best.now, strict=True)):
+            break
+        again = _at_rest(best.bare, best.own, told, ground, best.learnt.s, rival)
+        if not again.log > best.log + SETTLED:
+            return max(best, again, key=lambda h: h.log)
+        best = again
+    return best
+
+
+def _at_rest(
+    problem: Problem,
+    z: Array,
+    effects: Sequence[Effect],
+    ground: Ground,
+    s: Array,
+    rival: float,
+    rounds: int = 0,
+) -> Settled:
+    """A hypothesis where it comes to rest, its priors as they are; arguments as of ``settled``.
+
+    Args:
+        rounds: Jacobians of a fit without discrepancy that comes first.
+    """
     hypothesis, whole, z = _Hypothesis.begun(problem, z, effects, ground)
-    if far:
-        z = solve(whole, z, FAR_ROUNDS, share=NEARLY)[0]
+    if rounds:
+        z = solve(whole, z, rounds, share=NEARLY)[0]
     best: Settled | None = None
     for turn in range(1, TURNS + 1):
         whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
@@ -193,11 +219,7 @@ def settled(
             break
         z = ahead
     assert best is not None
-    told = [now.as_large for now in best.now]
-    if all(1.0 / AS_WIDE <= new.sd / now.sd <= AS_WIDE for new, now in zip(told, best.now, strict=True)):
-        return best
-    again = settled(best.bare, best.own, told, ground, best.learnt.s, rival=rival)
-    return again if again.log > best.log else best
+    return best
 
 
 class _Here(NamedTuple):

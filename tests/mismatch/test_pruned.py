@@ -15,6 +15,7 @@ from scipy.optimize import lsq_linear
 from scipy.special import gammaln
 
 from twinbench.mismatch.asked import Asked
+from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
@@ -22,7 +23,7 @@ from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
 from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
-from twinbench.mismatch.naming.view import prior_mean, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.variants import typical
 
@@ -156,3 +157,20 @@ def test_any_number_of_effects_is_as_likely_as_any_other(candidates):
     number = [of_number(k, candidates) for k in range(candidates)]
     assert np.add(logs, number) == pytest.approx(np.zeros(candidates), abs=1e-9)
     assert of_number(1, candidates) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_what_joins_a_set_that_began_late_is_not_charged_for_beginning_late():
+    """Once per set: as in the odds of what settled."""
+    problem, z = naming().null.problem, naming().null.z
+    late_s = float(np.mean(problem.tracks[0].time_s))
+    alone, beside = (
+        Painter(View.around(problem, z), naming().ground, naming().painter.listed[:4], since_s=late_s, beside=there)
+        .picture()
+        .sets
+        for there in (0, 1)
+    )
+    for sets, charged in ((alone, late_odds(problem.tracks)), (beside, 0.0)):
+        free = replace(sets, late=0.0, known={})
+        assert sets.score((0,)).log - free.score((0,)).log == pytest.approx(charged)
+        assert sets.quick((), sets.s)[0] - free.quick((), sets.s)[0] == pytest.approx(charged)
+    assert late_odds(problem.tracks) < -1.0

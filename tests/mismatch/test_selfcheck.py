@@ -184,7 +184,7 @@ def dense() -> tuple[Array, Array, Pieces]:
     both = np.concatenate((X, y[:, :, None]), axis=2).reshape(2, 4, 10, -1)
     products = np.einsum("rpbi,rpbj->rpij", both, both)
     prior, bounded = np.array([-1.0, -2.0, -3.0, -4.0]), np.array([True, False, False, False])
-    return X, y, Pieces(products, np.array([0.5, 0.0]), prior, bounded, np.array([0, 0, 1]), np.array([0.4, 0.2]))
+    return X, y, Pieces(products, np.array([0.5, 0.0]), prior, bounded, np.array([0, 0, 1]), np.array([0.4, 0.2]), V)
 
 
 def gaussian(X: Array, y: Array, pieces: Pieces, key: tuple[int, ...], s: Array) -> float:
@@ -192,6 +192,23 @@ def gaussian(X: Array, y: Array, pieces: Pieces, key: tuple[int, ...], s: Array)
     J, effects, functions = X[:, :N], X[:, [N + k for k in key]], X[:, N + V :]
     cov = np.eye(len(y)) + J @ J.T + effects @ effects.T + functions * s[pieces.group] ** 2 @ functions.T
     return float(multivariate_normal(J @ pieces.mean, cov).logpdf(y) - np.sum(norm.logpdf(y)))
+
+
+def test_several_effects_have_the_odds_of_so_many_as_in_the_answer(dense):
+    _, _, pieces = dense
+    half, key = np.ones((2, 4), dtype=bool), (1, 3)
+    unnamed, two = (pieces.logs(half, [Rival(names, key, pieces.s, 0.0)])[0] for names in ((), ("a", "b")))
+    # Of V candidates V (V - 1) / 2 pairs are as likely as V single ones.
+    assert two - unnamed == pytest.approx(np.log(V**2 / (V * (V - 1) / 2)))
+
+
+def test_one_more_decoy_has_the_odds_of_one_effect_more():
+    rng = np.random.default_rng(4)
+    X = rng.normal(size=(300, 31))
+    X *= 10.0 / np.linalg.norm(X, axis=0)
+    readings = X[:, 0] + 0.4 * X[:, 7] + rng.normal(size=300)
+    assert named_decoys(read(X, readings), [(0,)], tuple(range(1, 21)), another=-1000.0) == set()
+    assert 7 in named_decoys(read(X, readings), [(0,)], tuple(range(1, 21)), another=1000.0)
 
 
 @pytest.mark.parametrize("key", [(), (1,), (1, 3)])
@@ -216,7 +233,9 @@ def test_a_size_of_one_sign_has_a_half_normal_prior(dense):
 
 
 def test_halves_hold_half_of_each_recording_and_then_the_rest():
-    pieces = Pieces(np.zeros((3, 8, 2, 2)), np.zeros(0), np.zeros(1), np.zeros(1, bool), np.zeros(0, int), np.ones(1))
+    pieces = Pieces(
+        np.zeros((3, 8, 2, 2)), np.zeros(0), np.zeros(1), np.zeros(1, bool), np.zeros(0, int), np.ones(1), 1
+    )
     halves = list(pieces.halves(np.random.default_rng(0)))
     assert len(halves) == 10
     for first, second in zip(halves[::2], halves[1::2], strict=True):

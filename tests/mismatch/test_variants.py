@@ -38,6 +38,7 @@ def test_one_amplitude_has_nothing_but_the_simulators_own_value_as_typical():
 def test_every_shape_is_tried_through_its_range():
     machine = Machine(MOTOR, generic(MOTOR))
     listed = variants(machine.candidates)
+    assert len(set(listed)) == len(listed), "what is tried twice counts for less"
     for j, candidate in enumerate(machine.candidates):
         shapes = [np.array(v.shape) for v in listed if v.candidate == j]
         for place, v in enumerate(candidate.mechanism.parameters[1:]):
