@@ -228,13 +228,30 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
         simulator = compose(named, tuple(terms))
     values = content["values"]
     own = {v.name: v for v in simulator.parameters}
-    roomy = {v.name: v for m in faults(base.simulator, LONGEST_PERIOD_S) for v in m.parameters}
-    _check_values(path, values, own | {v.name: roomy.get(v.name, v) for m in known for v in m.parameters})
+    ours = [m for name, shelf in shelves.items() if name in _SHELVES for m in shelf if isinstance(m, Term)]
+    roomy = {v.name: v for m in (*ours, *faults(base.simulator, LONGEST_PERIOD_S)) for v in _roomy(m)}
+    settable = own | {v.name: v for m in known for v in m.parameters}
+    _check_values(path, values, {name: roomy.get(name, v) for name, v in settable.items()})
     return Model(
         simulator.with_values(**{name: value for name, value in values.items() if name in own}),
         tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
         content["inputs"] or base.inputs,
     )
+
+
+def _roomy(mechanism: Mechanism) -> list[Variable]:
+    """Parameters of one of our mechanisms, with all that a fit may find: it sizes thresholds for its recordings anew.
+
+    A fault's size stays between absence and its bounds. All else keeps its sign, and nothing more.
+    """
+    size, off = mechanism.parameters[0], mechanism.off
+    free = [
+        replace(v, low=0.0 if v.low >= 0.0 else -math.inf, high=0.0 if v.high <= 0.0 else math.inf)
+        for v in mechanism.parameters
+    ]
+    if isinstance(mechanism, Series):
+        free[0] = replace(size, low=min(size.low, off), high=max(size.high, off))
+    return free
 
 
 def _check_values(path: Path, values: Mapping[str, float], known: Mapping[str, Variable]) -> None:

@@ -20,6 +20,8 @@ from twinbench.physics.simulator import Port
 
 MOST_BARS = 12
 NAME_LENGTH = 64
+LIKELIEST = "A"
+"""What the likeliest set is called where its names are too many to be told again in each line."""
 HEIGHT = 0.62
 LOOKS: dict[str, dict[str, Any]] = {
     CHOSEN: {"facecolor": BLUE, "edgecolor": BLUE},
@@ -51,7 +53,7 @@ def evidence(d: Diagnosis) -> Figure:
     axes = figure.subplots()
     # What is less likely than nothing has no bar: one to the left would say no more.
     gains = [max(h.gain, 0.0) for h in ranked]
-    places = _bars(axes, [_short(h.names) for h in ranked], gains, [h.standing for h in ranked])
+    places = _bars(axes, labels([h.names for h in ranked]), gains, [h.standing for h in ranked])
     for y, h in zip(places, ranked, strict=True):
         _label(axes, y, max(h.gain, 0.0), number(h.gain))
     axes.axvline(max(gains) - PLAIN, color=MUTED, linewidth=0.8, linestyle=":")
@@ -82,6 +84,19 @@ def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], looks: Sequ
 
 def _label(axes: Axes, y: float, x: float, text: str) -> None:
     axes.annotate(text, (x, y), xytext=(4, 0), textcoords="offset points", va="center", color=MUTED)
+
+
+def labels(sets: Sequence[Sequence[str]]) -> list[str]:
+    """What each set of names is called; where the first is too long for that, others by what they have beside it."""
+    first = sets[0]
+    if len(" + ".join(first)) <= NAME_LENGTH:
+        return [_short(names) for names in sets]
+    found = [f"{LIKELIEST}: {_short(first)}"]
+    for names in sets[1:]:
+        less, more = ([n for n in some if n not in other] for some, other in ((first, names), (names, first)))
+        told = [f"{word} {_short(some)}" for word, some in (("less", less), ("with", more)) if some]
+        found.append(f"{LIKELIEST} {', '.join(told)}" if len(less) < len(first) else _short(names))
+    return found
 
 
 def _short(names: Sequence[str]) -> str:

@@ -52,7 +52,9 @@ def forms(run: OnTwin, covered: Collection[str], changes: Sequence[Mapping[int, 
 
 
 def in_step(run: OnTwin, change: Mapping[int, Array]) -> list[Variant]:
-    """Periodic forces anywhere with the period at which a change of the readings is loudest, in either phase.
+    """Periodic forces anywhere with the period at which a change of the readings is loudest, in each quarter of it.
+
+    Their sizes have no sign, so two phases would leave half of all forces without a rival next door.
 
     Args:
         change: of each take that may be learnt from, (N, ny), in the channels' units.
@@ -64,7 +66,8 @@ def in_step(run: OnTwin, change: Mapping[int, Array]) -> list[Variant]:
     ]
     period_s = loudest_periods_s(tracks, white, max(float(np.ptp(t.time_s)) for t in tracks))[1]
     places = [i for i, c in enumerate(run.twin.candidates) if c.name.startswith(PERIODIC)]
-    return [Variant(i, (period_s, phase)) for i in places for phase in (0.0, 0.5 * math.pi)]
+    quarters = (-0.5 * math.pi, 0.0, 0.5 * math.pi, math.pi)
+    return [Variant(i, (period_s, phase)) for i in places for phase in quarters]
 
 
 def _probed(run: OnTwin, variant: Variant) -> tuple[tuple[Array, ...], float]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
-from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.naming.answer import PERIODIC
 from twinbench.mismatch.naming.effect import Effect, unknowns_of
 from twinbench.mismatch.naming.sensors import SensorNoise
@@ -170,15 +170,23 @@ def _distance_sq(problem: _Known, effect: Effect | None) -> float:
     """Squared distance of the readings from the nearest that the twin can come, in sds of the noise."""
     z = problem.z0
     if effect is not None:
-        unknowns = tuple(replace(u, sd=np.inf) for u in unknowns_of(problem, effect))
-        problem = replace(problem, unknowns=(*problem.unknowns, *unknowns))
+        unknowns = unknowns_of(problem, effect)
         begins = [unknowns[0].mean + effect.size, *(effect.variant.shape if len(unknowns) > 1 else ())]
+        unknowns = [_holding(u, value) for u, value in zip(unknowns, begins, strict=True)]
+        problem = replace(problem, unknowns=(*problem.unknowns, *unknowns))
         z = np.concatenate((z, begins))
     cost = np.inf
     for rounds, share in zip(ROUNDS, (NEARLY, 0.0), strict=True):
         problem = problem.refined(z)
         z, cost = solve(problem, z, rounds, chords=0, share=share)
     return cost
+
+
+def _holding(unknown: Unknown, value: float) -> Unknown:
+    """An unknown with no prior, in its range; or in one around a value outside, as a period in step may be."""
+    if unknown.low <= value <= unknown.high:
+        return replace(unknown, sd=np.inf)
+    return replace(unknown, sd=np.inf, low=0.5 * value, high=2.0 * value)
 
 
 def _problem(

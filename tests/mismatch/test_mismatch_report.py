@@ -18,6 +18,7 @@ from helpers.oven import LOSS, OVEN, loss_found, oven_diagnosed, page, write
 from twinbench.mismatch import Verdict
 from twinbench.mismatch.began import Onset
 from twinbench.mismatch.report import write as mismatch_report
+from twinbench.mismatch.report.figure_rank import labels
 from twinbench.mismatch.report.figure_where import equally_full, regime_bounds
 from twinbench.mismatch.report.figures import draw
 from twinbench.mismatch.report.hypotheses import CHOSEN, REFUSED, hypotheses
@@ -158,6 +159,18 @@ def test_what_was_refused_is_marked_so(folders: dict[str, Path], abstaining: Ver
     assert "it makes the held-out errors of probe_C grow" in text
     assert "simulator after" not in text
     assert all(r.after is None for r in replays(abstaining.diagnosis))
+
+
+def test_sets_of_many_names_are_told_by_what_differs() -> None:
+    many = tuple(f"quadratic_leak@level_{k}_cm" for k in range(6))
+    other = "overflow@level_0_cm"
+    told = labels([many, many[1:], (other, *many[1:]), (*many, other), (other,), ("nothing",)])
+    assert told[0] == "A: quadratic_leak@level_0_cm + 5 more"
+    assert told[1] == "A less quadratic_leak@level_0_cm"
+    assert told[2] == "A less quadratic_leak@level_0_cm, with overflow@level_0_cm"
+    assert told[3] == "A with overflow@level_0_cm"
+    assert told[4:] == [other, "nothing"]
+    assert labels([many[:2], many[:1]]) == [" + ".join(many[:2]), many[0]]
 
 
 def test_a_recording_without_readings_is_said_to_be_so(named: Verdict) -> None:

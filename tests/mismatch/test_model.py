@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -160,6 +161,27 @@ def test_a_mechanism_of_yours_must_not_have_a_name_of_ours(tmp_path, spec, what)
     path = write_python(tmp_path, SPILL.replace(f'"{old}"', f'"{new}"'), "spill.py")
     with pytest.raises(BadInput, match=f"our own catalogue has a '{new}' too; rename yours"):
         load_catalogue(path, tank)
+
+
+def test_whatever_a_fit_may_find_is_read_back(tmp_path, spec):
+    """A fit sizes thresholds and periods for where the machine was, and a fault's size may lie near its absence."""
+    tank = load_simulator(spec)
+    (h,) = tank.states
+    elsewhere = replace(tank, states=(replace(h, low=0.0, high=90.0, nominal=30.0, scale=9.0),))
+    periods_s = (700.0, 730.0, 760.0)
+    for source, wide in (("generic", generic(elsewhere, periods_s)), ("faults", faults(elsewhere, 0.5))):
+        offered = {m.name for m in (generic if source == "generic" else faults)(tank)}
+        for m in (m for m in wide if m.name in offered):
+            for share in (0.0, 0.3, 1.0):
+                values = {v.name: v.low + share * (v.high - v.low) for v in m.parameters}
+                size = m.parameters[0]
+                values[size.name] = m.off + max(share, 0.1) * (size.nominal - m.off)
+                path = tmp_path / "model.toml"
+                path.write_text(model_toml(spec, tank, [m], values, tmp_path))
+                model = load_model(str(path))
+                told = {v.name: v.nominal for v in model.simulator.parameters}
+                told |= {v.name: v.nominal for f in model.faults for v in f.parameters}
+                assert {name: told[name] for name in values} == values
 
 
 def test_the_whole_catalogue_fits_and_names_nothing_twice(spec):
