@@ -46,15 +46,13 @@ def forms(run: OnTwin, covered: Collection[str], changes: Sequence[Mapping[int, 
     """
     names = [c.name for c in run.twin.candidates]
     tried = [v for v in variants(run.twin.candidates) if names[v.candidate] not in covered]
-    tried += [v for change in changes for v in in_step(run, change)]
+    tried += [v for change in changes for v in in_step(run, loudest_s(run, change)[1])]
     found = [(names[v.candidate], *_probed(run, v)) for v in tried]
     return [Form(name, columns, severity) for name, columns, severity in found if severity > 0.0]
 
 
-def in_step(run: OnTwin, change: Mapping[int, Array]) -> list[Variant]:
-    """Periodic forces anywhere with the period at which a change of the readings is loudest, in each quarter of it.
-
-    Their sizes have no sign, so two phases would leave half of all forces without a rival next door.
+def loudest_s(run: OnTwin, change: Mapping[int, Array]) -> tuple[float, float, float]:
+    """Period at which a change of the readings is loudest, between the least and the greatest that it may be, s.
 
     Args:
         change: of each take that may be learnt from, (N, ny), in the channels' units.
@@ -64,7 +62,14 @@ def in_step(run: OnTwin, change: Mapping[int, Array]) -> list[Variant]:
         np.add.reduceat(c, t.starts) / t.coarse.samples[:, None] / sigma
         for t, c in zip(tracks, change.values(), strict=True)
     ]
-    period_s = loudest_periods_s(tracks, white, max(float(np.ptp(t.time_s)) for t in tracks))[1]
+    return loudest_periods_s(tracks, white, max(float(np.ptp(t.time_s)) for t in tracks))
+
+
+def in_step(run: OnTwin, period_s: float) -> list[Variant]:
+    """Periodic forces of one period anywhere, in each quarter of it.
+
+    Their sizes have no sign, so two phases would leave half of all forces without a rival next door.
+    """
     places = [i for i, c in enumerate(run.twin.candidates) if c.name.startswith(PERIODIC)]
     quarters = (-0.5 * math.pi, 0.0, 0.5 * math.pi, math.pi)
     return [Variant(i, (period_s, phase)) for i in places for phase in quarters]

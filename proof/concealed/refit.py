@@ -22,7 +22,7 @@ from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.columns import background_sds
-from twinbench.proof.concealed.forms import in_step
+from twinbench.proof.concealed.forms import in_step, loudest_s
 from twinbench.proof.concealed.linear import Linear
 from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.on_twin import OnTwin
@@ -134,15 +134,20 @@ def refitted(
     G, b, whitened = problem.normal(problem.z0, residuals)
     at = _At(G, b, np.concatenate([w.reshape(-1, len(b)) for w in whitened]), problem.stacked(residuals))
     names, found = list(names), {}
-    tried = list(variants(run.twin.candidates))
+
+    def name_of(variant: Variant) -> str:
+        return run.twin.candidates[variant.candidate].name
+
+    tried, periods_s = [v for v in variants(run.twin.candidates) if not name_of(v).startswith(PERIODIC)], None
     if any(name.startswith(PERIODIC) for name in names):
-        tried += in_step(run, change)
+        periods_s = loudest_s(run, change)
+        tried += in_step(run, periods_s[1])
     for name in names:
-        begun = [_begun(problem, v, at) for v in tried if run.twin.candidates[v.candidate].name == name]
+        begun = [_begun(problem, v, at) for v in tried if name_of(v) == name]
         if name == NOTHING:
             found[name] = _distance_sq(problem, None)
         elif begun:
-            found[name] = _distance_sq(problem, max(begun, key=lambda one: one.gain).effect)
+            found[name] = _distance_sq(problem, max(begun, key=lambda one: one.gain).effect, periods_s)
     return found
 
 
@@ -166,13 +171,19 @@ def _begun(problem: _Known, variant: Variant, at: _At) -> _Begun:
     return _Begun(Effect(variant, size, np.inf, 0.0), size * (2.0 * product - size * square))
 
 
-def _distance_sq(problem: _Known, effect: Effect | None) -> float:
-    """Squared distance of the readings from the nearest that the twin can come, in sds of the noise."""
+def _distance_sq(problem: _Known, effect: Effect | None, periods_s: tuple[float, float, float] | None = None) -> float:
+    """Squared distance of the readings from the nearest that the twin can come, in sds of the noise.
+
+    Args:
+        periods_s: of a periodic force, as of ``loudest_s``.
+    """
     z = problem.z0
     if effect is not None:
         unknowns = unknowns_of(problem, effect)
         begins = [unknowns[0].mean + effect.size, *(effect.variant.shape if len(unknowns) > 1 else ())]
-        unknowns = [_holding(u, value) for u, value in zip(unknowns, begins, strict=True)]
+        if periods_s is not None and problem.machine.candidates[effect.variant.candidate].name.startswith(PERIODIC):
+            unknowns[1:] = _in_step(unknowns[1:], periods_s)
+        unknowns = [replace(u, sd=np.inf) for u in unknowns]
         problem = replace(problem, unknowns=(*problem.unknowns, *unknowns))
         z = np.concatenate((z, begins))
     cost = np.inf
@@ -182,11 +193,11 @@ def _distance_sq(problem: _Known, effect: Effect | None) -> float:
     return cost
 
 
-def _holding(unknown: Unknown, value: float) -> Unknown:
-    """An unknown with no prior, in its range; or in one around a value outside, as a period in step may be."""
-    if unknown.low <= value <= unknown.high:
-        return replace(unknown, sd=np.inf)
-    return replace(unknown, sd=np.inf, low=0.5 * value, high=2.0 * value)
+def _in_step(shape: Sequence[Unknown], periods_s: tuple[float, float, float]) -> list[Unknown]:
+    """Period and phase of a periodic force: a fit loses no count of its cycles, and no phase is at a bound."""
+    (period, phase), (least, loudest, most) = shape, periods_s
+    period = replace(period, low=least, high=most, mean=loudest, scale=(most - least) / 6.0)
+    return [period, replace(phase, low=2.0 * phase.low, high=2.0 * phase.high)]
 
 
 def _problem(
