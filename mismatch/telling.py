@@ -71,6 +71,7 @@ def points(
         missing: what else is wrong, of which no finding speaks.
     """
     yield from _told(d, found)
+    yield from at_one_port(found)
     shown = [e for e in errors if e.held_out]
     for e in shown:
         if e is not furthest(d, shown):
@@ -114,6 +115,18 @@ def _stand_in_together(same: Sequence[Finding], none: str) -> str:
     says = f"{acts_at(str(same[0].port))}: {names} explain it best, {right}"
     since = f" {sentence(begins(same[0].onsets))}" if same[0].onsets else ""
     return f"{sentence(says)}{since} Until more is known they stand in for it in the mended model."
+
+
+def at_one_port(found: Sequence[Finding]) -> Iterator[str]:
+    """Named physics that acts at one port may be one law, whose form the catalogue does not hold."""
+    physics = [f for f in found if f.kind == PHYSICS and f.names]
+    for port in dict.fromkeys(f.port for f in physics):
+        names = [f.names[0] for f in physics if f.port == port]
+        if len(names) > 1:
+            yield sentence(
+                f"{listed(names)} act at one port: a single law that the catalogue does not hold may do what they do "
+                "together"
+            )
 
 
 def inexact(d: Diagnosis) -> tuple[Unnamed, ...]:

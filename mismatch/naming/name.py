@@ -74,10 +74,6 @@ class Naming:
         """The likeliest hypothesis."""
         return self.hypotheses[0]
 
-    def likelier_than(self, before: Settled) -> bool:
-        """Is the likeliest now plainly likelier than what was the likeliest before? Less is no reason to go on."""
-        return self.best.log > before.log + SETTLED
-
     def of(self, candidates: Sequence[int], since_s: float) -> Settled | None:
         """The hypothesis of these candidates that was weighed, if one was.
 
@@ -204,7 +200,7 @@ def _sharpened(found: Naming) -> bool:
         return False
     for h in [h for h in found.hypotheses if h.log > best.log - NEAR and h.since_s == best.since_s]:
         found.settle(_begun(h.bare, since), h.own, h.now, h.learnt.s)
-    return found.likelier_than(best)
+    return found.best.log > best.log + SETTLED
 
 
 def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
@@ -220,7 +216,7 @@ def _one_is_not_enough(found: Naming) -> bool:
     best = found.best
     if len(best.effects) > 1 and found.together is None:
         _thinned_out(found)
-    return found.likelier_than(best)
+    return found.best is not best
 
 
 def _thinned_out(found: Naming) -> None:
@@ -281,7 +277,7 @@ def _plainer(found: Naming) -> bool:
         start = whole.less([i])
         if start.odds > -HOPELESS:
             found.keep(whole.settled_less(start, found.best.log, found.far))
-    return found.likelier_than(best)
+    return found.best is not best
 
 
 def _fuller(found: Naming) -> bool:
@@ -296,7 +292,7 @@ def _fuller(found: Naming) -> bool:
         beside=len(best.effects),
     )  # fmt: skip
     _settle_another(found, best, painter)
-    return found.likelier_than(best)
+    return found.best is not best
 
 
 def _rivalled(found: Naming) -> bool:
@@ -307,7 +303,7 @@ def _rivalled(found: Naming) -> bool:
     found.rivalled.append(best)
     for i in range(len(best.effects)):
         _settle_another(found, best, found.without(best, i), i)
-    return found.likelier_than(best)
+    return found.best is not best
 
 
 def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | None = None) -> None:

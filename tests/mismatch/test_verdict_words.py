@@ -16,7 +16,7 @@ from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.naming.answer import Unnamed
 from twinbench.mismatch.naming.decision import Claim, decided, probability
-from twinbench.mismatch.telling import headline, points
+from twinbench.mismatch.telling import at_one_port, headline, points
 from twinbench.mismatch.verdict import conclude
 from twinbench.mismatch.words import number
 from twinbench.physics.simulator import Port
@@ -234,6 +234,19 @@ def test_something_unnamed_where_a_name_was_unsure_is_one_thing(friction):
     assert verdict.says.startswith(
         "Something acts at balance:omega_rad_s and balance:T_winding_K that these recordings cannot name: on day 3"
     )
+
+
+def test_two_laws_at_one_port_may_be_one(friction):
+    (dry,) = friction.findings
+    other = replace(dry, mechanism="quadratic_friction@omega_rad_s")
+    assert list(at_one_port([dry, other])) == [
+        "coulomb_friction@omega_rad_s and quadratic_friction@omega_rad_s act at one port: a single law that the "
+        "catalogue does not hold may do what they do together."
+    ]
+    elsewhere = replace(other, port=Port("balance", "current_A"))
+    nameless = replace(other, mechanism=None)
+    for two in ([dry], [dry, elsewhere], [dry, nameless]):
+        assert not list(at_one_port(two))
 
 
 def test_an_onset_is_told_by_recording(friction):
