@@ -119,9 +119,10 @@ def observe(
             apart[names == name] = min(distance_sq, norm)
         cos_sq = np.where(np.isfinite(apart), 1.0 - apart / norm, cos_sq)
         gram = _moved(gram, own, norm, cos_sq)
-    one = (cos_sq > SAME_COS_SQ) | (apart < min(SAME_SQ, SAME_SHARE * norm))
-    # The catalogue's form of the name is another than truth's: what comes nearer than that, and nearest, is as right.
-    one |= apart < min(float(apart.min()) + SAME_SQ, form, MOST_SHARE * norm)
+    slight = min(SAME_SQ, SAME_SHARE * norm)
+    one = (cos_sq > SAME_COS_SQ) | (apart < slight)
+    # The catalogue's form of the name is another than truth's: what comes as near as that, and nearest, is as right.
+    one |= apart < min(float(apart.min()) + SAME_SQ, form + slight, MOST_SHARE * norm)
     same = np.isin(names, names[one]) & ~picture.foreign  # one shape of a name is enough
     apart = np.where(same, np.inf, apart)
     close = apart < min(TOLD_SQ, MOST_SHARE * norm)
