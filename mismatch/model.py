@@ -227,11 +227,8 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
         named = replace(simulator, mechanisms=(*simulator.mechanisms, *(m.name for m in terms)))
         simulator = compose(named, tuple(terms))
     values = content["values"]
-    own = {v.name: v for v in simulator.parameters}
-    ours = [m for name, shelf in shelves.items() if name in _SHELVES for m in shelf if isinstance(m, Term)]
-    roomy = {v.name: v for m in (*ours, *faults(base.simulator, LONGEST_PERIOD_S)) for v in _roomy(m)}
-    settable = own | {v.name: v for m in known for v in m.parameters}
-    _check_values(path, values, {name: roomy.get(name, v) for name, v in settable.items()})
+    own = {v.name for v in simulator.parameters}
+    _check_values(path, values, _settable(base.simulator, simulator, (*terms, *known)))
     return Model(
         simulator.with_values(**{name: value for name, value in values.items() if name in own}),
         tuple(replace(m, parameters=tuple(_with_value(v, values) for v in m.parameters)) for m in known),
@@ -239,19 +236,43 @@ def _read(path: Path, trust: Trust, above: tuple[Path, ...]) -> Model:
     )
 
 
-def _roomy(mechanism: Mechanism) -> list[Variable]:
-    """Parameters of one of our mechanisms, with all that a fit may find: it sizes thresholds for its recordings anew.
+def _settable(base: Simulator, simulator: Simulator, mechanisms: Sequence[Term | Series]) -> dict[str, Variable]:
+    """What values may be given, with the bounds that they have to keep.
 
-    A fault's size stays between absence and its bounds. All else keeps its sign, and nothing more.
+    Args:
+        base: what ``simulator`` is made of, beside the mechanisms.
     """
-    size, off = mechanism.parameters[0], mechanism.off
-    free = [
-        replace(v, low=0.0 if v.low >= 0.0 else -math.inf, high=0.0 if v.high <= 0.0 else math.inf)
-        for v in mechanism.parameters
-    ]
-    if isinstance(mechanism, Series):
-        free[0] = replace(size, low=min(size.low, off), high=max(size.high, off))
-    return free
+    found = {v.name: v for v in (*simulator.parameters, *(v for m in mechanisms for v in m.parameters))}
+    found |= {m.parameters[0].name: _from_absence(m) for m in mechanisms}
+    mended = mechanisms or base.mechanisms
+    ours = (*(generic(base) if mended else ()), *faults(base, LONGEST_PERIOD_S))
+    return found | {v.name: v for m in ours for v in _roomy(m, base) if v.name in found}
+
+
+def _from_absence(mechanism: Mechanism) -> Variable:
+    """Its size, with all that lies between its absence and its bounds."""
+    size = mechanism.parameters[0]
+    return replace(size, low=min(size.low, mechanism.off), high=max(size.high, mechanism.off))
+
+
+def _roomy(mechanism: Mechanism, simulator: Simulator) -> list[Variable]:
+    """Parameters of one of our mechanisms, with all that a fit may find: it sizes them anew for its recordings.
+
+    Thresholds may lie wherever their channel goes. A fault's size keeps its bounds, and all else keeps its sign.
+    """
+    size, *shape = mechanism.parameters
+    channels = (*simulator.states, *simulator.fluxes, *simulator.outputs, *simulator.inputs)
+    units = {v.unit for v in channels if v.name == mechanism.port.variable}
+    first = _of_one_sign(size) if mechanism.kind == "physics" else _from_absence(mechanism)
+    return [first, *(_anywhere(v) if v.unit in units and v.low != 0.0 else _of_one_sign(v) for v in shape)]
+
+
+def _of_one_sign(v: Variable) -> Variable:
+    return replace(v, low=0.0 if v.low >= 0.0 else -math.inf, high=0.0 if v.high <= 0.0 else math.inf)
+
+
+def _anywhere(v: Variable) -> Variable:
+    return replace(v, low=-math.inf, high=math.inf)
 
 
 def _check_values(path: Path, values: Mapping[str, float], known: Mapping[str, Variable]) -> None:

@@ -119,7 +119,7 @@ def _stand_in_together(same: Sequence[Finding], none: str) -> str:
 
 def at_one_port(found: Sequence[Finding]) -> Iterator[str]:
     """Named physics that acts at one port may be one law, whose form the catalogue does not hold."""
-    physics = [f for f in found if f.kind == PHYSICS and f.names]
+    physics = [f for f in found if f.kind == PHYSICS and (f.alike or len(f.names) == 1)]
     for port in dict.fromkeys(f.port for f in physics):
         names = [f.names[0] for f in physics if f.port == port]
         if len(names) > 1:

@@ -98,14 +98,13 @@ def checked(answer: Answer) -> SelfCheck:
     tried = columns.of_decoys(shown, naming.painter.probes, rng)
     pieces = Pieces.of(columns, naming.ground)
     sets = pieces.sets()
-    decoys, k = unlike(sets, tried), len(effects)
-    another = of_number(min(k + 1, pieces.candidates), pieces.candidates) - of_number(k, pieces.candidates)
+    decoys = unlike(sets, tried)
     said = [{*f.credible(CREDIBLE), *f.alike} for f in answer.found]
     ahead = nearer(pieces, rivals)
     again = [is_said(likeliest(pieces, rivals, half, ahead), said) for half in pieces.halves(rng)]
     rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
     return SelfCheck(
-        decoys_named=len(named_decoys(sets, effects, decoys, another)),
+        decoys_named=len(named_decoys(sets, effects, decoys, one_more(len(effects), pieces.candidates))),
         decoys=len(decoys),
         named_again=sum(again),
         halves=len(again),
@@ -312,6 +311,11 @@ def unlike(sets: Sets, tried: Key) -> Key:
     squares = np.maximum(np.diag(sets.reduced.G), 1e-300)
     like = sets.reduced.G[np.ix_(at, known)] ** 2 / np.outer(squares[at], squares[known])
     return tuple(int(d) for d in at[sets.usable[at] & (like.max(axis=1, initial=0.0) < ALIEN)][:DECOYS])
+
+
+def one_more(effects: int, candidates: int) -> float:
+    """Log odds of one effect more than there are, beside that effect's own."""
+    return of_number(min(effects + 1, candidates), candidates) - of_number(effects, candidates)
 
 
 def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key, another: float = 0.0) -> set[int]:

@@ -164,7 +164,8 @@ def settled(
     """Linearise, move to the posterior mean, and again.
 
     The evidence is that of a Gaussian around where the hypothesis stands (Laplace): what a step promises counts only
-    once it was made. Once at rest, priors become as wide as their effects are large, and it settles once more.
+    once it was made. Once at rest, priors become as wide as their effects are large, and it settles again, as long as
+    that gains.
 
     Args:
         problem: with no effect in it.

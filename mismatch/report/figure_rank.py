@@ -87,22 +87,28 @@ def _label(axes: Axes, y: float, x: float, text: str) -> None:
 
 
 def labels(sets: Sequence[Sequence[str]]) -> list[str]:
-    """What each set of names is called; where the first is too long for that, others by what they have beside it."""
-    first = sets[0]
-    if len(" + ".join(first)) <= NAME_LENGTH:
-        return [_short(names) for names in sets]
-    found = [f"{LIKELIEST}: {_short(first)}"]
+    """What each set of names is called; where the first is too long for that, others by what they have beside it.
+
+    A label that two sets share has its place in the ranking behind it.
+    """
+    first, long = sets[0], len(" + ".join(sets[0])) > NAME_LENGTH
+    found = [f"{LIKELIEST}: {_short(first)}" if long else _short(first)]
     for names in sets[1:]:
         less, more = ([n for n in some if n not in other] for some, other in ((first, names), (names, first)))
-        told = [f"{word} {_short(some)}" for word, some in (("less", less), ("with", more)) if some]
-        found.append(f"{LIKELIEST} {', '.join(told)}" if len(less) < len(first) else _short(names))
-    return found
+        told = [(word, some) for word, some in (("less", less), ("with", more)) if some]
+        if long and len(less) < len(first):
+            found.append(f"{LIKELIEST} {', '.join(f'{word} {_short(some, len(told))}' for word, some in told)}")
+        else:
+            found.append(_short(names))
+    return [f"{text} ({k})" if found.count(text) > 1 else text for k, text in enumerate(found, 1)]
 
 
-def _short(names: Sequence[str]) -> str:
-    """The names joined; where they are too many, how many more there are."""
-    text = " + ".join(names)
-    if len(text) <= NAME_LENGTH:
+def _short(names: Sequence[str], parts: int = 1) -> str:
+    """The names joined, in one of so many parts of a line; where they are too many, how many more there are."""
+    text, length = " + ".join(names), NAME_LENGTH // parts
+    if len(text) <= length:
         return text
-    shown = next(k for k in range(len(names), -1, -1) if len(" + ".join(names[:k])) <= NAME_LENGTH - 12)
-    return f"{' + '.join(names[:shown])} + {len(names) - shown} more" if shown else text[: NAME_LENGTH - 1] + "…"
+    shown = next(k for k in range(len(names), -1, -1) if len(" + ".join(names[:k])) <= length - 12)
+    if shown:
+        return f"{' + '.join(names[:shown])} + {len(names) - shown} more"
+    return f"{len(names)} effects" if len(names) > 1 else text[: length - 1] + "…"

@@ -147,7 +147,8 @@ def refitted(
         if name == NOTHING:
             found[name] = _distance_sq(problem, None)
         elif begun:
-            found[name] = _distance_sq(problem, max(begun, key=lambda one: one.gain).effect, periods_s)
+            nearest = max(begun, key=lambda one: one.gain).effect
+            found[name] = _distance_sq(problem, nearest, periods_s if name.startswith(PERIODIC) else None)
     return found
 
 
@@ -181,7 +182,7 @@ def _distance_sq(problem: _Known, effect: Effect | None, periods_s: tuple[float,
     if effect is not None:
         unknowns = unknowns_of(problem, effect)
         begins = [unknowns[0].mean + effect.size, *(effect.variant.shape if len(unknowns) > 1 else ())]
-        if periods_s is not None and problem.machine.candidates[effect.variant.candidate].name.startswith(PERIODIC):
+        if periods_s is not None:
             unknowns[1:] = _in_step(unknowns[1:], periods_s)
         unknowns = [replace(u, sd=np.inf) for u in unknowns]
         problem = replace(problem, unknowns=(*problem.unknowns, *unknowns))

@@ -170,6 +170,10 @@ def test_sets_of_many_names_are_told_by_what_differs() -> None:
     assert told[2] == "A less quadratic_leak@level_0_cm, with overflow@level_0_cm"
     assert told[3] == "A with overflow@level_0_cm"
     assert told[4:] == [other, "nothing"]
+    few = tuple(f"sensor_saturation@level_{k}_cm" for k in range(4))
+    told = labels([many, (*many[2:], *few), (*many[3:], *few), (*many[:1], *few), (*many[1:2], *few)])
+    assert len(set(told)) == len(told)
+    assert max(map(len, told)) < 90
     assert labels([many[:2], many[:1]]) == [" + ".join(many[:2]), many[0]]
 
 

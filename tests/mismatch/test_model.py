@@ -16,6 +16,7 @@ from twinbench.mismatch.model import load_catalogue, load_model, load_simulator,
 from twinbench.physics.compose import plain_rhs
 from twinbench.physics.load import check_catalogue
 from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.simulator import Simulator
 
 
 @pytest.fixture
@@ -163,25 +164,66 @@ def test_a_mechanism_of_yours_must_not_have_a_name_of_ours(tmp_path, spec, what)
         load_catalogue(path, tank)
 
 
-def test_whatever_a_fit_may_find_is_read_back(tmp_path, spec):
-    """A fit sizes thresholds and periods for where the machine was, and a fault's size may lie near its absence."""
+WIDE = TANK.replace('"pump_V", "V", 0.0, 10.0, 3.0', '"pump_V", "V", -10.0, 100.0, 3.0, 2.0').replace(
+    '"h_m", "m", 0.0, 2.0, 0.5', '"h_m", "m", -60.0, 200.0, 40.0, 10.0'
+)
+
+
+def moved_far(tank: Simulator) -> Simulator:
+    """The tank as a fit may see it: a hundred times higher, the pump turned up, the level's sensor below zero."""
+    ((h,), (pump,), (sensor,)) = tank.states, tank.inputs, tank.outputs
+    return replace(
+        tank,
+        states=(replace(h, high=90.0, nominal=30.0, scale=9.0),),
+        inputs=(replace(pump, nominal=70.0, scale=30.0),),
+        outputs=(replace(sensor, nominal=-20.0, scale=8.0),),
+    )
+
+
+@pytest.mark.parametrize("source", ["generic", "faults"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_whatever_a_fit_may_find_is_read_back(tmp_path, source, share):
+    """A fit sizes thresholds and periods for where the machine was, and an effect may be near its absence."""
+    spec = write_python(tmp_path, WIDE)
     tank = load_simulator(spec)
-    (h,) = tank.states
-    elsewhere = replace(tank, states=(replace(h, low=0.0, high=90.0, nominal=30.0, scale=9.0),))
-    periods_s = (700.0, 730.0, 760.0)
-    for source, wide in (("generic", generic(elsewhere, periods_s)), ("faults", faults(elsewhere, 0.5))):
-        offered = {m.name for m in (generic if source == "generic" else faults)(tank)}
-        for m in (m for m in wide if m.name in offered):
-            for share in (0.0, 0.3, 1.0):
-                values = {v.name: v.low + share * (v.high - v.low) for v in m.parameters}
-                size = m.parameters[0]
-                values[size.name] = m.off + max(share, 0.1) * (size.nominal - m.off)
-                path = tmp_path / "model.toml"
-                path.write_text(model_toml(spec, tank, [m], values, tmp_path))
-                model = load_model(str(path))
-                told = {v.name: v.nominal for v in model.simulator.parameters}
-                told |= {v.name: v.nominal for f in model.faults for v in f.parameters}
-                assert {name: told[name] for name in values} == values
+    far = moved_far(tank)
+    found = generic(far, (700.0, 730.0, 760.0)) if source == "generic" else faults(far, 0.5)
+    offered = {m.name for m in (generic if source == "generic" else faults)(tank)}
+    there = [m for m in found if m.name in offered]
+    assert len(there) >= 10
+    for m in there:
+        values = {v.name: v.low + share * (v.high - v.low) for v in m.parameters}
+        size = m.parameters[0]
+        values[size.name] = m.off + max(share, 0.1) * (size.nominal - m.off)
+        path, again = tmp_path / "model.toml", tmp_path / "again.toml"
+        path.write_text(model_toml(spec, tank, [m], values, tmp_path))
+        assert read_back(path, values) == values
+        moved = values | {size.name: m.off + 0.5 * (values[size.name] - m.off)}
+        simulator = load_simulator(str(path))
+        inside = {name: v for name, v in moved.items() if name in {p.name for p in simulator.parameters}}
+        again.write_text(model_toml(str(path), simulator, [], inside, tmp_path))
+        assert read_back(again, inside) == inside
+
+
+def read_back(path: Path, names) -> dict[str, float]:
+    model = load_model(str(path))
+    told = {v.name: v.nominal for v in model.simulator.parameters}
+    told |= {v.name: v.nominal for f in model.faults for v in f.parameters}
+    return {name: told[name] for name in names}
+
+
+def test_a_mechanism_of_yours_may_be_found_near_its_absence(tmp_path, spec):
+    """A fit goes from absence, which may lie outside the bounds of what is plainly there."""
+    catalogue = write_python(tmp_path, SPILL.replace("0.0, 10.0, 0.3", "0.2, 10.0, 0.3"), "spill.py")
+    tank = load_simulator(spec)
+    (spill,) = load_catalogue(catalogue, tank)
+    values = {"spill_1_s": 0.05, "rim_m": 0.7}
+    path = tmp_path / "model.toml"
+    path.write_text(model_toml(spec, tank, [spill], values, tmp_path, catalogue))
+    assert read_back(path, values) == values
+    path.write_text(path.read_text().replace("0.05", "-0.05"))
+    with pytest.raises(BadInput, match="lies outside its bounds, 0 to 10"):
+        load_model(str(path))
 
 
 def test_the_whole_catalogue_fits_and_names_nothing_twice(spec):

@@ -32,6 +32,7 @@ from twinbench.mismatch.naming.selfcheck import (
     likeliest,
     named_decoys,
     nearer,
+    one_more,
     unlike,
 )
 from twinbench.mismatch.naming.sensors import SensorNoise
@@ -203,12 +204,24 @@ def test_several_effects_have_the_odds_of_so_many_as_in_the_answer(dense):
 
 
 def test_one_more_decoy_has_the_odds_of_one_effect_more():
+    assert one_more(0, 31) == pytest.approx(0.0)
+    assert one_more(1, 31) == pytest.approx(np.log(31**2 / (31 * 30 / 2)))
+    assert one_more(31, 31) == 0.0
     rng = np.random.default_rng(4)
     X = rng.normal(size=(300, 31))
     X *= 10.0 / np.linalg.norm(X, axis=0)
-    readings = X[:, 0] + 0.4 * X[:, 7] + rng.normal(size=300)
-    assert named_decoys(read(X, readings), [(0,)], tuple(range(1, 21)), another=-1000.0) == set()
-    assert 7 in named_decoys(read(X, readings), [(0,)], tuple(range(1, 21)), another=1000.0)
+    noise = rng.normal(size=300)
+
+    def named(size: float, another: float) -> set[int]:
+        return named_decoys(read(X, X[:, 0] + size * X[:, 7] + noise), [(0,)], tuple(range(1, 21)), another)
+
+    # Between the size that is named with these odds and without lies one that is named only with them.
+    sizes = np.linspace(0.2, 0.8, 61)
+    plain, helped = ([7 in named(size, odds) for size in sizes] for odds in (0.0, one_more(2, 31)))
+    assert not plain[0]
+    assert plain[-1]
+    assert sum(helped) > sum(plain)
+    assert all(h or not p for h, p in zip(helped, plain, strict=True))
 
 
 @pytest.mark.parametrize("key", [(), (1,), (1, 3)])

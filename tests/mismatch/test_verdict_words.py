@@ -245,7 +245,8 @@ def test_two_laws_at_one_port_may_be_one(friction):
     ]
     elsewhere = replace(other, port=Port("balance", "current_A"))
     nameless = replace(other, mechanism=None)
-    for two in ([dry], [dry, elsewhere], [dry, nameless]):
+    unsure = replace(other, indistinguishable_from=("cubic_friction@omega_rad_s",))
+    for two in ([dry], [dry, elsewhere], [dry, nameless], [dry, unsure]):
         assert not list(at_one_port(two))
 
 
