@@ -175,7 +175,7 @@ class Painter:
         G, b, _ = self.ground.products(self.view, both).over()
         G, b = G[: n + v + 1, : n + v + 1], b[: n + v + 1]
         reduced = eliminated(G, b, np.arange(n), self._mean, np.ones(n)).G
-        squares = np.maximum(np.diag(reduced), 1e-300)
+        squares = np.maximum(np.diag(reduced), 1e-150)  # so that no product of two is nothing
         return np.asarray(reduced[:v, v] ** 2 / (squares[:v] * squares[v]))
 
     def start(self, shown: Picture, key: Sequence[int], s: Array) -> tuple[Array, Array]:
