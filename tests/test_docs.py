@@ -247,7 +247,7 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
 
 
 def _spelt(n: int) -> str:
-    return dict(enumerate(["None", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine"])).get(
+    return dict(enumerate(["None", "One", "Two", "Three", "Four", "Five", "Six", "Seven", "Eight", "Nine", "Ten"])).get(
         n, str(n)
     )
 
