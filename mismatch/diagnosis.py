@@ -114,5 +114,4 @@ class Diagnosis:
     @property
     def noise_sd(self) -> Array:
         """(ny,) standard deviation of the sensors' noise in block means, in the outputs' units."""
-        noise = self.answer.naming.ground.noise
-        return (noise.white + noise.coloured) ** 0.5
+        return self.answer.naming.ground.noise.variance**0.5

@@ -21,5 +21,11 @@ def of_number(effects: int, candidates: int) -> float:
     Of one it is nothing. Where many act, one more is no surprise, and odds of one in all for each would take the weaker
     half of them for chance (Scott and Berger 2010).
     """
+    effects = min(effects, candidates)  # what may be beside all of them is one of them again
     ways = gammaln(candidates + 1) - gammaln(effects + 1) - gammaln(candidates - effects + 1)
     return float(effects * np.log(max(candidates, 1)) - ways)
+
+
+def one_more(effects: int, candidates: int) -> float:
+    """Log odds of one effect more than there are, beside that effect's own."""
+    return of_number(effects + 1, candidates) - of_number(effects, candidates)

@@ -15,7 +15,7 @@ from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
 from twinbench.mismatch.naming.name import SINGLES
-from twinbench.mismatch.naming.odds import of_number
+from twinbench.mismatch.naming.odds import of_number, one_more
 from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
 from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
@@ -311,11 +311,6 @@ def unlike(sets: Sets, tried: Key) -> Key:
     squares = np.maximum(np.diag(sets.reduced.G), 1e-300)
     like = sets.reduced.G[np.ix_(at, known)] ** 2 / np.outer(squares[at], squares[known])
     return tuple(int(d) for d in at[sets.usable[at] & (like.max(axis=1, initial=0.0) < ALIEN)][:DECOYS])
-
-
-def one_more(effects: int, candidates: int) -> float:
-    """Log odds of one effect more than there are, beside that effect's own."""
-    return of_number(min(effects + 1, candidates), candidates) - of_number(effects, candidates)
 
 
 def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key, another: float = 0.0) -> set[int]:

@@ -32,6 +32,11 @@ class SensorNoise(NamedTuple):
     coloured: Array
     memory: Array
 
+    @property
+    def variance(self) -> Array:
+        """(ny,) of both parts, in the outputs' units squared."""
+        return self.white + self.coloured
+
     @classmethod
     def first_guess(cls, floor: Array) -> SensorNoise:
         """From the noise of block means.

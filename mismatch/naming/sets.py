@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
-from twinbench.mismatch.naming.odds import of_number
+from twinbench.mismatch.naming.odds import of_number, one_more
 from twinbench.physics.simulator import Array
 
 Key = tuple[int, ...]
@@ -96,10 +96,7 @@ class Sets:
     def _odds(self, key: Key) -> float:
         """Log prior odds of the set as a whole: when it begins, and how many it makes."""
         late = self.late if key and self.since[key[0]] > -np.inf else 0.0
-        return late + self._of_number(len(key)) - self._of_number(0)
-
-    def _of_number(self, effects: int) -> float:
-        return of_number(min(self.beside + effects, self.candidates), self.candidates)
+        return late + of_number(self.beside + len(key), self.candidates) - of_number(self.beside, self.candidates)
 
     def _sizes(self, key: Key, learnt: Learnt) -> tuple[Array, Array]:
         if not key:
@@ -131,8 +128,8 @@ class Sets:
         mean = variance * right
         gain = 0.5 * np.log(variance) + 0.5 * mean * right + one_sided(mean, np.sqrt(variance), self.bounded)
         start = 0.0 if key else np.where(self.since > -np.inf, self.late, 0.0)
-        one_more = self._of_number(len(key) + 1) - self._of_number(len(key))
-        return np.where(self.usable, gain + self.prior + start + one_more, -np.inf)
+        another = one_more(self.beside + len(key), self.candidates)
+        return np.where(self.usable, gain + self.prior + start + another, -np.inf)
 
     def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
         """The likeliest set: all single ones, then a beam."""

@@ -19,6 +19,7 @@ from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.ground import Products
 from twinbench.mismatch.naming.marginal import Reduced, one_sided
+from twinbench.mismatch.naming.odds import one_more
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.power import CLOSE, SHOWN, WANTED, Draws, power
 from twinbench.mismatch.naming.selfcheck import (
@@ -32,7 +33,6 @@ from twinbench.mismatch.naming.selfcheck import (
     likeliest,
     named_decoys,
     nearer,
-    one_more,
     unlike,
 )
 from twinbench.mismatch.naming.sensors import SensorNoise
