@@ -1,8 +1,7 @@
 """The simulator with everything that might be missing from it, ready to run over recordings.
 
-One compiled function holds every candidate term and one free force per balance, flux, input and
-output; a candidate that is absent costs a comparison. Everything the engine learns comes from forward
-runs of this machine.
+One compiled function holds every candidate term and one free force per balance, flux, input and output; a candidate
+that is absent costs a comparison. Everything the engine learns comes from forward runs of this machine.
 """
 
 from __future__ import annotations
@@ -97,9 +96,9 @@ class Setting:
 class Machine:
     """A simulator, its candidates and forces.
 
-    The parameter vector ``theta`` holds the simulator's own parameters, then one per force, then those
-    of term mechanisms, then those of faults (series). Mechanisms' clocks show time since ``epoch_s``.
-    ``known`` faults of sensors and inputs are there for good, at their nominal sizes.
+    The parameter vector ``theta`` holds the simulator's own parameters, then one per force, then those of term
+    mechanisms, then those of faults (series). Mechanisms' clocks show time since ``epoch_s``. ``known`` faults are
+    there for good, at their nominal sizes. ``input_sds`` (nu,) is the noise of a sample of each input, in its unit.
     """
 
     def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> None:
@@ -150,6 +149,7 @@ class Machine:
         self.step_s = self.block_step_s = np.inf
         self.parts, self.scheme = 1, RUNGE_KUTTA
         self.epoch_s = 0.0
+        self.input_sds = np.zeros(len(simulator.inputs))
         self._clocks = np.array([v.name.startswith(CLOCK) for v in self.states])
         self._clocks[: len(simulator.states)] = False
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import chi2, norm
 
 from twinbench.mismatch.checks import holm
-from twinbench.mismatch.naming.sensors import SensorNoise
+from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Simulator
 
@@ -29,18 +29,19 @@ class Test(NamedTuple):
 
 
 def residual_tests(
-    tracks: Sequence[Track], residuals: Sequence[Array], noise: SensorNoise, floor: Array, simulator: Simulator
+    tracks: Sequence[Track], residuals: Sequence[Array], ground: Ground, floor: Array, simulator: Simulator
 ) -> list[Test]:
     """Level against the noise floor, whiteness (Ljung-Box) and correlation with inputs, Holm-corrected.
 
     Args:
         residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
-        noise: of the sensors, which whitens them.
+        ground: whose noise whitens them.
         floor: (ny,) noise of block means by second differences, in the outputs' units.
     """
     found: list[Test] = []
-    for track, residual in zip(tracks, residuals, strict=True):
-        white = np.where(np.isfinite(residual), noise.whitened(residual[:, :, None])[:, :, 0], np.nan)
+    for k, (track, residual) in enumerate(zip(tracks, residuals, strict=True)):
+        white = ground.whitened(k, np.empty((*residual.shape, 0)), residual)[:, 0].reshape(residual.shape)
+        white = np.where(np.isfinite(residual), white, np.nan)
         for c, variable in enumerate(simulator.outputs):
             e = white[:, c][np.isfinite(white[:, c])]
             if len(e) < 2 * LAGS:
@@ -59,7 +60,7 @@ def residual_tests(
                 )
             )
             for i, source in enumerate(simulator.inputs):
-                u = np.array([track.u[k, i] for k in track.starts])[np.isfinite(white[:, c])]
+                u = track.u[track.starts, i][np.isfinite(white[:, c])]
                 if np.ptp(u) == 0.0:
                     continue
                 r = float(np.corrcoef(u, e)[0, 1])

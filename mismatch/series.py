@@ -12,6 +12,9 @@ from numba import njit, types
 from twinbench.physics.jit import VECTOR
 from twinbench.physics.simulator import Array
 
+NOISES_APART = 3.0
+"""Standard deviations of the noise by which a sample may differ from its neighbours and be of one level with them."""
+
 
 def held(values: Array) -> Array:
     """(N,) with the last value held over NaN; a leading gap takes the first value there is.
@@ -94,6 +97,17 @@ def play(values: Array, gap: float) -> Array:
     return values if gap <= 0.0 else np.asarray(_play(values, 0.5 * gap))
 
 
+def steadied(values: Array, noise: float, window: float) -> Array:
+    """(N,) means over samples that are near in time and differ by no more than noise, so that steps stay (Tomasi 1998).
+
+    Args:
+        values: (N,) in the channel's unit.
+        noise: standard deviation, likewise.
+        window: samples over which the mean goes (sd of its weights).
+    """
+    return np.asarray(_bilateral(values, NOISES_APART * noise, window))
+
+
 def stuck_from(time_s: Array, values: Array, share: float) -> Array:
     """The last ``share`` of the record stands at the value it had when that began.
 
@@ -129,6 +143,20 @@ def _behind(values, kept):  # type: ignore[no-untyped-def]
     out = np.zeros(values.size)
     for k in range(values.size - 1):
         out[k + 1] = values[k] + kept[k] * out[k] - values[k + 1]
+    return out
+
+
+@njit(VECTOR(VECTOR, types.float64, types.float64), cache=True, error_model="numpy")
+def _bilateral(values, apart, window):  # type: ignore[no-untyped-def]
+    out, reach = values.copy(), int(np.ceil(3.0 * window))
+    near = np.exp(-0.5 * (np.arange(reach + 1) / window) ** 2)
+    for k in range(values.size):
+        total = weights = 0.0
+        for j in range(max(0, k - reach), min(values.size, k + reach + 1)):
+            w = near[abs(j - k)] * np.exp(-0.5 * ((values[j] - values[k]) / apart) ** 2)
+            total += w * values[j]
+            weights += w
+        out[k] = total / weights
     return out
 
 

@@ -98,6 +98,7 @@ def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
     listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith(none)))
     machine = Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
     machine.candidates = [replace(c, odds=asked.told.prior.get(c.name)) for c in machine.candidates]
+    machine.input_sds = np.array([asked.told.measured.get(v.name, 0.0) for v in simulator.inputs])
     return machine
 
 

@@ -9,6 +9,7 @@ from twinbench.mismatch.asked import Progress
 from twinbench.mismatch.calibrate import calibrated, own_unknowns
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown
+from twinbench.mismatch.noisy_inputs import NoisyInput, noisy_inputs
 from twinbench.mismatch.proof import Held, held_out
 from twinbench.mismatch.rounded import ROUNDS, find_rounded
 from twinbench.mismatch.stage_audit import Audited
@@ -30,6 +31,7 @@ class Calibration:
         held_first: how the calibrated simulator does on the held-out recordings; None without any.
         stuck: the sensors that stand still in the recordings that are learnt from.
         rounded: the faults of sensors that move in steps; the machine has them now.
+        noisy: the inputs whose records are noisy; all recordings are without that noise now.
     """
 
     problem: Problem
@@ -41,6 +43,7 @@ class Calibration:
     held_first: Held | None
     stuck: list[Stuck]
     rounded: list[Series]
+    noisy: tuple[NoisyInput, ...]
 
 
 def calibration(audited: Audited, progress: Progress) -> Calibration:
@@ -55,6 +58,13 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
     if any(a is not b for a, b in zip(followed, tracks, strict=True)):
         tracks = followed
         problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 + 0.2 * share))
+    held = audited.held
+    noisy = noisy_inputs(problem, z, machine.input_sds)
+    if noisy:
+        for one in noisy:
+            tracks, held = ([one.off(t) for t in some] for some in (tracks, held))
+            machine.input_sds[one.column] = one.sd
+        problem, z, cost = calibrated(machine, tracks, floor)
     stuck: list[Stuck] = []
     if found := find_stuck(tracks, problem.residuals(z), floor):
         problem, z, cost = calibrated(machine, without(tracks, found), floor)
@@ -69,12 +79,11 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
             machine.take_for_granted(fault)
         problem, z, cost = calibrated(machine, tracks, floor)
     progress("calibrate", 0.8)
-    own = own_unknowns(machine.simulator, audited.held)
-    held_first = held_out(problem, z, audited.held, own) if audited.held else None
-    held = audited.held
+    own = own_unknowns(machine.simulator, held)
+    held_first = held_out(problem, z, held, own) if held else None
     if held_first is not None:
         held = [t.followed(readings) for t, readings in zip(held, held_first.readings, strict=True)]
-    return Calibration(problem, z, cost, tracks, held, own, held_first, stuck, rounded)
+    return Calibration(problem, z, cost, tracks, held, own, held_first, stuck, rounded, noisy)
 
 
 def _rounded(audited: Audited, tracks: Sequence[Track], problem: Problem, z: Array) -> list[Series]:

@@ -80,7 +80,7 @@ def tested(answer: Answer, fit: Calibration, floor: Array) -> Tested:
     Args:
         floor: (ny,) noise of block means, in the outputs' units.
     """
-    mended = _mended(answer.chosen, answer.naming.ground.noise.variance) if answer.found else None
+    mended = _mended(answer.chosen, answer.naming.ground.variance) if answer.found else None
     if fit.held_first is None:
         return Tested(_judged(answer, mended, 0.0), mended, fit.held, [], None, None)
     held, stuck = set_aside(fit.held, fit.held_first.readings, floor)
@@ -118,7 +118,7 @@ def _judged(answer: Answer, mended: Fit | None, held_gain: float) -> Answer:
     """
     if mended is None:
         return answer
-    misfit = float(_excess(mended.residuals, answer.naming.ground.noise.variance).max(initial=0.0))
+    misfit = float(_excess(mended.residuals, answer.naming.ground.variance).max(initial=0.0))
     said = {"misfit": misfit, "held_gain": held_gain}
     return replace(answer, found=tuple(replace(f, evidence={**f.evidence, **said}) for f in answer.found))
 
@@ -176,7 +176,7 @@ def removed(found: Tested) -> float:
     """
     if found.held_before is None or found.held_after is None:
         return 0.0
-    variance = found.answer.naming.ground.noise.variance
+    variance = found.answer.naming.ground.variance
     before, after = (float(np.sum(_excess(held.residuals, variance))) for held in (found.held_before, found.held_after))
     return 1.0 - max(after, 0.0) / before if before > 0.0 else 0.0
 

@@ -86,6 +86,13 @@ def points(
         yield data
     yield from _taken_out(d)
     yield from _joined(d)
+    yield from (
+        sentence(
+            f"the record of {n.name} is noisy, by {with_unit(n.sd, n.unit)} (standard deviation): the readings follow "
+            "it better without that, so it was taken off"
+        )
+        for n in d.noisy
+    )
     if len(d.tracks) == 1:
         yield sentence(
             f"only {d.tracks[0].name} was learnt from: whether sizes and parameters are the same in other recordings "

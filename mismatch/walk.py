@@ -31,8 +31,8 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     asked_of = tested(answer, fit, seen.floor)
     answer, held = asked_of.answer, asked_of.held
     found = proved(asked_of, decided(answer, rule), fit, seen.floor)
-    before, noise = Fit(fit.problem, fit.z), answer.naming.ground.noise
-    tests = residual_tests(tracks, before.residuals, noise, seen.floor, simulator)
+    before = Fit(fit.problem, fit.z)
+    tests = residual_tests(tracks, before.residuals, answer.naming.ground, seen.floor, simulator)
     progress("prove", 1.0)
     return Diagnosis(
         simulator=simulator,
@@ -40,6 +40,7 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         tracks=tracks,
         held=held,
         joined=seen.joined,
+        noisy=fit.noisy,
         floor=seen.floor,
         stuck=[*fit.stuck, *asked_of.stuck],
         rounded=fit.rounded,

@@ -174,10 +174,16 @@ class Course:
         Args:
             theta: (n_theta,) the parameters after the step, each in its unit.
         """
-        u = self.machine.driven(replace(self.setting, theta=theta), blocks=True).u
-        return self._difference(
-            self._acting(self.setting.theta, np.ascontiguousarray(u), self.middles), self._base, step, -np.inf
-        )
+        return self.of_inputs(self.machine.driven(replace(self.setting, theta=theta), blocks=True).u, step)
+
+    def of_inputs(self, u: Array, step: float = 1.0) -> Acts:
+        """What other inputs do, per unit of a step; one change.
+
+        Args:
+            u: (S, nu) the inputs after the step, in their units.
+        """
+        ahead = self._acting(self.setting.theta, np.ascontiguousarray(u), self.middles)
+        return self._difference(ahead, self._base, step, -np.inf)
 
     def late(self, since_s: float) -> Array:
         """(S,) the share of each stretch from a time on."""

@@ -15,6 +15,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
+from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, eliminated, factored, learn
 from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.view import View, prior_mean
@@ -89,6 +90,8 @@ class Ground:
         s: (P,) its size at each with nothing named, per cent of what is common there.
         kept: per port, its position among the discrepancy's and the combinations (R, k) of its R functions that the
             columns are of, dimensionless.
+        inputs: per recording, the noise of its measured inputs; empty if none is declared.
+        moved: per recording, what that does to the readings, (B, ny, N) in the outputs' units; empty likewise.
     """
 
     noise: SensorNoise
@@ -101,6 +104,8 @@ class Ground:
     s: Array
     discrepancy: Discrepancy
     kept: tuple[tuple[int, Array], ...]
+    inputs: tuple[InputNoise, ...] = ()
+    moved: tuple[Array, ...] = ()
 
     @classmethod
     def learnt(cls, view: View, discrepancy: Discrepancy, floor: Array) -> Ground:
@@ -110,16 +115,17 @@ class Ground:
             floor: (ny,) noise of block means by their second differences, in the outputs' units.
         """
         own, levels = view.unknowns(), tuple(t.level for t in view.problem.tracks)
-        every = list(range(len(discrepancy.ports)))
+        every, sds = list(range(len(discrepancy.ports))), view.problem.machine.input_sds
         whole, all_of_it = view.of_discrepancy(discrepancy, every), np.eye(len(discrepancy.points))
+        moved = parallel([lambda c=c: moved_by(c, sds) for c in view.courses]) if sds.any() else []
         first = SensorNoise.first_guess(floor)
-        made = cls._whitened(first, levels, whole, view, [(p, all_of_it) for p in every], discrepancy)
+        made = cls._whitened(first, levels, moved, whole, view, [(p, all_of_it) for p in every], discrepancy)
         made = made._without_the_unseen(view, own)
         rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
             left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
-            made = replace(cls._whitened(noise, levels, made.whole, view, made.kept, discrepancy), s=s)
+            made = replace(cls._whitened(noise, levels, moved, made.whole, view, made.kept, discrepancy), s=s)
         return made
 
     @classmethod
@@ -127,20 +133,33 @@ class Ground:
         cls,
         noise: SensorNoise,
         levels: tuple[Array | float, ...],
+        moved: Sequence[Array],
         whole: Sequence[Array],
         view: View,
         kept: Sequence[tuple[int, Array]],
         discrepancy: Discrepancy,
     ) -> Ground:
-        def white(r: int) -> Array:
-            both = np.concatenate((whole[r], view.residuals[r][:, :, None]), axis=2)
-            return noise.whitened(both, levels[r]).reshape(-1, both.shape[2])[:, :-1].copy()
+        def by_sensors(r: int, columns: Array) -> Array:
+            return _by_sensors(noise, levels[r], columns, view.residuals[r])[:, :-1].copy()
 
-        found = parallel([lambda r=r: white(r) for r in range(len(whole))])
+        every = range(len(whole))
+        inputs = parallel([lambda r=r: InputNoise.of(by_sensors(r, moved[r])) for r in every]) if moved else []
+        found = parallel([lambda r=r: by_sensors(r, whole[r]) for r in every])
+        if inputs:
+            found = [one.whitened(white) for one, white in zip(inputs, found, strict=True)]
         FF = np.array([w.T @ w for w in found])
         group = np.repeat(np.arange(len(kept)), [turn.shape[1] for _, turn in kept])
         ports, first = tuple(discrepancy.ports[p] for p, _ in kept), np.full(len(kept), FIRST_PCT)
-        return cls(noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy, tuple(kept))
+        return cls(
+            noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy, tuple(kept),
+            tuple(inputs), tuple(moved),
+        )  # fmt: skip
+
+    @property
+    def variance(self) -> Array:
+        """(ny,) of block means by the noise of sensors and measured inputs, in the outputs' units squared."""
+        by_inputs = [np.square(m).sum(axis=2).mean(axis=0) for m in self.moved]
+        return self.noise.variance + (np.mean(by_inputs, axis=0) if by_inputs else 0.0)
 
     @property
     def exact(self) -> Ground:
@@ -164,16 +183,27 @@ class Ground:
         s = learn(inner.G, inner.b, self.group, self.s).s
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
         whole: list[list[Array]] = [[] for _ in self.whole]
+        white: list[list[Array]] = [[] for _ in self.white]
         kept = []
         for p in there:
             mine = self.group == p
             seen, turn = np.linalg.eigh(inner.G[np.ix_(mine, mine)])
             turn = turn[:, seen * (3.0 * max(s[p], DISCREPANCY_PCT)) ** 2 > UNSEEN]
             kept.append((p, turn))
-            for own_columns, columns in zip(whole, self.whole, strict=True):
-                own_columns.append(columns[:, :, mine] @ turn)
-        joined = [np.concatenate(columns, axis=2) for columns in whole]
-        return replace(self._whitened(self.noise, self.levels, joined, view, kept, self.discrepancy), s=s[there])
+            for r, (columns, whitened) in enumerate(zip(self.whole, self.white, strict=True)):
+                whole[r].append(columns[:, :, mine] @ turn)
+                white[r].append(whitened[:, mine] @ turn)
+        joined = [np.concatenate(columns, axis=1) for columns in white]
+        return replace(
+            self,
+            whole=tuple(np.concatenate(columns, axis=2) for columns in whole),
+            white=tuple(joined),
+            FF=np.array([w.T @ w for w in joined]),
+            group=np.repeat(np.arange(len(kept)), [turn.shape[1] for _, turn in kept]),
+            ports=tuple(self.discrepancy.ports[p] for p in there),
+            s=s[there],
+            kept=tuple(kept),
+        )
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
@@ -190,6 +220,9 @@ class Ground:
             residual - np.nan_to_num(np.concatenate((j, f), axis=2)) @ weights
             for residual, j, f in zip(view.residuals, own, self.whole, strict=True)
         ]
+        for r, (inputs, moved) in enumerate(zip(self.inputs, self.moved, strict=True)):
+            white = _by_sensors(self.noise, self.levels[r], np.empty((*left[r].shape, 0)), left[r])[:, 0]
+            left[r] = left[r] - moved @ inputs.drawn(white, rng)
         return left, s
 
     def precision(self, s: Array) -> Array:
@@ -207,8 +240,8 @@ class Ground:
             columns: (B, ny, K) in the outputs' units.
             residuals: (B, ny) in the outputs' units.
         """
-        both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
-        return self.noise.whitened(both, self.levels[r]).reshape(-1, both.shape[2])
+        white = _by_sensors(self.noise, self.levels[r], columns, residuals)
+        return self.inputs[r].whitened(white) if self.inputs else white
 
     def products(self, view: View, columns: Sequence[Array]) -> Products:
         """Products of columns, then the discrepancy's, with each other and with the residuals.
@@ -224,3 +257,9 @@ class Ground:
         found = parallel([lambda r=r: of(r) for r in range(len(columns))])
         own, cross = (np.array(part) for part in zip(*found, strict=True))
         return Products(own, cross, self.FF)
+
+
+def _by_sensors(noise: SensorNoise, level: Array | float, columns: Array, residuals: Array) -> Array:
+    """Columns and last the residuals, in sds of the sensors' noise, (B ny, K + 1)."""
+    both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
+    return noise.whitened(both, level).reshape(-1, both.shape[2])

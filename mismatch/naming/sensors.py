@@ -62,6 +62,19 @@ class SensorNoise(NamedTuple):
             out[:, c] = part
         return out
 
+    def log(self, series: Sequence[Array]) -> float:
+        """Nats of what a fit leaves, constants apart.
+
+        Args:
+            series: that, (B, ny) per recording, in the outputs' units; NaN where nothing was read.
+        """
+        keeps = np.exp(-1.0 / self.memory)
+        return -sum(
+            _surprise(np.ascontiguousarray(s[:, c : c + 1]), self.white[c], self.coloured[c], keeps[c])
+            for s in series
+            for c in range(len(keeps))
+        )
+
     def learnt(self, series: Sequence[Array], floor: Array) -> SensorNoise:
         """Maximum likelihood on what a fit leaves.
 

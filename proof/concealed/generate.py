@@ -32,6 +32,10 @@ CELLS = (
 )  # fmt: skip
 BACKGROUND_PCT = ((0.0, 0.2, 1.0), (0.4, 0.4, 0.2))
 """Ripple of the main flow map that no catalogue has, in per cent; how often each is drawn."""
+NOISY_INPUT = 0.5, (0.003, 0.05)
+"""Share of the sound machines of which an input is recorded with noise; the range of that noise, as a share of how far
+the input moves (sd). Real inputs are measured. Elsewhere inputs are recorded nearly as they are: the ideal observer
+knows them."""
 PAUSE_S = 600.0
 MEANS_IT = 0.9
 """A case whose effect cannot reach this share of its severity carries the severity that it has."""
@@ -95,7 +99,11 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
     effects = [known[name] for name in item.effects]
     onset_s = np.inf if not effects else _onset(takes, rng) if item.cell == "onset" else -np.inf
     plan, found = _scaled(machine, item, effects, takes, p, onset_s)
+    noisy = {} if effects else _noisy_input(machine, takes, stream(seed, "noisy input", item.case, item.machine))
     tables, floor = _recorded(machine, plan, rng)
+    for table in tables.values():
+        for name, sd in noisy.items():
+            table[name] += sd * rng.standard_normal(len(table))
     reached = [f["severity"] for f in found]
     severity = item.severity if min(reached, default=1.0) >= MEANS_IT * item.severity else min(reached)
     # Not only its name is left out, but all that nobody could tell from it: what is then named is wrong indeed.
@@ -124,6 +132,7 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
         "onset_s": onset_s if np.isfinite(onset_s) else None,
         "calibrated": list(machine.calibrate),
         "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.parameters.before, strict=True)},
+        "noisy_input": noisy,
         "outputs": list(machine.outputs),
         "held_out_floor": floor,
     }
@@ -177,6 +186,15 @@ def _takes(machine: Machine, regime: str, rng: np.random.Generator) -> tuple[Tak
             takes.append(Take(f"{part}_{i + 1}", clock, machine.operate(rng, seconds, regime or part)))
             clock += seconds + PAUSE_S
     return tuple(takes)
+
+
+def _noisy_input(machine: Machine, takes: Sequence[Take], rng: np.random.Generator) -> dict[str, float]:
+    """The noise that one of the inputs that move is recorded with, sd in its unit, by its name; in some cases none."""
+    share, (least, most) = NOISY_INPUT
+    moves = np.concatenate([take.u for take in takes]).std(axis=0)
+    column = int(rng.choice(np.flatnonzero(moves > 0.0)))
+    sd = float(moves[column] * np.exp(rng.uniform(np.log(least), np.log(most))))
+    return {machine.inputs[column]: sd} if rng.random() < share else {}
 
 
 def _onset(takes: Sequence[Take], rng: np.random.Generator) -> float:

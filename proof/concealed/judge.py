@@ -15,10 +15,11 @@ COLUMNS = (
     "case", "seed", "machine", "kind", "cell", "severity", "background_pct", "truth", "class", "D0_sq", "Dk_sq",
     "detectable", "verdict", "named", "set", "probability", "outcome", "ports", "gain", "size_error_pct",
     "size_covered", "parameters_covered", "engine", "seconds", "onset_error_s", "port_truth", "ideal_name",
-    "ideal_class", "inexact",
+    "ideal_class", "inexact", "noisy_input",
 )  # fmt: skip
 """In ``truth``, ``class`` and ``port_truth`` effects are joined by ``+``, what is the same for one of them by ``|``.
 ``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``.
+``noisy_input`` is the input that is recorded with noise, if one is.
 ``inexact`` holds where the equations are said to be inexact, joined by ``|``: a place, if no finding is one.
 ``probability`` holds what the verdict states for each of them, in their order: single names, then sets."""
 PORTS = 2
@@ -60,6 +61,7 @@ def score(
         "case": truth["case"],
         "seed": seed,
         **{key: truth[key] for key in ("machine", "kind", "cell", "severity", "background_pct")},
+        "noisy_input": "+".join(truth["noisy_input"]),
         "truth": "+".join(e["name"] for e in effects),
         "class": "+".join("|".join(e["class"]) for e in effects),
         **{key: _known(truth[key]) for key in ("D0_sq", "Dk_sq", "detectable", "ideal_name", "ideal_class")},

@@ -29,8 +29,8 @@ from twinbench.mismatch.verdict import conclude
 FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "hypotheses"}
 NUMBER = (int, float)
 VERDICT = [
-    "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "spikes", "weighed", "unnamed",
-    "inexact", "unfollowed", "held_out", "self_check", "more_data",
+    "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "noisy_inputs", "spikes", "weighed",
+    "unnamed", "inexact", "unfollowed", "held_out", "self_check", "more_data",
 ]  # fmt: skip
 NULL = type(None)
 FINDING = {

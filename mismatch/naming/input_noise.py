@@ -1,0 +1,77 @@
+"""The noise of measured inputs: the machine got other inputs than were recorded, by what a user says.
+
+What the noise of each stretch does to the readings is linear algebra along the run. So the readings' covariance is that
+of the sensors plus that of the inputs, and both are whitened together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from twinbench.mismatch.naming.course import Course, together
+from twinbench.physics.simulator import Array
+
+
+class InputNoise(NamedTuple):
+    """Of one recording, after the sensors' noise was whitened.
+
+    Attributes:
+        moves: (B * ny, N) what the noise of N stretches does to the readings, dimensionless: in sds of the sensors'
+            noise per sd.
+        root: (N, N) dimensionless, the lower Cholesky factor L of its posterior precision, I + moves' moves.
+    """
+
+    moves: Array
+    root: Array
+
+    @classmethod
+    def of(cls, moves: Array) -> InputNoise:
+        """From what it does to the readings.
+
+        Args:
+            moves: (B * ny, N) dimensionless, in sds of the sensors' noise per sd.
+        """
+        return cls(moves, np.asarray(cholesky(np.eye(moves.shape[1]) + moves.T @ moves, lower=True)))
+
+    def whitened(self, white: Array) -> Array:
+        """Columns (B * ny, K) in sds of the noise of sensors and inputs.
+
+        By ``I - moves L^-T (I + L)^-1 moves'``, a root of the inverse covariance: all scalar products are right.
+
+        Args:
+            white: (B * ny, K) dimensionless, in sds of the sensors' noise.
+        """
+        along = solve_triangular(self.root, self.moves.T @ white, lower=True)
+        along = solve_triangular(self.root + np.eye(len(self.root)), along, lower=True, trans=1)
+        return np.asarray(white - self.moves @ along)
+
+    def drawn(self, white: Array, rng: np.random.Generator) -> Array:
+        """A draw of the stretches' noise, (N,) in sds of it, given what a fit leaves of the readings.
+
+        Args:
+            white: (B * ny,) that, dimensionless, in sds of the sensors' noise.
+        """
+        along = solve_triangular(self.root, self.moves.T @ white, lower=True) + rng.normal(size=len(self.root))
+        return np.asarray(solve_triangular(self.root, along, lower=True, trans=1))
+
+
+def moved_by(course: Course, sds: Array) -> Array:
+    """(B, ny, N) what the noise of each stretch and input does to the readings, in the outputs' units per sd of it.
+
+    Args:
+        sds: (nu,) standard deviation of a sample of each input, in its unit; 0 where it is set and not measured.
+    """
+    if not sds.any():
+        return np.zeros((len(course.track.starts), course.sizes[2], 0))
+    # A stretch's input is the mean over its samples, whose noise is independent.
+    period_s = float(np.median(np.diff(course.track.time_s)))
+    shares = np.sqrt(np.minimum(1.0, period_s / np.maximum(course.grid.seconds, period_s)))
+    acts = []
+    for i in np.flatnonzero(sds):
+        u = course.u.copy()
+        u[:, i] += sds[i]
+        acts.append(course.of_inputs(u).times(np.diag(shares)))
+    return course.columns(together(acts))

@@ -1,0 +1,122 @@
+"""Inputs whose records are noisy: what drives the machine is steadier than they say, and the readings show it.
+
+A machine that is driven by a noisy record seems to have play at that input, which takes the noise away. So the noise
+has to go before anything is named. What is taken away has to be white and Gaussian, and the readings have to be plainly
+likelier without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import kurtosis
+
+from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.naming.sensors import SensorNoise
+from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.series import steadied
+from twinbench.mismatch.solve import NEARLY, solve
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
+
+STEADY_FOR = (16, 8, 4, 2)
+"""Samples over which an input may go on steadily while its record scatters, the most first. What changes faster than
+the least cannot be told from noise."""
+WHITE = 0.2
+"""Correlation, from each of three samples to the next, up to which what is taken away is white."""
+HEAVY_TAILED = 3.0
+"""Excess kurtosis from which what is taken away is no noise: steps have more by far."""
+PLAINLY = 10.0
+"""Nats that the readings must be likelier by."""
+JACOBIANS = 4
+"""Of a fit to recordings without the noise, from where it was with it. What other numbers change was not measured."""
+
+
+class NoisyInput(NamedTuple):
+    """An input, its noise, and what says so.
+
+    Attributes:
+        column: its position among the inputs.
+        sd: of a sample, in the input's unit.
+        steady_for: samples over which it is steady.
+        nats: by which the readings are likelier without the noise of this input.
+    """
+
+    name: str
+    unit: str
+    column: int
+    sd: float
+    steady_for: int
+    nats: float
+
+    def off(self, track: Track) -> Track:
+        """A recording without this noise."""
+        u = track.u.copy()
+        u[:, self.column] = _without(np.ascontiguousarray(u[:, self.column]), self.sd, self.steady_for)
+        return replace(track, u=u)
+
+
+def noisy_inputs(problem: Problem, z: Array, told: Array) -> tuple[NoisyInput, ...]:
+    """Those whose noise the readings plainly want taken away, in a calibrated simulator.
+
+    Args:
+        z: (K,) where the problem's unknowns stand, each in its own unit.
+        told: (nu,) standard deviation of a sample of each input, in its unit, where a user told it; else 0.
+    """
+    found = []
+    for c, v in enumerate(problem.machine.simulator.inputs):
+        noise = _noise([np.ascontiguousarray(t.u[:, c]) for t in problem.tracks], float(told[c]))
+        if noise is not None:
+            found.append(NoisyInput(v.name, v.unit, c, *noise, 0.0))
+    if not found:
+        return ()
+    recorded, steady = _log(problem, z), _log_without(problem, z, found)
+    if steady < recorded + PLAINLY:
+        return ()
+    for one in list(found):
+        rest = [o for o in found if o is not one]
+        nats = steady - (_log_without(problem, z, rest) if rest else recorded)
+        if nats < PLAINLY:
+            found = rest
+        else:
+            found[found.index(one)] = one._replace(nats=nats)
+    return tuple(found)
+
+
+def _noise(series: Sequence[Array], told: float) -> tuple[float, int] | None:
+    """Standard deviation of a record's noise, and over how many samples it is steady; None if there is none."""
+    sd = told or float(noise_floor([u[:, None] for u in series])[0])
+    if sd > 0.0:
+        for steady_for in STEADY_FOR:
+            off = np.concatenate([u - _without(u, sd, steady_for) for u in series])
+            if np.std(off) > 0.0 and _is_noise(off):
+                return sd, steady_for
+    return None
+
+
+def _is_noise(off: Array) -> bool:
+    off = (off - off.mean()) / off.std()
+    memory = max(abs(float(np.mean(off[k:] * off[:-k]))) for k in (1, 2, 3))
+    return memory < WHITE and float(kurtosis(off)) < HEAVY_TAILED
+
+
+def _without(u: Array, sd: float, steady_for: int) -> Array:
+    """A record (N,) less its noise, in two passes: what the first leaves is half as much and lasts twice as long."""
+    return steadied(steadied(u, sd, 0.5 * steady_for), 0.5 * sd, float(steady_for))
+
+
+def _log_without(problem: Problem, z: Array, noisy: Sequence[NoisyInput]) -> float:
+    tracks = list(problem.tracks)
+    for one in noisy:
+        tracks = [one.off(t) for t in tracks]
+    changed = replace(problem, tracks=tracks, offsets=()).refined(z)
+    return _log(changed, solve(changed, z, JACOBIANS, share=NEARLY)[0])
+
+
+def _log(problem: Problem, z: Array) -> float:
+    """Nats of the readings under the likeliest noise of the sensors, constants apart."""
+    residuals, floor = problem.residuals(z), problem.sd
+    return SensorNoise.first_guess(floor).learnt(residuals, floor).log(residuals)
