@@ -183,27 +183,17 @@ class Ground:
         s = learn(inner.G, inner.b, self.group, self.s).s
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
         whole: list[list[Array]] = [[] for _ in self.whole]
-        white: list[list[Array]] = [[] for _ in self.white]
         kept = []
         for p in there:
             mine = self.group == p
             seen, turn = np.linalg.eigh(inner.G[np.ix_(mine, mine)])
             turn = turn[:, seen * (3.0 * max(s[p], DISCREPANCY_PCT)) ** 2 > UNSEEN]
             kept.append((p, turn))
-            for r, (columns, whitened) in enumerate(zip(self.whole, self.white, strict=True)):
-                whole[r].append(columns[:, :, mine] @ turn)
-                white[r].append(whitened[:, mine] @ turn)
-        joined = [np.concatenate(columns, axis=1) for columns in white]
-        return replace(
-            self,
-            whole=tuple(np.concatenate(columns, axis=2) for columns in whole),
-            white=tuple(joined),
-            FF=np.array([w.T @ w for w in joined]),
-            group=np.repeat(np.arange(len(kept)), [turn.shape[1] for _, turn in kept]),
-            ports=tuple(self.discrepancy.ports[p] for p in there),
-            s=s[there],
-            kept=tuple(kept),
-        )
+            for own_columns, columns in zip(whole, self.whole, strict=True):
+                own_columns.append(columns[:, :, mine] @ turn)
+        joined = [np.concatenate(columns, axis=2) for columns in whole]
+        made = self._whitened(self.noise, self.levels, self.moved, joined, view, kept, self.discrepancy)
+        return replace(made, s=s[there])
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
