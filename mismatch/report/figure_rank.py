@@ -54,10 +54,10 @@ def evidence(d: Diagnosis) -> Figure:
     # What is less likely than nothing has no bar: one to the left would say no more.
     gains = [max(h.gain, 0.0) for h in ranked]
     places = _bars(axes, labels([h.names for h in ranked]), gains, [h.standing for h in ranked])
-    for y, h in zip(places, ranked, strict=True):
-        _label(axes, y, max(h.gain, 0.0), number(h.gain))
+    for y, gain, text in zip(places, gains, _gains([h.gain for h in ranked]), strict=True):
+        _label(axes, y, gain, text)
     axes.axvline(max(gains) - PLAIN, color=MUTED, linewidth=0.8, linestyle=":")
-    axes.set_xlim(0.0, 1.18 * max(*gains, PLAIN))
+    axes.set_xlim(0.0, 1.25 * max(*gains, PLAIN))
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:,.10g}"))
     axes.set_xlabel("evidence over nothing, nats")
@@ -80,6 +80,11 @@ def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], looks: Sequ
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
     return places
+
+
+def _gains(gains: Sequence[float]) -> list[str]:
+    """What the likeliest gains, and by how much the others lie behind it: large numbers that differ little read alike."""
+    return [number(gains[0]), *(f"{number(gains[0] - gain)} behind" for gain in gains[1:])]
 
 
 def _label(axes: Axes, y: float, x: float, text: str) -> None:

@@ -18,7 +18,7 @@ from helpers.oven import LOSS, OVEN, loss_found, oven_diagnosed, page, write
 from twinbench.mismatch import Verdict
 from twinbench.mismatch.began import Onset
 from twinbench.mismatch.report import write as mismatch_report
-from twinbench.mismatch.report.figure_rank import labels
+from twinbench.mismatch.report.figure_rank import evidence, labels
 from twinbench.mismatch.report.figure_where import equally_full, regime_bounds
 from twinbench.mismatch.report.figures import draw
 from twinbench.mismatch.report.hypotheses import CHOSEN, REFUSED, hypotheses
@@ -84,6 +84,13 @@ def holds(record: dict[str, Any], schema: dict[str, Any]) -> None:
     assert list(record) == list(schema)
     for key, kinds in schema.items():
         assert isinstance(record[key], kinds), key
+
+
+def test_bars_of_hypotheses_say_how_far_behind_the_likeliest_they_are(named: Verdict) -> None:
+    first, *others = [text.get_text() for text in evidence(named.diagnosis).axes[0].texts]
+    assert float(first.replace(",", "")) > 0.0
+    assert others
+    assert all(text.endswith(" behind") for text in others)
 
 
 @pytest.mark.parametrize("which", ["named", "abstaining", "consistent"])
