@@ -13,7 +13,7 @@ from twinbench.mismatch.naming.answer import Answer
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.naming.selfcheck import SelfCheck
 from twinbench.mismatch.naming.settle import Settled
-from twinbench.mismatch.noisy_inputs import NoisyInput
+from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.proof import Held, Worse
 from twinbench.mismatch.residual_tests import Test
 from twinbench.mismatch.spikes import Spike
@@ -48,7 +48,7 @@ class Diagnosis:
     Attributes:
         floor: (ny,) noise of block means, in the outputs' units.
         joined: how inputs go between samples.
-        noisy: inputs whose records are noisy; ``tracks`` and ``held`` are without that noise.
+        noisy: inputs whose records are noisy or have spikes; ``tracks`` and ``held`` are without these.
         stuck: sensors that stand still; ``tracks`` and ``held`` are without their readings.
         rounded: faults of sensors that move in steps; both fits have them.
         spikes: readings that were taken out, of all recordings.
@@ -70,7 +70,7 @@ class Diagnosis:
     tracks: list[Track]
     held: list[Track]
     joined: Joined
-    noisy: tuple[NoisyInput, ...]
+    noisy: tuple[SpikyInput | NoisyInput, ...]
     floor: Array
     stuck: list[Stuck]
     rounded: list[Series]

@@ -1,4 +1,4 @@
-"""Inputs whose records are noisy: what drives the machine is steadier than they say, and the readings show it.
+"""Inputs whose records are noisy or have spikes: the machine is driven by something steadier, and the readings show it.
 
 A machine that is driven by a noisy record seems to have play at that input, which takes the noise away. So the noise
 has to go before anything is named. What is taken away has to be white and Gaussian, and the readings have to be plainly
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.stats import kurtosis
@@ -19,6 +19,7 @@ from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.series import steadied
 from twinbench.mismatch.solve import NEARLY, solve
+from twinbench.mismatch.spikes import find_spikes
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
@@ -53,37 +54,73 @@ class NoisyInput(NamedTuple):
     nats: float
 
     def off(self, track: Track) -> Track:
-        """A recording without this noise."""
+        """A recording without the noise."""
         u = track.u.copy()
         u[:, self.column] = _without(np.ascontiguousarray(u[:, self.column]), self.sd, self.steady_for)
         return replace(track, u=u)
 
 
-def noisy_inputs(problem: Problem, z: Array, told: Array) -> tuple[NoisyInput, ...]:
-    """Those whose noise the readings plainly want taken away, in a calibrated simulator.
+class SpikyInput(NamedTuple):
+    """An input of which single values jump away and return, and what says that the machine did not get them.
+
+    Attributes:
+        column: its position among the inputs.
+        many: values in all recordings.
+        nats: by which the readings are likelier without them.
+    """
+
+    name: str
+    column: int
+    many: int
+    nats: float
+
+    def off(self, track: Track) -> Track:
+        """A recording in which the value before holds on instead."""
+        u = track.u.copy()
+        spikes = find_spikes(u[:, self.column])
+        u[spikes, self.column] = u[spikes - 1, self.column]
+        return replace(track, u=u)
+
+
+_Either = TypeVar("_Either", SpikyInput, NoisyInput)
+
+
+def find_noisy_inputs(problem: Problem, z: Array, told: Array) -> tuple[SpikyInput | NoisyInput, ...]:
+    """What the readings plainly want taken off the inputs' records, in a calibrated simulator: spikes, then noise.
 
     Args:
         z: (K,) where the problem's unknowns stand, each in its own unit.
         told: (nu,) standard deviation of a sample of each input, in its unit, where a user told it; else 0.
     """
-    found = []
-    for c, v in enumerate(problem.machine.simulator.inputs):
+    inputs = problem.machine.simulator.inputs
+    spiky: list[SpikyInput] = []
+    noisy: list[NoisyInput] = []
+    for c, v in enumerate(inputs):
+        many = sum(len(find_spikes(t.u[:, c])) for t in problem.tracks)
+        spiky += [SpikyInput(v.name, c, many, 0.0)] if many else []
+    spiky = _wanted(problem, z, spiky)
+    problem = _without_all(problem, z, spiky)
+    for c, v in enumerate(inputs):
         noise = _noise([np.ascontiguousarray(t.u[:, c]) for t in problem.tracks], float(told[c]))
-        if noise is not None:
-            found.append(NoisyInput(v.name, v.unit, c, *noise, 0.0))
+        noisy += [NoisyInput(v.name, v.unit, c, *noise, 0.0)] if noise is not None else []
+    return (*spiky, *_wanted(problem, z, noisy))
+
+
+def _wanted(problem: Problem, z: Array, found: list[_Either]) -> list[_Either]:
+    """Those of which each makes the readings plainly likelier beside the others."""
     if not found:
-        return ()
-    recorded, steady = _log(problem, z), _log_without(problem, z, found)
-    if steady < recorded + PLAINLY:
-        return ()
+        return []
+    recorded, best = _log(problem, z), _log_without(problem, z, found)
+    if best < recorded + PLAINLY:
+        return []
     for one in list(found):
         rest = [o for o in found if o is not one]
-        nats = steady - (_log_without(problem, z, rest) if rest else recorded)
-        if nats < PLAINLY:
-            found = rest
+        beside = _log_without(problem, z, rest) if rest else recorded
+        if best < beside + PLAINLY:
+            found, best = rest, beside
         else:
-            found[found.index(one)] = one._replace(nats=nats)
-    return tuple(found)
+            found = [o._replace(nats=best - beside) if o is one else o for o in found]
+    return found
 
 
 def _noise(series: Sequence[Array], told: float) -> tuple[float, int] | None:
@@ -108,11 +145,15 @@ def _without(u: Array, sd: float, steady_for: int) -> Array:
     return steadied(steadied(u, sd, 0.5 * steady_for), 0.5 * sd, float(steady_for))
 
 
-def _log_without(problem: Problem, z: Array, noisy: Sequence[NoisyInput]) -> float:
+def _without_all(problem: Problem, z: Array, found: Sequence[SpikyInput | NoisyInput]) -> Problem:
     tracks = list(problem.tracks)
-    for one in noisy:
+    for one in found:
         tracks = [one.off(t) for t in tracks]
-    changed = replace(problem, tracks=tracks, offsets=()).refined(z)
+    return replace(problem, tracks=tracks, offsets=()).refined(z) if found else problem
+
+
+def _log_without(problem: Problem, z: Array, found: Sequence[SpikyInput | NoisyInput]) -> float:
+    changed = _without_all(problem, z, found)
     return _log(changed, solve(changed, z, JACOBIANS, share=NEARLY)[0])
 
 

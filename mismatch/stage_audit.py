@@ -17,6 +17,7 @@ from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.rounded import ROUNDS
 from twinbench.mismatch.stuck import STANDS_STILL
 from twinbench.mismatch.tracks import Track, prepare
+from twinbench.mismatch.unbroken import unbroken
 from twinbench.physics.simulator import Array, Mechanism
 
 SHORTEST_BLOCKS = 30
@@ -35,7 +36,7 @@ class Audited:
         floor: (ny,) noise of block means, in the outputs' units.
         period_s: median time between samples.
         joined: how inputs go between samples.
-        coarse: a remark if the machine could not be integrated finely enough; else empty.
+        remarks: where recordings were cut, and if the machine could not be integrated finely enough.
         may_round: positions of the outputs whose sensors may move in steps.
     """
 
@@ -45,7 +46,7 @@ class Audited:
     floor: Array
     period_s: float
     joined: Joined
-    coarse: str
+    remarks: tuple[str, ...]
     may_round: tuple[int, ...]
 
 
@@ -63,7 +64,9 @@ def audited(asked: Asked, progress: Progress) -> Audited:
     machine = _machine(asked, listed)
     names = {m.name for m in listed} - {m.name for m in asked.faults}
     may_round = tuple(c for c, v in enumerate(simulator.outputs) if f"{ROUNDS}{v.name}" in names)
-    tracks, held = prepare(recordings, simulator), prepare(hold_out, simulator)
+    cut = [[unbroken(r, simulator) for r in some] for some in (recordings, hold_out)]
+    tracks, held = (prepare([part for parts, _ in some for part in parts], simulator) for some in cut)
+    remarks = [remark for some in cut for _, remark in some]
     machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
     _check_length([*tracks, *held])
     progress("audit", 0.3)
@@ -80,7 +83,8 @@ def audited(asked: Asked, progress: Progress) -> Audited:
     except ValueError as error:
         raise BadInput(str(error)) from error
     progress("audit", 1.0)
-    return Audited(machine, tracks, held, floor, period_s, joined, coarse, may_round)
+    said = tuple(remark for remark in (*remarks, coarse) if remark)
+    return Audited(machine, tracks, held, floor, period_s, joined, said, may_round)
 
 
 def _listed(asked: Asked, period_s: float) -> tuple[Mechanism, ...]:

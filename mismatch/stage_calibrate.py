@@ -9,7 +9,7 @@ from twinbench.mismatch.asked import Progress
 from twinbench.mismatch.calibrate import calibrated, own_unknowns
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown
-from twinbench.mismatch.noisy_inputs import NoisyInput, noisy_inputs
+from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput, find_noisy_inputs
 from twinbench.mismatch.proof import Held, held_out
 from twinbench.mismatch.rounded import ROUNDS, find_rounded
 from twinbench.mismatch.stage_audit import Audited
@@ -31,7 +31,7 @@ class Calibration:
         held_first: how the calibrated simulator does on the held-out recordings; None without any.
         stuck: the sensors that stand still in the recordings that are learnt from.
         rounded: the faults of sensors that move in steps; the machine has them now.
-        noisy: the inputs whose records are noisy; all recordings are without that noise now.
+        noisy: the inputs whose records are noisy or have spikes; all recordings are without these now.
     """
 
     problem: Problem
@@ -43,7 +43,7 @@ class Calibration:
     held_first: Held | None
     stuck: list[Stuck]
     rounded: list[Series]
-    noisy: tuple[NoisyInput, ...]
+    noisy: tuple[SpikyInput | NoisyInput, ...]
 
 
 def calibration(audited: Audited, progress: Progress) -> Calibration:
@@ -59,11 +59,12 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
         tracks = followed
         problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 + 0.2 * share))
     held = audited.held
-    noisy = noisy_inputs(problem, z, machine.input_sds)
+    noisy = find_noisy_inputs(problem, z, machine.input_sds)
     if noisy:
         for one in noisy:
             tracks, held = ([one.off(t) for t in some] for some in (tracks, held))
-            machine.input_sds[one.column] = one.sd
+            if isinstance(one, NoisyInput):
+                machine.input_sds[one.column] = one.sd
         problem, z, cost = calibrated(machine, tracks, floor)
     stuck: list[Stuck] = []
     if found := find_stuck(tracks, problem.residuals(z), floor):

@@ -10,6 +10,7 @@ from twinbench.mismatch.errors import OutputError
 from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, acts_at, none_of_them, probable, variable_names
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.naming.answer import PLAIN, Unnamed
+from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
@@ -86,13 +87,7 @@ def points(
         yield data
     yield from _taken_out(d)
     yield from _joined(d)
-    yield from (
-        sentence(
-            f"the record of {n.name} is noisy, by {with_unit(n.sd, n.unit)} (standard deviation): the readings follow "
-            "it better without that, so it was taken off"
-        )
-        for n in d.noisy
-    )
+    yield from map(_noisy, d.noisy)
     if len(d.tracks) == 1:
         yield sentence(
             f"only {d.tracks[0].name} was learnt from: whether sizes and parameters are the same in other recordings "
@@ -282,6 +277,19 @@ def _joined(d: Diagnosis) -> Iterator[str]:
         )
     elif j.inputs == "linear":
         yield "The inputs are joined by lines between samples, as asked."
+
+
+def _noisy(n: SpikyInput | NoisyInput) -> str:
+    """What was taken off an input's record."""
+    if isinstance(n, SpikyInput):
+        return sentence(
+            f"{counted(n.many, 'value')} of {n.name} jumped away and back: the machine shows that it did not get them, "
+            "so they were taken off"
+        )
+    return sentence(
+        f"the record of {n.name} is noisy, by {with_unit(n.sd, n.unit)} (standard deviation): the machine shows that "
+        "it did not get the noise, so it was taken off"
+    )
 
 
 def _taken_out(d: Diagnosis) -> Iterator[str]:

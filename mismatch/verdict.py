@@ -64,7 +64,7 @@ class Verdict:
             },
             "fit": [e._asdict() for e in self.fit],
             "inputs": d.joined._asdict(),
-            "noisy_inputs": [{"input": n.name, "sd": n.sd, "unit": n.unit, "nats": n.nats} for n in d.noisy],
+            "noisy_inputs": [n._asdict() for n in d.noisy],
             "spikes": [
                 {"recording": s.recording, "channel": s.channel, "time_s": s.time_s, "value": s.value} for s in d.spikes
             ],

@@ -45,7 +45,7 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         stuck=[*fit.stuck, *asked_of.stuck],
         rounded=fit.rounded,
         spikes=tuple(s for t in (*tracks, *held) for s in t.spikes),
-        remarks=[*audit([*tracks, *held], simulator), *([seen.coarse] if seen.coarse else [])],
+        remarks=[*audit([*tracks, *held], simulator), *seen.remarks],
         before=before,
         tests=tests,
         answer=answer,

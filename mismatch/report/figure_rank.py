@@ -83,7 +83,7 @@ def _bars(axes: Axes, names: Sequence[str], values: Sequence[float], looks: Sequ
 
 
 def _gains(gains: Sequence[float]) -> list[str]:
-    """What the likeliest gains, and by how much the others lie behind it: large numbers that differ little read alike."""
+    """What the likeliest gains, and how far the others lie behind it: large numbers that differ little read alike."""
     return [number(gains[0]), *(f"{number(gains[0] - gain)} behind" for gain in gains[1:])]
 
 

@@ -19,7 +19,7 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.course import Course
 from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
-from twinbench.mismatch.noisy_inputs import noisy_inputs
+from twinbench.mismatch.noisy_inputs import find_noisy_inputs
 from twinbench.mismatch.series import steadied
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.simulator import Array
@@ -56,7 +56,7 @@ def test_a_healthy_machine_is_not_blamed_for_the_noise_of_an_inputs_record():
     assert verdict.verdict in ("consistent", "parameter change")
     assert any("the record of voltage_v is noisy" in p.lower() for p in verdict.points)
     (one,) = verdict.to_dict()["noisy_inputs"]
-    assert one["input"] == "voltage_V"
+    assert one["name"] == "voltage_V"
     assert one["sd"] == pytest.approx(SD_V, rel=0.1)
 
 
@@ -98,12 +98,12 @@ def driven(asked: Recording, voltage_V: Array, seed: int) -> Recording:
 
 
 def test_an_exact_record_is_left_as_it_is():
-    assert noisy_inputs(*fitted([record("run", 5)]), NOTHING_TOLD) == ()
+    assert find_noisy_inputs(*fitted([record("run", 5)]), NOTHING_TOLD) == ()
 
 
 def test_noise_that_is_told_is_taken_as_told():
     told = np.array([2.5, 0.0])
-    (found,) = noisy_inputs(*fitted([noisy(record("run", 5), 6)]), told)
+    (found,) = find_noisy_inputs(*fitted([noisy(record("run", 5), 6)]), told)
     assert (found.name, found.sd) == ("voltage_V", 2.5)
 
 
@@ -121,7 +121,27 @@ def test_noise_that_is_told_widens_what_is_said_of_the_parameters():
 def test_what_really_shakes_the_machine_is_no_noise():
     """The same shaking, but the motor feels it."""
     asked = noisy(record("run", 6), 7, sd_V=10.0)
-    assert noisy_inputs(*fitted([driven(asked, asked.values[:, VOLTAGE], 8)]), NOTHING_TOLD) == ()
+    assert find_noisy_inputs(*fitted([driven(asked, asked.values[:, VOLTAGE], 8)]), NOTHING_TOLD) == ()
+
+
+def test_spikes_that_the_machine_did_not_get_are_taken_off():
+    recording = record("run", 5)
+    values, at = recording.values.copy(), np.array([100, 300, 700, 1100])
+    values[at, VOLTAGE] += 150.0
+    spiky = replace(recording, values=values)
+    problem, z = fitted([spiky])
+    (found,) = find_noisy_inputs(problem, z, NOTHING_TOLD)
+    assert (found.name, found.many) == ("voltage_V", len(at))
+    off = found.off(problem.tracks[0]).u[:, VOLTAGE]
+    np.testing.assert_array_equal(off[at], recording.values[at - 1, VOLTAGE])
+
+
+def test_pulses_that_drive_the_machine_stay():
+    recording = record("run", 5)
+    values = recording.values.copy()
+    values[[100, 300, 700, 1100], VOLTAGE] += 150.0
+    pulsed = replace(recording, values=values)
+    assert find_noisy_inputs(*fitted([driven(pulsed, values[:, VOLTAGE], 9)]), NOTHING_TOLD) == ()
 
 
 def test_steps_stay_and_noise_goes():

@@ -1,0 +1,67 @@
+"""Recordings cut where an input was not recorded and has moved on: each part begins where it begins.
+
+A gap in an input is held over. Where the input is another one after it, the machine did meanwhile what no simulator can
+know, and remembers it for a while.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twinbench.data.recording import Recording
+from twinbench.mismatch.words import listed
+from twinbench.physics.simulator import Array, Simulator
+
+SILENT = 5.0
+"""Times the usual time between two values of an input (its 95 % quantile) from which it was not recorded."""
+MOVED_ON = 0.1
+"""Share of the input's standard deviation by which it has moved on over a gap: less is held over."""
+FEWEST = 60
+"""Samples that a part needs: twice the blocks that a recording must have."""
+
+
+def unbroken(recording: Recording, simulator: Simulator) -> tuple[list[Recording], str]:
+    """Its parts, in order, and a remark where it was cut; itself where none of its parts would be long enough."""
+    gaps: list[tuple[float, float]] = []
+    broken = []
+    for v in simulator.inputs:
+        own = _gaps(recording.time_s, recording.values[:, recording.channels.index(v.name)])
+        broken += [v.name] if own else []
+        gaps += own
+    parts = _between(recording, gaps)
+    if not gaps or not parts:
+        return [recording], ""
+    if len(parts) > 1:
+        parts = [replace(part, name=f"{recording.name} (part {k})") for k, part in enumerate(parts, 1)]
+    kept = sum(len(part.time_s) for part in parts) / len(recording.time_s)
+    return parts, (
+        f"{recording.name}: {listed(broken)} moved on while not recorded, first at {min(gaps)[0]:.6g} s; it is cut "
+        f"there, and {100.0 * kept:.0f} % of its samples are in parts long enough"
+    )
+
+
+def _gaps(time_s: Array, values: Array) -> list[tuple[float, float]]:
+    """Last time before and first time after each gap in an input's record (N,) over which it moved on."""
+    seen = np.flatnonzero(np.isfinite(values))
+    if len(seen) < FEWEST:
+        return []
+    apart_s, moved = np.diff(time_s[seen]), np.abs(np.diff(values[seen]))
+    long = apart_s > SILENT * np.quantile(apart_s, 0.95)
+    which = np.flatnonzero(long & (moved > MOVED_ON * np.std(values[seen])))
+    return [(float(time_s[seen[k]]), float(time_s[seen[k + 1]])) for k in which]
+
+
+def _between(recording: Recording, gaps: Sequence[tuple[float, float]]) -> list[Recording]:
+    """Parts with no gap in them that are long enough."""
+    t = recording.time_s
+    lost = np.zeros(len(t), dtype=bool)
+    cuts = np.zeros(len(t), dtype=bool)
+    for begin, end in gaps:
+        lost |= (t > begin) & (t < end)
+        cuts |= t == end
+    number = np.cumsum(cuts)
+    rows = (np.flatnonzero((number == k) & ~lost) for k in range(int(number[-1]) + 1))
+    return [replace(recording, time_s=t[some], values=recording.values[some]) for some in rows if len(some) >= FEWEST]
