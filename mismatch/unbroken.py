@@ -19,7 +19,7 @@ SILENT = 5.0
 """Times the usual time between two values of an input (its 95 % quantile) from which it was not recorded."""
 MOVED_ON = 0.1
 """Share of the input's standard deviation by which it has moved on over a gap: less is held over."""
-FEWEST = 60
+FEWEST_IN_PART = 60
 """Samples that a part needs: twice the blocks that a recording must have."""
 
 
@@ -46,7 +46,7 @@ def unbroken(recording: Recording, simulator: Simulator) -> tuple[list[Recording
 def _gaps(time_s: Array, values: Array) -> list[tuple[float, float]]:
     """Last time before and first time after each gap in an input's record (N,) over which it moved on."""
     seen = np.flatnonzero(np.isfinite(values))
-    if len(seen) < FEWEST:
+    if len(seen) < FEWEST_IN_PART:
         return []
     apart_s, moved = np.diff(time_s[seen]), np.abs(np.diff(values[seen]))
     long = apart_s > SILENT * np.quantile(apart_s, 0.95)
@@ -64,4 +64,8 @@ def _between(recording: Recording, gaps: Sequence[tuple[float, float]]) -> list[
         cuts |= t == end
     number = np.cumsum(cuts)
     rows = (np.flatnonzero((number == k) & ~lost) for k in range(int(number[-1]) + 1))
-    return [replace(recording, time_s=t[some], values=recording.values[some]) for some in rows if len(some) >= FEWEST]
+    return [
+        replace(recording, time_s=t[some], values=recording.values[some])
+        for some in rows
+        if len(some) >= FEWEST_IN_PART
+    ]

@@ -14,7 +14,7 @@ from motor_case import record
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch import diagnose
-from twinbench.mismatch.unbroken import FEWEST, unbroken
+from twinbench.mismatch.unbroken import FEWEST_IN_PART, unbroken
 
 
 def lost(recording: Recording, begin: int, count: int) -> Recording:
@@ -32,7 +32,7 @@ def run() -> Recording:
 def jump(recording: Recording) -> int:
     """A sample at which the first input jumps, well within the record."""
     moved = np.abs(np.diff(recording.values[:, 0]))
-    inner = slice(2 * FEWEST, len(moved) - 2 * FEWEST)
+    inner = slice(2 * FEWEST_IN_PART, len(moved) - 2 * FEWEST_IN_PART)
     return inner.start + int(np.argmax(moved[inner])) + 1
 
 
@@ -77,10 +77,10 @@ def test_an_input_that_is_seldom_recorded_has_no_gaps():
 def test_a_part_that_is_too_short_is_left_out():
     whole = run()
     values = whole.values.copy()
-    values[FEWEST:, 0] += 150.0  # so it has moved on for certain
-    parts, remark = unbroken(lost(replace(whole, values=values), FEWEST - 15, 20), MOTOR)
+    values[FEWEST_IN_PART:, 0] += 150.0  # so it has moved on for certain
+    parts, remark = unbroken(lost(replace(whole, values=values), FEWEST_IN_PART - 15, 20), MOTOR)
     assert [p.name for p in parts] == ["run"]
-    assert len(parts[0].time_s) == len(whole.time_s) - FEWEST - 5
+    assert len(parts[0].time_s) == len(whole.time_s) - FEWEST_IN_PART - 5
     assert "% of its samples" in remark
 
 
