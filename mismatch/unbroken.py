@@ -63,9 +63,6 @@ def _between(recording: Recording, gaps: Sequence[tuple[float, float]]) -> list[
         lost |= (t > begin) & (t < end)
         cuts |= t == end
     number = np.cumsum(cuts)
-    rows = (np.flatnonzero((number == k) & ~lost) for k in range(int(number[-1]) + 1))
-    return [
-        replace(recording, time_s=t[some], values=recording.values[some])
-        for some in rows
-        if len(some) >= FEWEST_IN_PART
-    ]
+    parts = (np.flatnonzero((number == k) & ~lost) for k in range(int(number[-1]) + 1))
+    long = [rows for rows in parts if len(rows) >= FEWEST_IN_PART]
+    return [replace(recording, time_s=t[rows], values=recording.values[rows]) for rows in long]
