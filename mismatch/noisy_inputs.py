@@ -56,7 +56,7 @@ class NoisyInput(NamedTuple):
     def off(self, track: Track) -> Track:
         """A recording without the noise."""
         u = track.u.copy()
-        u[:, self.column] = _without(np.ascontiguousarray(u[:, self.column]), self.sd, self.steady_for)
+        u[:, self.column] = _less_noise(np.ascontiguousarray(u[:, self.column]), self.sd, self.steady_for)
         return replace(track, u=u)
 
 
@@ -65,7 +65,7 @@ class SpikyInput(NamedTuple):
 
     Attributes:
         column: its position among the inputs.
-        many: values in all recordings.
+        many: values in the recordings that are learnt from.
         nats: by which the readings are likelier without them.
     """
 
@@ -99,7 +99,8 @@ def find_noisy_inputs(problem: Problem, z: Array, told: Array) -> tuple[SpikyInp
         many = sum(len(find_spikes(t.u[:, c])) for t in problem.tracks)
         spiky += [SpikyInput(v.name, c, many, 0.0)] if many else []
     spiky = _wanted(problem, z, spiky)
-    problem = _without_all(problem, z, spiky)
+    if spiky:
+        problem, z = _without(problem, z, spiky)
     for c, v in enumerate(inputs):
         noise = _noise([np.ascontiguousarray(t.u[:, c]) for t in problem.tracks], float(told[c]))
         noisy += [NoisyInput(v.name, v.unit, c, *noise, 0.0)] if noise is not None else []
@@ -107,20 +108,19 @@ def find_noisy_inputs(problem: Problem, z: Array, told: Array) -> tuple[SpikyInp
 
 
 def _wanted(problem: Problem, z: Array, found: list[_Either]) -> list[_Either]:
-    """Those of which each makes the readings plainly likelier beside the others."""
-    if not found:
-        return []
-    recorded, best = _log(problem, z), _log_without(problem, z, found)
-    if best < recorded + PLAINLY:
-        return []
-    for one in list(found):
-        rest = [o for o in found if o is not one]
-        beside = _log_without(problem, z, rest) if rest else recorded
-        if best < beside + PLAINLY:
-            found, best = rest, beside
-        else:
-            found = [o._replace(nats=best - beside) if o is one else o for o in found]
-    return found
+    """Those that make the readings plainly likelier, alone and beside the others; what does least goes first."""
+    if found:
+        recorded = _log(*_without(problem, z, []))
+        found = [one for one in found if _log(*_without(problem, z, [one])) >= recorded + PLAINLY]
+    while found:
+        best = _log(*_without(problem, z, found))
+        rests = [[o for o in found if o is not one] for one in found]
+        gains = [best - _log(*_without(problem, z, rest)) for rest in rests]
+        least = int(np.argmin(gains))
+        if gains[least] >= PLAINLY:
+            return [one._replace(nats=gain) for one, gain in zip(found, gains, strict=True)]
+        found = rests[least]
+    return []
 
 
 def _noise(series: Sequence[Array], told: float) -> tuple[float, int] | None:
@@ -128,7 +128,7 @@ def _noise(series: Sequence[Array], told: float) -> tuple[float, int] | None:
     sd = told or float(noise_floor([u[:, None] for u in series])[0])
     if sd > 0.0:
         for steady_for in STEADY_FOR:
-            off = np.concatenate([u - _without(u, sd, steady_for) for u in series])
+            off = np.concatenate([u - _less_noise(u, sd, steady_for) for u in series])
             if np.std(off) > 0.0 and _is_noise(off):
                 return sd, steady_for
     return None
@@ -140,24 +140,23 @@ def _is_noise(off: Array) -> bool:
     return memory < WHITE and float(kurtosis(off)) < HEAVY_TAILED
 
 
-def _without(u: Array, sd: float, steady_for: int) -> Array:
+def _less_noise(u: Array, sd: float, steady_for: int) -> Array:
     """A record (N,) less its noise, in two passes: what the first leaves is half as much and lasts twice as long."""
     return steadied(steadied(u, sd, 0.5 * steady_for), 0.5 * sd, float(steady_for))
 
 
-def _without_all(problem: Problem, z: Array, found: Sequence[SpikyInput | NoisyInput]) -> Problem:
+def _without(problem: Problem, z: Array, found: Sequence[SpikyInput | NoisyInput]) -> tuple[Problem, Array]:
+    """The fit with these taken off the recordings, and where it then stands; also without any it goes on a little."""
     tracks = list(problem.tracks)
     for one in found:
         tracks = [one.off(t) for t in tracks]
-    return replace(problem, tracks=tracks, offsets=()).refined(z) if found else problem
-
-
-def _log_without(problem: Problem, z: Array, found: Sequence[SpikyInput | NoisyInput]) -> float:
-    changed = _without_all(problem, z, found)
-    return _log(changed, solve(changed, z, JACOBIANS, share=NEARLY)[0])
+    changed = replace(problem, tracks=tracks, offsets=(), starts=()).refined(z)
+    return changed, solve(changed, z, JACOBIANS, share=NEARLY)[0]
 
 
 def _log(problem: Problem, z: Array) -> float:
-    """Nats of the readings under the likeliest noise of the sensors, constants apart."""
+    """Nats of the readings under the likeliest noise of the sensors, constants apart; none where the run diverges."""
     residuals, floor = problem.residuals(z), problem.sd
+    if not np.isfinite(problem.cost(z)):
+        return -np.inf
     return SensorNoise.first_guess(floor).learnt(residuals, floor).log(residuals)

@@ -12,6 +12,7 @@ from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.sizes import Value
+from twinbench.mismatch.unbroken import whole
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
 AGREES = "the simulator agrees with the recordings"
@@ -88,9 +89,10 @@ def points(
     yield from _taken_out(d)
     yield from _joined(d)
     yield from map(_noisy, d.noisy)
-    if len(d.tracks) == 1:
+    learnt = {whole(t.name) for t in d.tracks}
+    if len(learnt) == 1:
         yield sentence(
-            f"only {d.tracks[0].name} was learnt from: whether sizes and parameters are the same in other recordings "
+            f"only {listed([*learnt])} was learnt from: whether sizes and parameters are the same in other recordings "
             "could not be checked"
         )
     yield held_out_use(d)

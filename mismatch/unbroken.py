@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from twinbench.data.recording import Recording
+from twinbench.mismatch.series import held
 from twinbench.mismatch.words import listed
 from twinbench.physics.simulator import Array, Simulator
 
@@ -23,19 +24,31 @@ FEWEST_IN_PART = 60
 """Samples that a part needs: twice the blocks that a recording must have."""
 
 
+PART = " (part "
+
+
+def whole(name: str) -> str:
+    """The recording that one of this name is, or is a part of."""
+    return name.partition(PART)[0]
+
+
 def unbroken(recording: Recording, simulator: Simulator) -> tuple[list[Recording], str]:
     """Its parts, in order, and a remark where it was cut; itself where none of its parts would be long enough."""
     gaps: list[tuple[float, float]] = []
-    broken = []
+    broken, values = [], recording.values.copy()
     for v in simulator.inputs:
-        own = _gaps(recording.time_s, recording.values[:, recording.channels.index(v.name)])
+        column = recording.channels.index(v.name)
+        own = _gaps(recording.time_s, values[:, column])
         broken += [v.name] if own else []
         gaps += own
-    parts = _between(recording, gaps)
-    if not gaps or not parts:
+        values[:, column] = held(values[:, column])  # a part still knows what was last recorded before it
+    if not gaps:
         return [recording], ""
+    parts = _between(replace(recording, values=values), gaps)
+    if not parts:
+        return [recording], f"{recording.name}: {listed(broken)} moved on while not recorded, too often to cut it there"
     if len(parts) > 1:
-        parts = [replace(part, name=f"{recording.name} (part {k})") for k, part in enumerate(parts, 1)]
+        parts = [replace(part, name=f"{recording.name}{PART}{k})") for k, part in enumerate(parts, 1)]
     kept = sum(len(part.time_s) for part in parts) / len(recording.time_s)
     return parts, (
         f"{recording.name}: {listed(broken)} moved on while not recorded, first at {min(gaps)[0]:.6g} s; it is cut "

@@ -39,7 +39,7 @@ class InputNoise(NamedTuple):
     def whitened(self, white: Array) -> Array:
         """Columns (B * ny, K) in sds of the noise of sensors and inputs.
 
-        By ``I - moves L^-T (I + L)^-1 moves'``, a root of the inverse covariance: all scalar products are right.
+        By ``I - moves (I + L)^-T L^-1 moves'``, a root of the inverse covariance: all scalar products are right.
 
         Args:
             white: (B * ny, K) dimensionless, in sds of the sensors' noise.
@@ -67,8 +67,7 @@ def moved_by(course: Course, sds: Array) -> Array:
     if not sds.any():
         return np.zeros((len(course.track.starts), course.sizes[2], 0))
     # A stretch's input is the mean over its samples, whose noise is independent.
-    period_s = float(np.median(np.diff(course.track.time_s)))
-    shares = np.sqrt(np.minimum(1.0, period_s / np.maximum(course.grid.seconds, period_s)))
+    shares = 1.0 / np.sqrt(np.maximum(course.grid.samples, 1))
     acts = []
     for i in np.flatnonzero(sds):
         u = course.u.copy()

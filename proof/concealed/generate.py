@@ -192,6 +192,8 @@ def _noisy_input(machine: Machine, takes: Sequence[Take], rng: np.random.Generat
     """The noise that one of the inputs that move is recorded with, sd in its unit, by its name; in some cases none."""
     share, (least, most) = NOISY_INPUT
     moves = np.concatenate([take.u for take in takes]).std(axis=0)
+    if not moves.any():
+        return {}
     column = int(rng.choice(np.flatnonzero(moves > 0.0)))
     sd = float(moves[column] * np.exp(rng.uniform(np.log(least), np.log(most))))
     return {machine.inputs[column]: sd} if rng.random() < share else {}

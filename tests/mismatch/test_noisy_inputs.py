@@ -144,6 +144,16 @@ def test_pulses_that_drive_the_machine_stay():
     assert find_noisy_inputs(*fitted([driven(pulsed, values[:, VOLTAGE], 9)]), NOTHING_TOLD) == ()
 
 
+def test_noise_of_one_input_is_found_beside_shaking_of_another():
+    """Taking both off would make the readings far less likely."""
+    load = CHANNELS.index("load_Nm")
+    asked = record("run", 6)
+    values = asked.values.copy()
+    values[:, load] += 5.0 * np.random.default_rng(3).normal(size=len(values))
+    felt = driven(replace(asked, values=values), values[:, VOLTAGE], 8)
+    assert [n.name for n in find_noisy_inputs(*fitted([noisy(felt, 4)]), NOTHING_TOLD)] == ["voltage_V"]
+
+
 def test_steps_stay_and_noise_goes():
     steps = np.repeat([0.0, 15.0, -5.0, 20.0], 50)
     rough = steps + np.random.default_rng(0).normal(size=len(steps))
@@ -179,8 +189,7 @@ def test_what_the_noise_of_an_input_does_to_the_readings_is_what_runs_say():
     problem, z = fitted([record("run", 9, seconds=60.0)])
     course = Course(problem, 0, z)
     sds = np.array([2.0, 0.0])
-    period_s = float(np.median(np.diff(course.track.time_s)))
-    shares = np.sqrt(np.minimum(1.0, period_s / course.grid.seconds))
+    shares = 1.0 / np.sqrt(course.grid.samples)
     summed = (moved_by(course, sds) / shares).sum(axis=2)
     u = problem.tracks[0].u.copy()
     u[:, 0] += sds[0]

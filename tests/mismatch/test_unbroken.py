@@ -74,6 +74,14 @@ def test_an_input_that_is_seldom_recorded_has_no_gaps():
     assert unbroken(seldom, MOTOR) == ([seldom], "")
 
 
+def test_a_part_knows_what_was_last_recorded_of_the_other_inputs():
+    whole = run()
+    values, at = whole.values.copy(), jump(whole) - 10
+    values[1:, 1] = np.nan  # a set point, recorded when it was set
+    parts, _ = unbroken(lost(replace(whole, values=values), at, 20), MOTOR)
+    assert [set(p.values[:, 1]) for p in parts] == 2 * [{values[0, 1]}]
+
+
 def test_a_part_that_is_too_short_is_left_out():
     whole = run()
     values = whole.values.copy()
