@@ -15,8 +15,8 @@ import numpy as np
 from scipy.stats import kurtosis
 
 from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.series import steadied
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.spikes import find_spikes

@@ -17,8 +17,8 @@ from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, eliminated, factored, learn
-from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.view import View, prior_mean
+from twinbench.mismatch.sensors import SensorNoise
 from twinbench.physics.simulator import Array, Port
 
 ROUNDS_OF_NOISE = 3

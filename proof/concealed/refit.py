@@ -17,7 +17,7 @@ from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.naming.answer import PERIODIC
 from twinbench.mismatch.naming.effect import Effect, unknowns_of
-from twinbench.mismatch.naming.sensors import SensorNoise
+from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.solve import NEARLY, solve
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.simulator import Array

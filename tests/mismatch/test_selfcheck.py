@@ -35,9 +35,9 @@ from twinbench.mismatch.naming.selfcheck import (
     nearer,
     unlike,
 )
-from twinbench.mismatch.naming.sensors import SensorNoise
 from twinbench.mismatch.naming.sets import Sets
 from twinbench.mismatch.naming.weighed import weighed
+from twinbench.mismatch.sensors import SensorNoise
 from twinbench.physics.simulator import Array, Variable
 
 DRY = "coulomb_friction@omega_rad_s"

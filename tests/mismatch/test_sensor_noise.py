@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import cholesky, solve_triangular
 from scipy.stats import multivariate_normal
 
-from twinbench.mismatch.naming.sensors import LONGEST_MEMORY, SensorNoise
+from twinbench.mismatch.sensors import LONGEST_MEMORY, SensorNoise
 from twinbench.physics.simulator import Array
 
 NOISE = SensorNoise(np.array([0.3, 1.0]), np.array([2.0, 0.5]), np.array([4.0, 9.0]))
