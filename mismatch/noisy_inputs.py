@@ -55,9 +55,8 @@ class NoisyInput(NamedTuple):
 
     def off(self, track: Track) -> Track:
         """A recording without the noise."""
-        u = track.u.copy()
-        u[:, self.column] = _less_noise(np.ascontiguousarray(u[:, self.column]), self.sd, self.steady_for)
-        return replace(track, u=u)
+        values = np.ascontiguousarray(track.u[:, self.column])
+        return track.driven_by(self.column, _less_noise(values, self.sd, self.steady_for))
 
 
 class SpikyInput(NamedTuple):
@@ -76,10 +75,10 @@ class SpikyInput(NamedTuple):
 
     def off(self, track: Track) -> Track:
         """A recording in which the value before holds on instead."""
-        u = track.u.copy()
-        spikes = find_spikes(u[:, self.column])
-        u[spikes, self.column] = u[spikes - 1, self.column]
-        return replace(track, u=u)
+        values = track.u[:, self.column].copy()
+        spikes = find_spikes(values)
+        values[spikes] = values[spikes - 1]
+        return track.driven_by(self.column, values)
 
 
 _Either = TypeVar("_Either", SpikyInput, NoisyInput)

@@ -93,6 +93,16 @@ class Track:
         """
         return replace(self, y=y, means=_means(y, self.starts))
 
+    def driven_by(self, column: int, values: Array) -> Track:
+        """The same with another record of an input.
+
+        Args:
+            values: (N,) in the input's unit.
+        """
+        u = self.u.copy()
+        u[:, column] = values
+        return replace(self, u=u)
+
     def without(self, channel: int, since_s: float, until_s: float) -> Track:
         """The same without a channel's readings of some time."""
         y = self.y.copy()

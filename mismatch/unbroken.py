@@ -22,9 +22,8 @@ MOVED_ON = 0.1
 """Share of the input's standard deviation by which it has moved on over a gap: less is held over."""
 FEWEST_IN_PART = 60
 """Samples that a part needs: twice the blocks that a recording must have."""
-
-
 PART = " (part "
+"""What stands between the name of a recording and the number of its part."""
 
 
 def whole(name: str) -> str:

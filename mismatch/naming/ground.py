@@ -90,7 +90,7 @@ class Ground:
         s: (P,) its size at each with nothing named, per cent of what is common there.
         kept: per port, its position among the discrepancy's and the combinations (R, k) of its R functions that the
             columns are of, dimensionless.
-        inputs: per recording, the noise of its measured inputs; empty if none is declared.
+        inputs: per recording, the noise of its measured inputs; empty if none has any.
         moved: per recording, what that does to the readings, (B, ny, N) in the outputs' units; empty likewise.
     """
 

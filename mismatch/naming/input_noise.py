@@ -1,4 +1,4 @@
-"""The noise of measured inputs: the machine got other inputs than were recorded, by what a user says.
+"""The noise of measured inputs, told by a user or shown by the record: the machine got other inputs than are recorded.
 
 What the noise of each stretch does to the readings is linear algebra along the run. So the readings' covariance is that
 of the sensors plus that of the inputs, and both are whitened together.
