@@ -17,7 +17,8 @@ LOUD = 6.0
 STRANGE = 2.0
 """Times as large an error on held-out recordings as where it was fitted is none of the sensor's."""
 IMPLAUSIBLE = 0.3
-"""Noise of so much of an output's scale is no sensor's; a smaller share asks of noisy sensors to be followed."""
+"""Noise of so much of an output's scale is no sensor's, and of an input's no recorder's; a smaller share asks of noisy
+sensors to be followed."""
 
 
 class Followed(NamedTuple):

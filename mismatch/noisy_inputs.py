@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import kurtosis
 
 from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.followed import IMPLAUSIBLE
 from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.series import steadied
@@ -101,7 +102,7 @@ def find_noisy_inputs(problem: Problem, z: Array, told: Array) -> tuple[SpikyInp
     if spiky:
         problem, z = _without(problem, z, spiky)
     for c, v in enumerate(inputs):
-        noise = _noise([np.ascontiguousarray(t.u[:, c]) for t in problem.tracks], float(told[c]))
+        noise = _noise([np.ascontiguousarray(t.u[:, c]) for t in problem.tracks], float(told[c]), v.scale)
         noisy += [NoisyInput(v.name, v.unit, c, *noise, 0.0)] if noise is not None else []
     return (*spiky, *_wanted(problem, z, noisy))
 
@@ -122,10 +123,13 @@ def _wanted(problem: Problem, z: Array, found: list[_Either]) -> list[_Either]:
     return []
 
 
-def _noise(series: Sequence[Array], told: float) -> tuple[float, int] | None:
-    """Standard deviation of a record's noise, and over how many samples it is steady; None if there is none."""
+def _noise(series: Sequence[Array], told: float, scale: float) -> tuple[float, int] | None:
+    """Standard deviation of a record's noise, and over how many samples it is steady; None if there is none.
+
+    So looks also a column whose rows are in a wrong order, but its noise is as large as what the input commonly does.
+    """
     sd = told or float(noise_floor([u[:, None] for u in series])[0])
-    if sd > 0.0:
+    if told or 0.0 < sd < IMPLAUSIBLE * scale:
         for steady_for in STEADY_FOR:
             off = np.concatenate([u - _less_noise(u, sd, steady_for) for u in series])
             if np.std(off) > 0.0 and _is_noise(off):

@@ -253,7 +253,7 @@ class Pieces:
         s = columns.chosen.learnt.s
         largest = GROWN * np.maximum(s, ground.s)[ground.group]
         telling = largest**2 * np.diag(ground.FF.sum(axis=0))
-        some = np.flatnonzero(telling >= min(UNTOLD, telling.max()))
+        some = np.flatnonzero(telling >= min(UNTOLD, telling.max(initial=0.0)))
         products = []
         for r, residual in enumerate(columns.residuals):
             white = ground.whitened(r, columns.of(r), residual)

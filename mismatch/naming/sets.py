@@ -80,7 +80,7 @@ class Sets:
     def _score(self, key: Key) -> Scored:
         G, b, v = self.reduced.G, self.reduced.b, self.many
         functions = v + np.arange(len(self.group))
-        some = np.array([*key, *functions])
+        some = np.array([*key, *functions], dtype=int)
         k = len(key)
         if k:
             inner = eliminated(G[np.ix_(some, some)], b[some], np.arange(k), np.zeros(k), np.ones(k))
@@ -103,7 +103,7 @@ class Sets:
             return np.empty(0), np.empty(0)
         G, b, v = self.reduced.G, self.reduced.b, self.many
         functions = v + np.arange(len(self.group))
-        some = np.array([*key, *functions])
+        some = np.array([*key, *functions], dtype=int)
         block = len(key) + np.arange(len(functions))
         outer = eliminated(G[np.ix_(some, some)], b[some], block, np.zeros(len(block)), 1.0 / learnt.s[self.group] ** 2)
         cov = np.linalg.inv(outer.G + np.eye(len(key)))

@@ -118,6 +118,14 @@ def test_noise_that_is_told_widens_what_is_said_of_the_parameters():
     assert widths[1] > 1.2 * widths[0]
 
 
+def test_a_record_whose_rows_are_in_a_wrong_order_is_no_noise():
+    """Without it the motor would be driven by next to nothing, which fits better than what it was not driven by."""
+    recording = record("run", 5)
+    values = recording.values.copy()
+    values[:, VOLTAGE] = np.random.default_rng(0).permutation(values[:, VOLTAGE])
+    assert find_noisy_inputs(*fitted([replace(recording, values=values)]), NOTHING_TOLD) == ()
+
+
 def test_what_really_shakes_the_machine_is_no_noise():
     """The same shaking, but the motor feels it."""
     asked = noisy(record("run", 6), 7, sd_V=10.0)
