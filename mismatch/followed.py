@@ -83,7 +83,7 @@ def told_followed(
 def strangers(
     learnt: Sequence[Array], held: Sequence[Array], outputs: Sequence[Variable], floor: Array
 ) -> tuple[str, ...]:
-    """Outputs whose error is far larger on the held-out recordings than where a simulator was fitted, in words.
+    """Outputs whose error on the held-out recordings is not what it was where a simulator was fitted, in words.
 
     Args:
         learnt: residuals where it was fitted, (B, ny) per recording, in the outputs' units.
@@ -96,9 +96,19 @@ def strangers(
         if not len(here) or not len(there):
             continue
         usual = max(float(np.sqrt(here.mean())), float(floor[c]))
-        if np.sqrt(np.quantile(there[resamples(len(there))].mean(axis=1), 0.05)) > STRANGE * usual:
+        least = np.sqrt(np.quantile(there[resamples(len(there))].mean(axis=1), 0.05))
+        scatter_here, scatter_there = (
+            float(noise_floor([r[:, c : c + 1] for r in each])[0]) for each in (learnt, held)
+        )
+        if least > STRANGE * usual:
             times = np.sqrt(there.mean()) / usual
             found.append(f"the errors of {v.name} are {times:.2g} times as large on recordings held back")
+        elif least > LOUD * scatter_there and usual < LOUD * scatter_here:
+            # Noise so loud where it learnt would hide all that it does not follow.
+            found.append(
+                f"the readings of {v.name} scatter {scatter_here / scatter_there:.2g} times as much where it learnt as "
+                "in recordings held back, which it does not follow to within their scatter"
+            )
     return tuple(found)
 
 

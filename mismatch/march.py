@@ -73,7 +73,7 @@ def _stabilised(rhs, x, u, theta, h, scheme, work):  # type: ignore[no-untyped-d
         x[i] = now[i]
 
 
-@njit(error_model="numpy", nogil=True)
+@register_jitable
 def advance_stretch(rhs, x, u, theta, seconds, step_s, scheme, limit, work):  # type: ignore[no-untyped-def]
     """Step ``x`` to the end of a stretch, in place; False if it diverges on the way."""
     substeps = max(1, int(np.ceil(seconds / step_s - 1e-6)))

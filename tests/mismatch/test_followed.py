@@ -108,3 +108,11 @@ def test_a_shuffled_column_is_no_agreement():
     assert lost.held_out
     assert lost.low <= 0.0
     assert "two_V" in wrong.says
+
+
+def test_a_column_that_is_shuffled_only_where_it_learns_is_no_agreement():
+    """So much noise is learnt that the held-out recording is within it, but it is not within its own scatter."""
+    runs = [lags(f"run {k}", k, shuffled=True) for k in (1, 2)]
+    wrong = diagnose(mass_and_other(), runs, [lags("held out", 3, shuffled=False)], ())
+    assert wrong.verdict == "unexplained"
+    assert any(p.startswith("The readings of two_V scatter") for p in wrong.points)

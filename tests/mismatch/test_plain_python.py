@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from tank_files import TANK, tank_table, write_python, write_recording
 
+from twinbench.mismatch import diagnose
+from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine, Setting
+from twinbench.mismatch.march import RUNGE_KUTTA, legendre
 from twinbench.mismatch.model import load_simulator
+from twinbench.mismatch.naming.course import Course
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.tracks import prepare
 
@@ -28,3 +32,32 @@ def test_what_cannot_be_compiled_gives_the_same(tmp_path, blocks, states):
     with pytest.warns(RuntimeWarning, match="plain Python"):
         plain = runs("SEEN = []\n" + PLAIN, "plain.py")
     np.testing.assert_allclose(plain, runs(TANK, "tank.py"), rtol=1e-9)
+
+
+@pytest.mark.parametrize("scheme", [RUNGE_KUTTA, legendre(3)], ids=["Runge-Kutta", "stabilised"])
+def test_it_is_linearised_along_the_same_run(tmp_path, scheme):
+    path = write_recording(tmp_path, tank_table())
+
+    def middles(text: str, name: str) -> np.ndarray:
+        simulator = load_simulator(write_python(tmp_path, text, name))
+        machine, tracks = Machine(simulator, ()), prepare(read_recordings([path], simulator), simulator)
+        machine.scheme = scheme
+        return Course(Problem(machine, tracks, (), np.ones(1)), 0, np.empty(0)).middles
+
+    with pytest.warns(RuntimeWarning, match="plain Python"):
+        plain = middles("SEEN = []\n" + PLAIN, "plain.py")
+    np.testing.assert_allclose(plain, middles(TANK, "tank.py"), rtol=1e-9)
+
+
+def test_it_is_diagnosed_as_the_same(tmp_path):
+    paths = [write_recording(tmp_path, tank_table(), name) for name in ("day.csv", "next.csv")]
+
+    def says(text: str, name: str) -> tuple[str, str]:
+        simulator = load_simulator(write_python(tmp_path, text, name))
+        recordings = read_recordings(paths, simulator)
+        verdict = diagnose(simulator, recordings[:1], recordings[1:])
+        return verdict.verdict, verdict.says
+
+    with pytest.warns(RuntimeWarning, match="plain Python"):
+        plain = says("SEEN = []\n" + PLAIN, "plain.py")
+    assert plain == says(TANK, "tank.py")
