@@ -46,19 +46,17 @@ class SensorNoise(NamedTuple):
         """
         return cls(0.7 * floor**2, 0.5 * floor**2, np.full(len(floor), FIRST_MEMORY))
 
-    def whitened(self, values: Array, level: Array | float = 1.0) -> Array:
+    def whitened(self, values: Array) -> Array:
         """Innovations (B, ny, K) of values in sd; a row with a missing value (NaN) is nothing.
 
         Args:
             values: (B, ny, K) in the outputs' units; the last column decides what is missing.
-            level: (ny,) dimensionless variance of this recording's noise over that of the others.
         """
         out = np.ascontiguousarray(values)
         out = out.copy() if out is values else out
-        level = np.broadcast_to(level, self.white.shape)
         for c in range(values.shape[1]):
             part = np.ascontiguousarray(out[:, c])
-            _innovations(part, self.white[c] * level[c], self.coloured[c] * level[c], np.exp(-1.0 / self.memory[c]))
+            _innovations(part, self.white[c], self.coloured[c], np.exp(-1.0 / self.memory[c]))
             out[:, c] = part
         return out
 

@@ -61,7 +61,6 @@ class Track:
         y: (N, ny) in the outputs' units, NaN where missing or a spike.
         starts: (B,) positions of each block's first sample.
         means: (B, ny) block means of y, in the outputs' units; NaN where a block lacks too many readings.
-        level: (ny,) dimensionless variance of its noise, that of the fitted recordings being 1.
         linear: inputs go in lines from sample to sample; if not, each holds until the next.
         spikes: the readings that were taken out.
     """
@@ -72,7 +71,6 @@ class Track:
     y: Array
     starts: np.ndarray
     means: Array
-    level: Array | float = 1.0
     linear: bool = False
     spikes: tuple[Spike, ...] = ()
     _splits: dict[int, Grid] = field(default_factory=dict, init=False, repr=False, compare=False)

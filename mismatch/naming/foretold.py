@@ -47,7 +47,7 @@ def foretold(
         if np.isnan(residual[np.isfinite(track.means)]).any() or np.abs(columns).max(initial=0.0) > ENDLESS:
             return UNFORETOLD
         both = np.concatenate((columns, residual[:, :, None]), axis=2)
-        log += density(ground.noise.whitened(both, track.level))
+        log += density(ground.noise.whitened(both))
     return log
 
 

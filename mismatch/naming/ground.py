@@ -80,7 +80,6 @@ class Ground:
     """What all hypotheses share: the noise, and the discrepancy's columns whitened.
 
     Attributes:
-        levels: one per recording, the dimensionless variance of its noise over that of the others: (ny,) or one number.
         whole: (B, ny, F) columns of the discrepancy per recording, in the outputs' units per per cent.
         white: (B * ny, F) per recording, the same, whitened.
         FF: (R, F, F) products of the whitened ones, per recording.
@@ -95,7 +94,6 @@ class Ground:
     """
 
     noise: SensorNoise
-    levels: tuple[Array | float, ...]
     whole: tuple[Array, ...]
     white: tuple[Array, ...]
     FF: Array
@@ -114,25 +112,24 @@ class Ground:
         Args:
             floor: (ny,) noise of block means by their second differences, in the outputs' units.
         """
-        own, levels = view.unknowns(), tuple(t.level for t in view.problem.tracks)
+        own = view.unknowns()
         every, sds = list(range(len(discrepancy.ports))), view.problem.machine.input_sds
         whole, all_of_it = view.of_discrepancy(discrepancy, every), np.eye(len(discrepancy.points))
         moved = parallel([lambda c=c: moved_by(c, sds) for c in view.courses]) if sds.any() else []
         first = SensorNoise.first_guess(floor)
-        made = cls._whitened(first, levels, moved, whole, view, [(p, all_of_it) for p in every], discrepancy)
+        made = cls._whitened(first, moved, whole, view, [(p, all_of_it) for p in every], discrepancy)
         made = made._without_the_unseen(view, own)
         rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
             left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
-            made = replace(cls._whitened(noise, levels, moved, made.whole, view, made.kept, discrepancy), s=s)
+            made = replace(cls._whitened(noise, moved, made.whole, view, made.kept, discrepancy), s=s)
         return made
 
     @classmethod
     def _whitened(
         cls,
         noise: SensorNoise,
-        levels: tuple[Array | float, ...],
         moved: Sequence[Array],
         whole: Sequence[Array],
         view: View,
@@ -140,7 +137,7 @@ class Ground:
         discrepancy: Discrepancy,
     ) -> Ground:
         def by_sensors(r: int, columns: Array) -> Array:
-            return _by_sensors(noise, levels[r], columns, view.residuals[r])[:, :-1].copy()
+            return _by_sensors(noise, columns, view.residuals[r])[:, :-1].copy()
 
         every = range(len(whole))
         inputs = parallel([lambda r=r: InputNoise.of(by_sensors(r, moved[r])) for r in every]) if moved else []
@@ -151,7 +148,7 @@ class Ground:
         group = np.repeat(np.arange(len(kept)), [turn.shape[1] for _, turn in kept])
         ports, first = tuple(discrepancy.ports[p] for p, _ in kept), np.full(len(kept), FIRST_PCT)
         return cls(
-            noise, levels, tuple(whole), tuple(found), FF, group, ports, first, discrepancy, tuple(kept),
+            noise, tuple(whole), tuple(found), FF, group, ports, first, discrepancy, tuple(kept),
             tuple(inputs), tuple(moved),
         )  # fmt: skip
 
@@ -192,7 +189,7 @@ class Ground:
             for own_columns, columns in zip(whole, self.whole, strict=True):
                 own_columns.append(columns[:, :, mine] @ turn)
         joined = [np.concatenate(columns, axis=2) for columns in whole]
-        made = self._whitened(self.noise, self.levels, self.moved, joined, view, kept, self.discrepancy)
+        made = self._whitened(self.noise, self.moved, joined, view, kept, self.discrepancy)
         return replace(made, s=s[there])
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
@@ -211,7 +208,7 @@ class Ground:
             for residual, j, f in zip(view.residuals, own, self.whole, strict=True)
         ]
         for r, (inputs, moved) in enumerate(zip(self.inputs, self.moved, strict=True)):
-            white = _by_sensors(self.noise, self.levels[r], np.empty((*left[r].shape, 0)), left[r])[:, 0]
+            white = _by_sensors(self.noise, np.empty((*left[r].shape, 0)), left[r])[:, 0]
             left[r] = left[r] - moved @ inputs.drawn(white, rng)
         return left, s
 
@@ -230,7 +227,7 @@ class Ground:
             columns: (B, ny, K) in the outputs' units.
             residuals: (B, ny) in the outputs' units.
         """
-        white = _by_sensors(self.noise, self.levels[r], columns, residuals)
+        white = _by_sensors(self.noise, columns, residuals)
         return self.inputs[r].whitened(white) if self.inputs else white
 
     def products(self, view: View, columns: Sequence[Array]) -> Products:
@@ -249,7 +246,7 @@ class Ground:
         return Products(own, cross, self.FF)
 
 
-def _by_sensors(noise: SensorNoise, level: Array | float, columns: Array, residuals: Array) -> Array:
+def _by_sensors(noise: SensorNoise, columns: Array, residuals: Array) -> Array:
     """Columns and last the residuals, in sds of the sensors' noise, (B ny, K + 1)."""
     both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
-    return noise.whitened(both, level).reshape(-1, both.shape[2])
+    return noise.whitened(both).reshape(-1, both.shape[2])
