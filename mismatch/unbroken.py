@@ -12,6 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from twinbench.data.recording import Recording
+from twinbench.mismatch.followed import LOUD
+from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.series import held
 from twinbench.mismatch.words import listed
 from twinbench.physics.simulator import Array, Simulator
@@ -19,7 +21,7 @@ from twinbench.physics.simulator import Array, Simulator
 SILENT = 5.0
 """Times the usual time between two values of an input (its 95 % quantile) from which it was not recorded."""
 MOVED_ON = 0.1
-"""Share of the input's standard deviation by which it has moved on over a gap: less is held over."""
+"""Share of the input's standard deviation by which it has moved on over a gap, beyond its noise: less is held over."""
 FEWEST_IN_PART = 60
 """Samples that a part needs: twice the blocks that a recording must have."""
 PART = " (part "
@@ -62,7 +64,8 @@ def _gaps(time_s: Array, values: Array) -> list[tuple[float, float]]:
         return []
     apart_s, moved = np.diff(time_s[seen]), np.abs(np.diff(values[seen]))
     long = apart_s > SILENT * np.quantile(apart_s, 0.95)
-    which = np.flatnonzero(long & (moved > MOVED_ON * np.std(values[seen])))
+    noise = LOUD * float(noise_floor([values[seen, None]])[0])
+    which = np.flatnonzero(long & (moved > max(MOVED_ON * float(np.std(values[seen])), noise)))
     return [(float(time_s[seen[k]]), float(time_s[seen[k + 1]])) for k in which]
 
 
