@@ -10,7 +10,8 @@ from typing import Self
 import numpy as np
 
 from twinbench.common.jobs import cores
-from twinbench.mismatch.machine import Machine, Setting
+from twinbench.mismatch.course import Course
+from twinbench.mismatch.machine import Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
@@ -18,8 +19,8 @@ KNOTS_LEAST, KNOT_EVERY_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
 ENDLESS = 1e100
 """Of any reading, in any unit. Nothing depends on it but that its square is a number and no machine reads it."""
-STEP = 0.02
-"""Forward-difference step, in scales of an unknown."""
+NUDGED = 0.01
+"""Step of a difference quotient in an unknown, in scales of it."""
 
 
 @dataclass(frozen=True)
@@ -216,47 +217,81 @@ class Problem:
     def _prior(self, z: Array) -> Array:
         return np.array([(v - u.mean) / u.sd for v, u in zip(z, self.unknowns, strict=True)])
 
-    def columns(self, z: Array, residuals: Sequence[Array], which: Sequence[int] | None = None) -> list[Array]:
+    def course(self, r: int, z: Array) -> Course:
+        """The run of recording r, linearised.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+        """
+        return Course(self.machine, self.setting(r, z, self.machine.grid(self.tracks[r])))
+
+    def columns(self, z: Array, courses: Sequence[Course] = ()) -> list[Array]:
         """d(simulated block means)/dz per recording, (B, ny, K); zero for unknowns of other recordings.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
-            which: positions of the unknowns wanted; all of them if left out.
+            courses: the runs there, if they are known.
         """
-        chosen = range(len(self.unknowns)) if which is None else which
-        out = [np.zeros((*track.means.shape, len(chosen))) for track in self.tracks]
 
-        def column(r: int, place: int, k: int) -> None:
+        def of(r: int) -> Array:
+            course = courses[r] if len(courses) else self.course(r, z)
+            mine = [k for k, u in enumerate(self.unknowns) if u.recording in (-1, r)]
+            out = np.zeros((*self.tracks[r].means.shape, len(self.unknowns)))
+            out[:, :, mine] = self._columns_of(r, course, z, mine)
+            return out
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.tracks))])
+
+    def _columns_of(self, r: int, course: Course, z: Array, mine: Sequence[int]) -> Array:
+        acts, start = course.none(len(mine)), np.zeros((len(course.active), len(mine)))
+        direct = np.zeros((*self.tracks[r].means.shape, len(mine)))
+        for i, k in enumerate(mine):
             u = self.unknowns[k]
-            step = STEP * u.scale
-            if z[k] + step > u.high:
-                step = -step
-            ahead = z.copy()
-            ahead[k] += step
-            out[r][:, :, place] = (residuals[r] - self.residual(r, ahead)) / step
+            if u.kind == "start":
+                # What an effect remembers is no state where the effect is nothing.
+                start[course.active == u.at, i] = 1.0
+                continue
+            step = NUDGED * u.scale * (-1.0 if z[k] + NUDGED * u.scale > u.high else 1.0)
+            theta = course.setting.theta.copy()
+            theta[u.at] += step
+            fault = self._fault_at(u.at)
+            if fault is not None and fault.acts_on_output:
+                direct[:, :, i] = course.of_sensor(theta, self.since[r : r + 1] or (-np.inf,))[:, :, 0] / step
+                continue
+            if fault is not None:
+                one = course.of_input(theta, step)
+            else:
+                one = course.of_parameters(theta, step, self.begun_s(r, u))
+            if u.kind == "drift":
+                one = one.times(self._hat(r, k, course)[:, None])
+            acts.rates[:, :, i], acts.reads[:, :, i] = (part[:, :, 0] for part in one)
+        return course.columns(acts, start) + direct
 
-        parallel(
-            [
-                lambda r=r, place=place, k=k: column(r, place, k)
-                for r in range(len(self.tracks))
-                for place, k in enumerate(chosen)
-                if self.unknowns[k].recording in (-1, r)
-            ]
-        )
-        return out
+    def _fault_at(self, at: int) -> Candidate | None:
+        """The fault of a sensor or an input that a parameter belongs to, if any."""
+        for candidate in self.machine.candidates:
+            if at in candidate.at:
+                return candidate if candidate.acts_on_output or candidate.acts_on_input else None
+        return None
 
-    def normal(
-        self, z: Array, residuals: Sequence[Array], known: Sequence[Array] | None = None
-    ) -> tuple[Array, Array, list[Array]]:
+    def begun_s(self, r: int, unknown: Unknown) -> float:
+        """When what an unknown is about begins in recording r, s."""
+        return self.since[r] if unknown.kind == "mechanism" and self.since else -np.inf
+
+    def _hat(self, r: int, k: int, course: Course) -> Array:
+        """(S,) share of a drift's knot along a course."""
+        u, time_s = self.unknowns[k], self.tracks[r].time_s
+        n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.unknowns)
+        return np.interp(course.grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
+
+    def normal(self, z: Array, residuals: Sequence[Array]) -> tuple[Array, Array, list[Array]]:
         """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             residuals: at z, (B, ny) per recording, in the outputs' units.
-            known: whitened columns per recording, (B, ny, K), if they are known.
         """
-        whitened = self.whitened(z, residuals) if known is None else list(known)
+        whitened = [self.white(c) for c in self.columns(z)]
         precision = np.array([u.sd**-2 for u in self.unknowns])
         G, b = np.diag(precision), precision * (self.z0 - z)
         for column, residual in zip(whitened, residuals, strict=True):
@@ -266,23 +301,6 @@ class Problem:
             G += J.T @ J
             b += J.T @ r[seen]
         return G, b, whitened
-
-    def whitened(self, z: Array, residuals: Sequence[Array], near: Sequence[Array] | None = None) -> list[Array]:
-        """Whitened columns (B, ny, K) per recording.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
-            near: those of a point nearby, (B, ny, K) per recording, whitened, of which the start states' are kept: they
-                change little, and are many.
-        """
-        which = [k for k, u in enumerate(self.unknowns) if u.kind != "start"]
-        if near is None or not which:
-            return [self.white(c) for c in self.columns(z, residuals)]
-        out = [c.copy() for c in near]
-        for whole, fresh in zip(out, self.columns(z, residuals, which), strict=True):
-            whole[:, :, which] = self.white(fresh)
-        return out
 
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]

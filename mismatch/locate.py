@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twinbench.mismatch.course import together
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.naming.course import together
 from twinbench.mismatch.naming.marginal import eliminated, learn
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View, scale_of

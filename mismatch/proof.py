@@ -23,7 +23,7 @@ HELD_OUT_RESAMPLES = 500
 CHORDS = 8
 """Steps with columns from nearby."""
 AFRESH, DRIFTING = 4, 2
-"""Rounds, but for the first with columns of their own, and those before them where something drifts."""
+"""Rounds after blocks were brought in line with samples, and those before where something drifts."""
 NO_DIFFERENCE = 0.02
 """Share of the removable error that makes no difference."""
 BEYOND_CHANCE = 0.05
@@ -39,14 +39,12 @@ class Held(NamedTuple):
         residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
         rmse: (ny,) sample by sample, in the outputs' units.
         own: what each recording has for itself, as fitted: (K,) per recording, each in its unknown's unit.
-        columns: d(block means)/d(own) there, (B, ny, K) per recording, an output's unit per unit of the unknown.
         readings: simulated, sample by sample, (N, ny) per recording, in the outputs' units.
     """
 
     residuals: list[Array]
     rmse: Array
     own: list[Array]
-    columns: list[Array]
     readings: list[Array]
 
 
@@ -69,14 +67,14 @@ def held_out(
         z: (n_unknowns,) where its unknowns stand, each in its own unit.
         tracks: the held-out recordings, as the engine prepared them.
         own: unknowns of the held-out recordings themselves.
-        near: a similar fit's, to begin from: its columns serve again.
+        near: a similar fit's, to begin from.
     """
     theta = problem.theta.copy()
     for value, unknown in zip(z, problem.unknowns, strict=True):
         if unknown.recording == -1:
             theta[unknown.at] = value
 
-    def fitted(r: int) -> tuple[Array, Array, Array, Array, Array]:
+    def fitted(r: int) -> tuple[Array, Array, Array, Array]:
         # One recording at a time: they share nothing that is free.
         mine = tuple(replace(u, recording=0) for u in own if u.recording == r)
         alone = Problem(problem.machine, [tracks[r]], mine, problem.sd, theta=theta, since=problem.since[:1])
@@ -84,17 +82,16 @@ def held_out(
         drifting = any(u.kind == "drift" for u in mine)
         if near is None or drifting:
             best, _ = solve(alone, alone.z0, DRIFTING if drifting else 10, chords=CHORDS)
-            (columns,) = alone.columns(best, alone.residuals(best))
         else:
-            best, columns = near.own[r], near.columns[r]
+            best = near.own[r]
         alone = alone.refined(best)
-        best, _ = solve(alone, best, 1 if drifting else AFRESH, chords=CHORDS, known=[alone.white(columns)])
+        best, _ = solve(alone, best, 1 if drifting else AFRESH, chords=CHORDS)
         readings = alone.readings(0, best)
-        return alone.residual(0, best), alone.squares(0, best, readings), best, columns, readings
+        return alone.residual(0, best), alone.squares(0, best, readings), best, readings
 
     found = parallel([lambda r=r: fitted(r) for r in range(len(tracks))])
-    residuals, squares, best, columns, readings = (list(part) for part in zip(*found, strict=True))
-    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, columns, readings)
+    residuals, squares, best, readings = (list(part) for part in zip(*found, strict=True))
+    return Held(residuals, np.sqrt(np.mean(squares, axis=0)), best, readings)
 
 
 def worse_outputs(before: Held, after: Held, outputs: Sequence[Variable]) -> tuple[Worse, ...]:

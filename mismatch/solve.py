@@ -18,8 +18,6 @@ LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-4, 100.0
 """Damping of a step: none to speak of, what is tried first where that is not enough, and the most."""
 TRIES, GOOD_STEP = 6, 0.25
 """How often damping is raised tenfold, and the share of the promised fall in cost at which a step is good enough."""
-LITTLE = 0.1
-"""Share of the cost by which a fit may fall and still be where it was, more or less."""
 
 
 class _Limits(NamedTuple):
@@ -43,7 +41,6 @@ def solve(
     z: Array,
     rounds: int = 8,
     chords: int = 2,
-    known: Sequence[Array] | None = None,
     share: float = 0.0,
     advance: Callable[[float], None] = lambda share: None,
 ) -> tuple[Array, float]:
@@ -53,7 +50,6 @@ def solve(
         z: (K,) where the unknowns begin, each in its own unit.
         rounds: Jacobians at most.
         chords: steps that each serves besides the first.
-        known: whitened columns per recording, (B, ny, K), from nearby, for the first round.
         share: a round that gains less than this of the cost is the last, for a fit that need only be near.
         advance: told the share of the rounds that is done, round by round.
 
@@ -64,13 +60,9 @@ def solve(
     z = np.clip(z, limits.low, limits.high)
     cost = problem.cost(z)
     damping = LEAST_DAMPING
-    whitened, near = known, False
     for k in range(rounds):
         advance(k / rounds)
-        exact = not near and (k > 0 or known is None)
-        if k or known is None:
-            whitened = problem.whitened(z, problem.residuals(z), whitened if near else None)
-        G, b, whitened = problem.normal(z, problem.residuals(z), whitened)
+        G, b, whitened = problem.normal(z, problem.residuals(z))
         before = cost
         for _ in range(chords + 1):
             last = cost
@@ -78,10 +70,8 @@ def solve(
             if last - cost < ENOUGH:
                 break
             b = _right_side(problem, z, whitened)
-        if (exact and before - cost < ENOUGH) or before - cost < share * before:
+        if before - cost < max(ENOUGH, share * before):
             break
-        # Start states' columns serve again as long as the fit moves on with them, but not far.
-        near = ENOUGH <= before - cost < LITTLE * before
     advance(1.0)
     return z, cost
 

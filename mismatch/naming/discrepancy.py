@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.mismatch.catalogue import positions_of
-from twinbench.mismatch.naming.course import Acts, Course
+from twinbench.mismatch.course import Acts, Course
 from twinbench.physics.simulator import Array, Port, Simulator
 
 SHORT, LONG = 0.5, 2.0

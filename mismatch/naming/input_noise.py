@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from twinbench.mismatch.naming.course import Course, together
+from twinbench.mismatch.course import Course, together
 from twinbench.physics.simulator import Array
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from twinbench.mismatch.fit import Problem, Unknown, parallel
+from twinbench.mismatch.course import Acts, Course, together
+from twinbench.mismatch.fit import NUDGED, Problem, parallel
 from twinbench.mismatch.machine import Candidate
-from twinbench.mismatch.naming.course import Acts, Course, together
 from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
@@ -18,8 +18,6 @@ WANDERS, HARDLY = 0.05, 0.005
 """Prior sd of how much an effect's size differs from place to place, as a share of it: either, as likely as not. Most
 forms of a catalogue are not exact; but where parameters hide most of a large effect, not even a hundredth goes unseen.
 """
-NUDGED = 0.01
-"""Step of a difference quotient in an unknown, in scales of it."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +36,6 @@ class View:
     z: Array
     courses: tuple[Course, ...]
     residuals: tuple[Array, ...]
-    _cleans: dict[int, Array] = field(default_factory=dict)
 
     @classmethod
     def around(cls, problem: Problem, z: Array) -> View:
@@ -48,59 +45,13 @@ class View:
             z: (K,) where the problem's unknowns stand, each in its own unit.
         """
         every = range(len(problem.tracks))
-        courses = parallel([lambda r=r: Course(problem, r, z) for r in every])
+        courses = parallel([lambda r=r: problem.course(r, z) for r in every])
         return cls(problem, z, tuple(courses), tuple(problem.residuals(z)))
 
     def unknowns(self) -> list[Array]:
         """Columns of the problem's unknowns, (B, ny, K) per recording, per prior sd."""
-        return parallel([lambda r=r: self._unknowns_of(r) for r in range(len(self.courses))])
-
-    def _unknowns_of(self, r: int) -> Array:
-        course, unknowns = self.courses[r], self.problem.unknowns
-        acts, start = course.none(len(unknowns)), np.zeros((len(course.active), len(unknowns)))
-        direct = np.zeros((*self.residuals[r].shape, len(unknowns)))
-        for k, u in enumerate(unknowns):
-            if u.kind == "start" and u.recording == r:
-                # What an effect remembers is no state where the effect is nothing.
-                start[course.active == u.at, k] = scale_of(u)
-            elif u.kind == "start" or (u.kind == "drift" and u.recording != r):
-                continue
-            else:
-                step = NUDGED * u.scale * (-1.0 if self.z[k] + NUDGED * u.scale > u.high else 1.0)
-                theta = course.setting.theta.copy()
-                theta[u.at] += step
-                fault = self._fault_at(u.at)
-                if fault is not None and fault.acts_on_output:
-                    direct[:, :, k] = (
-                        self._of_sensor(course, r, theta, self.problem.since[r : r + 1])[:, :, -1] / step * scale_of(u)
-                    )
-                    continue
-                one = (
-                    course.of_input(theta, step)
-                    if fault is not None
-                    else course.of_parameters(theta, step, self._since(r, u))
-                )
-                if u.kind == "drift":
-                    one = one.times(self._hat(r, k)[:, None])
-                acts.rates[:, :, k], acts.reads[:, :, k] = (part[:, :, 0] * scale_of(u) for part in one)
-        return course.columns(acts, start) + direct
-
-    def _fault_at(self, at: int) -> Candidate | None:
-        """The fault of a sensor or an input that a parameter belongs to, if any."""
-        for candidate in self.problem.machine.candidates:
-            if at in candidate.at:
-                return candidate if candidate.acts_on_output or candidate.acts_on_input else None
-        return None
-
-    def _since(self, r: int, unknown: Unknown) -> float:
-        """When what an unknown is about begins in a recording."""
-        return self.problem.since[r] if unknown.kind == "mechanism" and self.problem.since else -np.inf
-
-    def _hat(self, r: int, k: int) -> Array:
-        """(S,) share of a drift's knot along a course."""
-        u, time_s = self.problem.unknowns[k], self.courses[r].track.time_s
-        n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.problem.unknowns)
-        return np.interp(self.courses[r].grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
+        scales = np.array([scale_of(u) for u in self.problem.unknowns])
+        return [c * scales for c in self.problem.columns(self.z, self.courses)]
 
     def wandering(self, d: Discrepancy, sizes: Sequence[int], share: float) -> list[Array]:
         """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.
@@ -119,7 +70,7 @@ class View:
                 step = NUDGED * u.scale * (-1.0 if self.z[k] + NUDGED * u.scale > u.high else 1.0)
                 theta = course.setting.theta.copy()
                 theta[u.at] += step
-                one = course.of_parameters(theta, step, self._since(r, u))
+                one = course.of_parameters(theta, step, self.problem.begun_s(r, u))
                 much = share * (self.z[k] - u.mean)
                 acts.append(Acts(one.rates * much, one.reads * much).times(functions))
             return course.columns(together(acts))
@@ -145,7 +96,7 @@ class View:
                 candidate, theta, step = self._tried(course, v, probe)
                 if candidate.acts_on_output:
                     acts.append(course.none(late.shape[1]))
-                    direct.append(self._of_sensor(course, r, theta, since_s) / probe * np.sign(step))
+                    direct.append(course.of_sensor(theta, (-np.inf, *since_s)) / probe * np.sign(step))
                 else:
                     one = course.of_candidate(candidate, theta, step)
                     unit = typical(candidate)
@@ -161,20 +112,6 @@ class View:
         if not first.low <= candidate.null[0] + step <= first.high:
             step = -step
         return candidate, switched(self.problem.machine, course.setting.theta, variant, step), step
-
-    def _of_sensor(self, course: Course, r: int, theta: Array, since_s: Sequence[float]) -> Array:
-        """What a faulty sensor changes of the block means, from the beginning and from each time on."""
-        clean = self._clean(r)
-        machine, track = course.machine, course.track
-        base = machine.read(track, course.setting.theta, clean, course.setting.since_s)
-        changed = [machine.read(track, theta, clean, s) - base for s in (-np.inf, *since_s)]
-        return np.nan_to_num(np.stack(changed, axis=-1))
-
-    def _clean(self, r: int) -> Array:
-        """What sound sensors would read, (B, ny); run once per recording."""
-        if r not in self._cleans:
-            self._cleans[r] = self.problem.clean(r, self.z)
-        return self._cleans[r]
 
     def of_discrepancy(self, d: Discrepancy, ports: Sequence[int]) -> list[Array]:
         """Columns of the random functions at some ports, (B, ny, P R) per recording."""

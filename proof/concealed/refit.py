@@ -77,17 +77,14 @@ class _Known(Problem):
         left = self.stacked(residuals)
         return float(self.inner(left, left)[0, 0] + np.sum(self._prior(z) ** 2))
 
-    def normal(
-        self, z: Array, residuals: Sequence[Array], known: Sequence[Array] | None = None
-    ) -> tuple[Array, Array, list[Array]]:
+    def normal(self, z: Array, residuals: Sequence[Array]) -> tuple[Array, Array, list[Array]]:
         """As in ``Problem``.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             residuals: at z, (B, ny) per recording, in the outputs' units.
-            known: whitened columns per recording, (B, ny, K), if they are known.
         """
-        whitened = self.whitened(z, residuals) if known is None else list(known)
+        whitened = [self.white(c) for c in self.columns(z)]
         precision = np.array([u.sd**-2 for u in self.unknowns])
         J = np.concatenate([w.reshape(-1, len(z)) for w in whitened])
         b = self.inner(J, self.stacked(residuals))[:, 0] + precision * (self.z0 - z)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from twinbench.mismatch.fit import STEP
+from twinbench.mismatch.fit import NUDGED
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.compile import compiled
@@ -87,7 +87,7 @@ class _Recording:
         terms = [self.term(v, theta, states, rate) for v in listed]
         moved = []
         for k, unknown in enumerate(self.problem.unknowns):
-            step = -STEP if self.z[k] + STEP * unknown.scale > unknown.high else STEP
+            step = -NUDGED if self.z[k] + NUDGED * unknown.scale > unknown.high else NUDGED
             z = self.z.copy()
             z[k] += step * unknown.scale
             if unknown.recording in (-1, self.r):

@@ -9,7 +9,7 @@ from twinbench.data.recording import Recording
 from twinbench.mismatch import diagnose
 from twinbench.mismatch.model import load_simulator
 
-LEVEL_M, NOISE_M = 0.5, 0.05
+LEVEL_M, NOISE_M = 0.5, 0.08
 
 
 def at_rest(seed: int, samples: int = 80) -> Recording:

@@ -32,7 +32,7 @@ def test_errors_are_told_output_by_output_with_their_noise(friction):
 
 def held(*columns: np.ndarray) -> Held:
     residual = np.stack(columns, axis=1)
-    return Held([residual], np.sqrt(np.mean(residual**2, axis=0)), [], [], [])
+    return Held([residual], np.sqrt(np.mean(residual**2, axis=0)), [], [])
 
 
 def test_an_effect_that_spoils_one_output_is_worse_there_however_much_it_helps_another():

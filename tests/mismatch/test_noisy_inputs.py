@@ -17,7 +17,6 @@ from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.calibrate import block_noise, calibrated
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.naming.course import Course
 from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
 from twinbench.mismatch.noisy_inputs import find_noisy_inputs
 from twinbench.mismatch.series import steadied
@@ -195,7 +194,7 @@ def test_draws_of_the_inputs_noise_are_of_its_posterior():
 def test_what_the_noise_of_an_input_does_to_the_readings_is_what_runs_say():
     """The sum over all stretches is what an input does that is off by a constant."""
     problem, z = fitted([record("run", 9, seconds=60.0)])
-    course = Course(problem, 0, z)
+    course = problem.course(0, z)
     sds = np.array([2.0, 0.0])
     shares = 1.0 / np.sqrt(course.grid.samples)
     summed = (moved_by(course, sds) / shares).sum(axis=2)

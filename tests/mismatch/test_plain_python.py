@@ -11,7 +11,6 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.march import RUNGE_KUTTA, legendre
 from twinbench.mismatch.model import load_simulator
-from twinbench.mismatch.naming.course import Course
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.tracks import prepare
 
@@ -42,7 +41,7 @@ def test_it_is_linearised_along_the_same_run(tmp_path, scheme):
         simulator = load_simulator(write_python(tmp_path, text, name))
         machine, tracks = Machine(simulator, ()), prepare(read_recordings([path], simulator), simulator)
         machine.scheme = scheme
-        return Course(Problem(machine, tracks, (), np.ones(1)), 0, np.empty(0)).middles
+        return Problem(machine, tracks, (), np.ones(1)).course(0, np.empty(0)).middles
 
     with pytest.warns(RuntimeWarning, match="plain Python"):
         plain = middles("SEEN = []\n" + PLAIN, "plain.py")

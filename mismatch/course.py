@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.machine import WHISPER, Candidate, Setting
-from twinbench.mismatch.naming import tangent
+from twinbench.mismatch import tangent
+from twinbench.mismatch.machine import WHISPER, Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
@@ -43,7 +43,7 @@ class Course:
     """A recording's run, stretch by stretch, as ``tangent`` sees it.
 
     Args:
-        z: (K,) where the problem's unknowns stand, each in its own unit.
+        setting: what the run begins with, block by block.
 
     Attributes:
         active: (na,) positions of the states that may change: the simulator's, and those of present candidates.
@@ -51,10 +51,9 @@ class Course:
         u: (S, nu) the inputs that the machine got.
     """
 
-    def __init__(self, problem: Problem, r: int, z: Array) -> None:
-        self.machine = machine = problem.machine
-        self.track: Track = problem.tracks[r]
-        self.setting: Setting = problem.setting(r, z, machine.grid(self.track))
+    def __init__(self, machine: Machine, setting: Setting) -> None:
+        self.machine, self.setting = machine, setting
+        self.track: Track = setting.track
         self.grid: Grid = machine.driven(self.setting, blocks=True)
         self._varying, self._values = machine.fading(self.setting, self.grid, blocks=True)
         drifting = self.setting.values
@@ -184,6 +183,22 @@ class Course:
         """
         ahead = self._acting(self.setting.theta, np.ascontiguousarray(u), self.middles)
         return self._difference(ahead, self._base, step, -np.inf)
+
+    @cached_property
+    def clean(self) -> Array:
+        """(B, ny) block means that sound sensors would read, in the outputs' units."""
+        return self.machine.clean(self.setting, blocks=True)
+
+    def of_sensor(self, theta: Array, since_s: Sequence[float]) -> Array:
+        """What other parameters of a faulty sensor change of the block means, (B, ny, T), in the outputs' units.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+            since_s: T times from which they hold, on the recording's clock.
+        """
+        base = self.machine.read(self.track, self.setting.theta, self.clean, self.setting.since_s)
+        changed = [self.machine.read(self.track, theta, self.clean, s) - base for s in since_s]
+        return np.nan_to_num(np.stack(changed, axis=-1))
 
     def late(self, since_s: float) -> Array:
         """(S,) the share of each stretch from a time on."""
