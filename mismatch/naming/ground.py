@@ -90,7 +90,7 @@ class Ground:
         kept: per port, its position among the discrepancy's and the combinations (R, k) of its R functions that the
             columns are of, dimensionless.
         inputs: per recording, the noise of its measured inputs; empty if none has any.
-        moved: per recording, what that does to the readings, (B, ny, N) in the outputs' units; empty likewise.
+        moved: per recording, what of that the readings feel, (B, ny, N) in the outputs' units; empty likewise.
     """
 
     noise: SensorNoise
@@ -140,7 +140,9 @@ class Ground:
             return _by_sensors(noise, columns, view.residuals[r])[:, :-1].copy()
 
         every = range(len(whole))
-        inputs = parallel([lambda r=r: InputNoise.of(by_sensors(r, moved[r])) for r in every]) if moved else []
+        turns = parallel([lambda r=r: InputNoise.felt(by_sensors(r, moved[r])) for r in range(len(moved))])
+        moved = [m @ turn for m, turn in zip(moved, turns, strict=True)]
+        inputs = parallel([lambda r=r: InputNoise.of(by_sensors(r, moved[r])) for r in range(len(moved))])
         found = parallel([lambda r=r: by_sensors(r, whole[r]) for r in every])
         if inputs:
             found = [one.whitened(white) for one, white in zip(inputs, found, strict=True)]

@@ -14,13 +14,17 @@ from scipy.linalg import cholesky, solve_triangular
 from twinbench.mismatch.course import Course, together
 from twinbench.physics.simulator import Array
 
+FELT = 0.1
+"""Variance, in that of the sensors' noise, up to which the readings do not feel a combination of the stretches' noise:
+the sensors' noise, which is learnt, takes in so little."""
+
 
 class InputNoise(NamedTuple):
     """Of one recording, after the sensors' noise was whitened.
 
     Attributes:
-        moves: (B * ny, N) what the noise of N stretches does to the readings, dimensionless: in sds of the sensors'
-            noise per sd.
+        moves: (B * ny, N) what N combinations of the stretches' noise do to the readings, dimensionless: in sds of the
+            sensors' noise per sd.
         root: (N, N) dimensionless, the lower Cholesky factor L of its posterior precision, I + moves' moves.
     """
 
@@ -36,6 +40,16 @@ class InputNoise(NamedTuple):
         """
         return cls(moves, np.asarray(cholesky(np.eye(moves.shape[1]) + moves.T @ moves, lower=True)))
 
+    @staticmethod
+    def felt(moves: Array) -> Array:
+        """(N, k) orthonormal combinations of the stretches' noise that the readings feel, dimensionless.
+
+        Args:
+            moves: (B * ny, N) dimensionless, in sds of the sensors' noise per sd.
+        """
+        variances, turn = np.linalg.eigh(moves.T @ moves)
+        return np.asarray(turn[:, variances > FELT])
+
     def whitened(self, white: Array) -> Array:
         """Columns (B * ny, K) in sds of the noise of sensors and inputs.
 
@@ -49,7 +63,7 @@ class InputNoise(NamedTuple):
         return np.asarray(white - self.moves @ along)
 
     def drawn(self, white: Array, rng: np.random.Generator) -> Array:
-        """A draw of the stretches' noise, (N,) in sds of it, given what a fit leaves of the readings.
+        """A draw of these combinations, (N,) in sds of the noise, given what a fit leaves of the readings.
 
         Args:
             white: (B * ny,) that, dimensionless, in sds of the sensors' noise.
