@@ -192,8 +192,10 @@ def acts_at(where: str, what: str = "something") -> str:
 
 def none_of_them(d: Diagnosis, name: str) -> str:
     """Why an effect that explains something best is no name for it, whatever its probability; empty if nothing is."""
-    if astray(d.answer):
-        return "the simulator is so far off, and so much is left, that other sets may explain as much"
+    if astray(d.answer, d.self_check.again):
+        if astray(d.answer, 1.0):
+            return "the simulator is so far off, and so much is left, that other sets may explain as much"
+        return "the simulator is so far off that another set is likelier in most halves of the recordings"
     drawn = {c.found.name for c in d.claims if c.found is not None and c.found.evidence["echo"]}
     return "several effects of one channel or period draw one thing that is none of them" if name in drawn else ""
 

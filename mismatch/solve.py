@@ -14,6 +14,9 @@ ENOUGH = 0.05
 """A fit is done when a step gains less than this, in units of twice the log-likelihood."""
 NEARLY = 0.01
 """Share of the cost that a round of a fit which need only be near must gain to be followed by another."""
+HOP = 0.05
+"""How far (sd) from where a fit began or ended another begins, as a share of each unknown's scale. On the Cascaded
+Tanks twice as much does as well."""
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e-4, 100.0
 """Damping of a step: none to speak of, what is tried first where that is not enough, and the most."""
 TRIES, GOOD_STEP = 6, 0.25

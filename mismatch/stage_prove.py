@@ -21,7 +21,7 @@ from twinbench.mismatch.naming.foretold import foretold
 from twinbench.mismatch.naming.name import FAR_OFF
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse, held_out, worse_outputs
-from twinbench.mismatch.solve import NEARLY, solve
+from twinbench.mismatch.solve import HOP, NEARLY, solve
 from twinbench.mismatch.stage_calibrate import Calibration
 from twinbench.mismatch.stuck import Stuck, set_aside
 from twinbench.mismatch.tracks import Track
@@ -34,10 +34,10 @@ What removed a fifth of it made a filter err more: drifts had taken the rest. Of
 0.99 and the Cascaded Tanks three quarters, so at more than that the tanks would not be mended."""
 REFITTED = 6
 """Jacobians of a fit that begins where the hypothesis stands, twice."""
-HOPS, HOP = 6, 0.05
-"""Times that a fit which ends far off is begun anew near its best, and how far from there (sd), as a share of each
-unknown's scale. Steps stall at the kinks of saturations and overflows: on the train's compressor the fit removed 43 or
-95 % of the error to remove, by how sums were rounded. Other numbers were not measured."""
+HOPS = 6
+"""Times that a fit which ends far off is begun anew near its best. Steps stall at the kinks of saturations and
+overflows: on the train's compressor the fit removed 43 or 95 % of the error to remove, by how sums were rounded. Other
+numbers were not measured."""
 
 
 class Tested(NamedTuple):

@@ -59,6 +59,11 @@ class SelfCheck:
     power: tuple[Power, ...]
 
     @property
+    def again(self) -> float:
+        """Share of the halves in which the same is the likeliest."""
+        return self.named_again / self.halves
+
+    @property
     def says(self) -> tuple[str, ...]:
         """One sentence each."""
         named = count(self.decoys_named) if self.decoys_named else "none"

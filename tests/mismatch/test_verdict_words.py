@@ -205,6 +205,17 @@ def test_from_far_off_no_probability_is_told(friction):
     assert verdict.findings[0].mechanism is None
 
 
+@pytest.mark.parametrize(("again", "named"), [(6, True), (4, False)])
+def test_from_far_off_a_name_must_be_the_likeliest_in_most_halves(friction, again, named):
+    d = friction.diagnosis
+    answer = replace(d.answer, naming=replace(d.answer.naming, far=True))
+    check = replace(d.self_check, named_again=again, halves=10)
+    claims = decided(answer, again=check.again)
+    assert bool(claims[0].names) == named
+    verdict = conclude(replace(d, answer=answer, claims=claims, self_check=check))
+    assert ("another set is likelier in most halves" in verdict.points[0]) != named
+
+
 def test_something_unnamed_beside_a_name_is_incomplete(friction):
     d, port = friction.diagnosis, Port("balance", "T_winding_K")
     left = (Unnamed(port, 1.5, 2.3), Unnamed(Port("balance", "current_A"), -9.0, 0.1))
