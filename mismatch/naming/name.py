@@ -21,7 +21,6 @@ from twinbench.mismatch.naming.pruned import Whole, all_at_once
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
-from twinbench.mismatch.solve import HOP
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
 from twinbench.physics.simulator import Array
@@ -39,9 +38,6 @@ TIMES = 24
 half such a part away. What other numbers would change was not measured."""
 SHARPENED, SIDES = 3, 6
 """Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
-BEGINNINGS, NEARLY_ALIKE = 6, 3.0
-"""Places at most from which all physics at once is thinned out, and nats by which two ends may differ that are one. On
-the Cascaded Tanks five of eight beginnings end at 407 to 415 nats and three at 66 to 239."""
 MOST_EFFECTS = 12
 """Effects that a set may grow to, one at a time."""
 ADDED = 3
@@ -224,20 +220,10 @@ def _one_is_not_enough(found: Naming) -> bool:
 
 
 def _thinned_out(found: Naming) -> None:
-    """Begin with all physics at once and leave out what is not needed, until two ways to the likeliest end alike.
-
-    The way has many kinks, at thresholds above all. Where it ends may hang on where it begins.
-    """
-    null, shown, rng = found.null, found.picture, np.random.default_rng(0)
+    """Begin with all physics at once and leave out what is not needed."""
+    null, shown = found.null, found.picture
     begun = _since(null.problem, shown, shown.sets.best()) if found.best is null else found.best.bare
-    effects, scale = all_physics(found), np.array([u.scale for u in null.problem.unknowns])
-    ends: list[Settled] = []
-    for k in range(BEGINNINGS):
-        hop = HOP * scale * rng.standard_normal(len(scale)) if k else 0.0
-        ends.append(all_at_once(begun, null.z + hop, effects, found.ground))
-        ends.sort(key=lambda h: -h.log)
-        if k and ends[0].log - ends[1].log < NEARLY_ALIKE:
-            break
+    ends = all_at_once(begun, null.z, all_physics(found), found.ground)
     found.together = ends[0]
     for end in ends:
         found.keep(end)

@@ -17,7 +17,7 @@ from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.calibrate import block_noise, calibrated
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
+from twinbench.mismatch.naming.input_noise import FELT, InputNoise, moved_by
 from twinbench.mismatch.noisy_inputs import find_noisy_inputs
 from twinbench.mismatch.series import steadied
 from twinbench.mismatch.tracks import prepare
@@ -175,6 +175,26 @@ def test_whitening_by_the_inputs_noise_is_that_by_the_dense_covariance():
     white = InputNoise.of(moves).whitened(columns)
     whole = np.linalg.inv(np.eye(40) + moves @ moves.T)
     np.testing.assert_allclose(white.T @ white, columns.T @ whole @ columns, rtol=1e-8)
+
+
+def test_what_the_readings_hardly_feel_of_an_inputs_noise_is_left_out():
+    """So products of whitened columns change by less than the variance that is left out."""
+    rng = np.random.default_rng(4)
+    left, right = (np.linalg.qr(rng.normal(size=(n, 12)))[0] for n in (40, 15))
+    moves = left * np.geomspace(10.0, 0.01, 12) @ right.T
+    turn = InputNoise.felt(moves)
+    np.testing.assert_allclose(turn.T @ turn, np.eye(turn.shape[1]), atol=1e-12)
+    assert turn.shape[1] == np.sum(np.geomspace(10.0, 0.01, 12) ** 2 > FELT)
+    columns = rng.normal(size=(40, 3))
+    kept, whole = (InputNoise.of(m).whitened(columns) for m in (moves @ turn, moves))
+    largest = np.linalg.eigvalsh(kept.T @ kept - whole.T @ whole).max()
+    assert 0.0 < largest < FELT * np.linalg.eigvalsh(columns.T @ columns).max()
+
+
+def test_noise_that_the_readings_do_not_feel_at_all_is_none():
+    columns = np.random.default_rng(5).normal(size=(40, 3))
+    moves = np.full((40, 6), 1e-4)
+    np.testing.assert_array_equal(InputNoise.of(moves @ InputNoise.felt(moves)).whitened(columns), columns)
 
 
 def test_draws_of_the_inputs_noise_are_of_its_posterior():

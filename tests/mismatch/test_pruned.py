@@ -21,7 +21,7 @@ from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
-from twinbench.mismatch.naming.pruned import Whole, all_at_once
+from twinbench.mismatch.naming.pruned import BEGINNINGS, NEARLY_ALIKE, Whole, all_at_once
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
 from twinbench.mismatch.naming.view import View, prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
@@ -49,10 +49,14 @@ def naming() -> Naming:
 
 
 @cache
-def left_over() -> Settled:
+def ends() -> list[Settled]:
     null, everything = naming().null, all_physics(naming())
     assert len(everything) > 3 * len(SIZES)
     return all_at_once(null.problem, null.z, everything, naming().ground)
+
+
+def left_over() -> Settled:
+    return ends()[0]
 
 
 def names(found: Settled) -> list[str]:
@@ -63,6 +67,13 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
     found = left_over().problem.machine.candidates
     contains = {c.name: c.mechanism.contains or c.name for c in found}
     assert {contains[name] for name in names(left_over())} == set(SIZES)
+
+
+def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_one():
+    logs = [end.log for end in ends()]
+    assert logs == sorted(logs, reverse=True)
+    alike = logs[0] - logs[1] < NEARLY_ALIKE
+    assert alike if len(logs) < BEGINNINGS else len(logs) == BEGINNINGS
 
 
 def test_what_is_there_is_the_likeliest_of_all():

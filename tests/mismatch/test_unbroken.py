@@ -112,3 +112,12 @@ def test_a_healthy_machine_is_not_blamed_for_gaps_in_an_inputs_record():
         many.append(recording)
     verdict = diagnose(MOTOR, many[:2], many[2:])
     assert verdict.verdict in ("consistent", "parameter change")
+
+
+def test_an_input_that_moved_by_its_noise_alone_is_held_over():
+    """Its noise is half of what it does, so one value and the next differ by more than a tenth of that."""
+    whole = run()
+    values = whole.values.copy()
+    values[:, 0] = 5.0 + np.random.default_rng(0).normal(size=len(values))
+    broken = lost(replace(whole, values=values), 400, 20)
+    assert unbroken(broken, MOTOR) == ([broken], "")
