@@ -14,6 +14,10 @@ from twinbench.mismatch.machine import WHISPER, Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
+BENT = 0.01
+"""Largest change of a reading, in scales of its output, by which is told how a faulty sensor reads a change: as small
+as steps of the unknowns are."""
+
 
 class Acts(NamedTuple):
     """Changes that act along a course.
@@ -87,6 +91,7 @@ class Course:
         )
         self._memories: dict[tuple[str, tuple[float, ...]], Array] = {}
         self._base = self._acting(self.setting.theta, self.u, self.middles)
+        self._faded_base: Acts | None = None
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -111,6 +116,17 @@ class Course:
         """So many changes that do nothing yet."""
         s, n, ny = self.sizes
         return Acts(np.zeros((s, n, many)), np.zeros((s, ny, many)))
+
+    def of_always(self, theta: Array, step: float) -> Acts:
+        """As ``of_parameters``, for what holds all the time: what is there beside it begins when it does.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+        """
+        if self._faded_base is None:
+            self._faded_base = self._acting(self.setting.theta, self.u, self.middles, faded=True)
+        ahead = self._acting(theta, self.u, self.middles, faded=True)
+        return self._difference(ahead, self._faded_base, step, -np.inf)
 
     def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf, read: bool = True) -> Acts:
         """What other parameters do, per unit of a step; one change.
@@ -200,6 +216,23 @@ class Course:
         changed = [self.machine.read(self.track, theta, self.clean, s) - base for s in since_s]
         return np.nan_to_num(np.stack(changed, axis=-1))
 
+    def through_sensors(self, columns: Array) -> Array:
+        """Columns (B, ny, K) as the sensors read them that are faulty along this course, in the outputs' units.
+
+        A sensor that moves in steps follows what is larger than its step: it is left out.
+        """
+        theta, since_s = self.setting.theta, self.setting.since_s
+        if not self.machine.bends(theta):
+            return columns
+        base = self.machine.read(self.track, theta, self.clean, since_s, rounding=False)
+        scales = np.array([v.scale for v in self.machine.simulator.outputs])
+        out = np.empty_like(columns)
+        for k in range(columns.shape[2]):
+            step = BENT / max(float((np.abs(columns[:, :, k]) / scales).max(initial=0.0)), 1e-300)
+            ahead = self.machine.read(self.track, theta, self.clean + step * columns[:, :, k], since_s, rounding=False)
+            out[:, :, k] = (ahead - base) / step
+        return np.nan_to_num(out)
+
     def late(self, since_s: float) -> Array:
         """(S,) the share of each stretch from a time on."""
         ends = self.grid.time_s + 0.5 * self.grid.seconds
@@ -227,10 +260,10 @@ class Course:
         )
         return np.asarray(0.5 * (nodes[:-1] + nodes[1:]))
 
-    def _acting(self, theta: Array, u: Array, middles: Array, read: bool = True) -> Acts:
+    def _acting(self, theta: Array, u: Array, middles: Array, read: bool = True, faded: bool = False) -> Acts:
         rates = np.empty((self.sizes[0], self.sizes[1]))
         reads = np.empty((self.sizes[0], self.sizes[2])) if read else self._base.reads[:, :, 0]
-        varying, values = self._plain
+        varying, values = (self._varying, self._values) if faded else self._plain
         # A parameter that drifts is nudged along its whole course.
         values = values + (theta - self.setting.theta)[varying]
         self.machine.loop(tangent.acting)(

@@ -177,3 +177,22 @@ class _Channel:
 def _limit(v: Variable) -> Variable:
     low, high, typical = upper_limit(v)
     return Variable(f"limit_{v.name}", v.unit, low, high, typical, v.scale, f"highest value of {v.name}")
+
+
+def channel_of(simulator: Simulator, fault: Series) -> tuple[str, int]:
+    """Whether a fault is at an input or an output, and at which."""
+    return fault.port.place, fault.port.index(simulator)
+
+
+def with_fault(fault: Series, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray) -> Array:
+    """Channels (N, C) in their units, of which one is faulty.
+
+    Args:
+        time_s: (N,) seconds.
+        sizes: (k,) the fault's parameters, each in its unit.
+        not_there: (N,) bool, when the fault is not there yet.
+    """
+    changed = values.copy()
+    faulty = fault.series(time_s, values[:, column].copy(), sizes)
+    changed[:, column] = np.where(not_there, values[:, column], faulty)
+    return changed

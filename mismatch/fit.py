@@ -254,25 +254,28 @@ class Problem:
             step = NUDGED * u.scale * (-1.0 if z[k] + NUDGED * u.scale > u.high else 1.0)
             theta = course.setting.theta.copy()
             theta[u.at] += step
-            fault = self._fault_at(u.at)
-            if fault is not None and fault.acts_on_output:
+            candidate = self._candidate_at(u)
+            if candidate is not None and candidate.acts_on_output:
                 direct[:, :, i] = course.of_sensor(theta, self.since[r : r + 1] or (-np.inf,))[:, :, 0] / step
                 continue
-            if fault is not None:
+            if candidate is None:
+                one = course.of_always(theta, step)
+            elif candidate.acts_on_input:
                 one = course.of_input(theta, step)
+            elif course.setting.theta[candidate.at[0]] == candidate.null[0]:
+                one = course.of_candidate(candidate, theta, step, self.begun_s(r, u))
             else:
                 one = course.of_parameters(theta, step, self.begun_s(r, u))
             if u.kind == "drift":
                 one = one.times(self._hat(r, k, course)[:, None])
             acts.rates[:, :, i], acts.reads[:, :, i] = (part[:, :, 0] for part in one)
-        return course.columns(acts, start) + direct
+        return course.through_sensors(course.columns(acts, start)) + direct
 
-    def _fault_at(self, at: int) -> Candidate | None:
-        """The fault of a sensor or an input that a parameter belongs to, if any."""
-        for candidate in self.machine.candidates:
-            if at in candidate.at:
-                return candidate if candidate.acts_on_output or candidate.acts_on_input else None
-        return None
+    def _candidate_at(self, unknown: Unknown) -> Candidate | None:
+        """The candidate that an unknown belongs to; None of what the simulator has itself."""
+        if unknown.kind != "mechanism":
+            return None
+        return next((c for c in self.machine.candidates if unknown.at in c.at), None)
 
     def begun_s(self, r: int, unknown: Unknown) -> float:
         """When what an unknown is about begins in recording r, s."""

@@ -103,7 +103,7 @@ def strangers(
         if least > STRANGE * usual:
             times = np.sqrt(there.mean()) / usual
             found.append(f"the errors of {v.name} are {times:.2g} times as large on recordings held back")
-        elif least > LOUD * scatter_there and usual < LOUD * scatter_here:
+        elif least > LOUD * scatter_there and scatter_here > LOUD * scatter_there > 0.0:
             # Noise so loud where it learnt would hide all that it does not follow.
             found.append(
                 f"the readings of {v.name} scatter {scatter_here / scatter_there:.2g} times as much where it learnt as "

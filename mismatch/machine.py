@@ -15,8 +15,10 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from twinbench.mismatch.faults import channel_of, with_fault
 from twinbench.mismatch.march import RUNGE_KUTTA, legendre, march
 from twinbench.mismatch.place import CLOCK
+from twinbench.mismatch.rounded import ROUNDS
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.compile import compiled
 from twinbench.physics.compose import compose
@@ -142,7 +144,7 @@ class Machine:
             candidate = Candidate(mechanism, positions, null, nominal)
             self.candidates.append(candidate)
             if isinstance(mechanism, Series):
-                self._faults.append((candidate, mechanism, *_channel(simulator, mechanism)))
+                self._faults.append((candidate, mechanism, *channel_of(simulator, mechanism)))
         self.theta = np.concatenate((theta, extra))
         self.states = self.whole.states
         self._n_ode = len(theta)
@@ -156,7 +158,7 @@ class Machine:
     def take_for_granted(self, fault: Series) -> None:
         """A fault of a sensor or an input is there from now on, at its nominal size."""
         sizes = np.array([v.nominal for v in fault.parameters])
-        self._known.append((sizes, fault, *_channel(self.simulator, fault)))
+        self._known.append((sizes, fault, *channel_of(self.simulator, fault)))
 
     @property
     def equations(self) -> tuple[Any, Any]:
@@ -232,7 +234,7 @@ class Machine:
         track, u = setting.track, setting.track.u
         late = track.time_s < setting.since_s
         for fault, sizes, column, not_there in self._there("input", setting.theta, late):
-            u = _with_fault(fault, track.time_s, u, column, sizes, not_there)
+            u = with_fault(fault, track.time_s, u, column, sizes, not_there)
         if u is track.u:
             return self.grid(track) if blocks else track.fine
         return track.grid(u, track.split_starts(self.parts)) if blocks else track.fine_grid(u)
@@ -262,21 +264,31 @@ class Machine:
         """What a run by blocks goes through: the blocks, or as many parts of each as it takes."""
         return track.split(self.parts)
 
-    def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf) -> Array:
+    def bends(self, theta: Array) -> bool:
+        """Is a sensor faulty that does more than move in steps?
+
+        Args:
+            theta: the parameter vector, (n_theta,), each in its parameter's unit.
+        """
+        return any(not m.name.startswith(ROUNDS) for m, *_ in self._there("output", theta, np.zeros(0, dtype=bool)))
+
+    def read(self, track: Track, theta: Array, y: Array, since_s: float = -np.inf, rounding: bool = True) -> Array:
         """What faulty sensors make of clean readings (N, ny) or block means (B, ny).
 
         Args:
             theta: the parameter vector, (n_theta,), each in its parameter's unit.
             y: (N, ny) readings or (B, ny) block means, in the outputs' units.
+            rounding: do those that move in steps?
         """
         late = track.time_s < since_s
         for mechanism, sizes, column, not_there in self._there("output", theta, late):
-            if len(y) == len(late):
-                y = _with_fault(mechanism, track.time_s, y, column, sizes, not_there)
+            if not rounding and mechanism.name.startswith(ROUNDS):
                 continue
-            samples = np.interp(track.time_s, track.coarse.time_s, y[:, column])[:, None]
-            change = _with_fault(mechanism, track.time_s, samples, 0, sizes, not_there) - samples
-            y = y.copy()
+            if len(y) == len(late):
+                y = with_fault(mechanism, track.time_s, y, column, sizes, not_there)
+                continue
+            samples, y = np.interp(track.time_s, track.coarse.time_s, y[:, column])[:, None], y.copy()
+            change = with_fault(mechanism, track.time_s, samples, 0, sizes, not_there) - samples
             y[:, column] += np.add.reduceat(change[:, 0], track.starts) / track.coarse.samples
         return y
 
@@ -360,18 +372,6 @@ def _evaluations(plan: tuple[int, int, int]) -> int:
     """Of the equations per block, by its parts, each part's steps and each step's stages."""
     parts, steps, stages = plan
     return parts * steps * (stages or 4)
-
-
-def _channel(simulator: Simulator, fault: Series) -> tuple[str, int]:
-    """Whether a fault is at an input or an output, and at which."""
-    return fault.port.place, fault.port.index(simulator)
-
-
-def _with_fault(fault: Series, time_s: Array, values: Array, column: int, sizes: Array, not_there: np.ndarray) -> Array:
-    changed = values.copy()
-    faulty = fault.series(time_s, values[:, column].copy(), sizes)
-    changed[:, column] = np.where(not_there, values[:, column], faulty)
-    return changed
 
 
 @njit(EQUATION, cache=True)

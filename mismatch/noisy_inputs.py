@@ -126,7 +126,8 @@ def _wanted(problem: Problem, z: Array, found: list[_Either]) -> list[_Either]:
 def _noise(series: Sequence[Array], told: float, scale: float) -> tuple[float, int] | None:
     """Standard deviation of a record's noise, and over how many samples it is steady; None if there is none.
 
-    So looks also a column whose rows are in a wrong order, but its noise is as large as what the input commonly does.
+    A column whose rows are in a wrong order looks the same, but its noise is about as large as what the input does. So
+    that much is noise only where a user told it.
     """
     sd = told or float(noise_floor([u[:, None] for u in series])[0])
     if told or 0.0 < sd < IMPLAUSIBLE * scale:

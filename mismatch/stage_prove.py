@@ -31,7 +31,7 @@ from twinbench.physics.simulator import Array
 STANDS_IN = 0.5
 """Share of the removable error on held-out recordings that effects without a name must remove to mend the simulator.
 What removed a fifth of it made a filter err more: drifts had taken the rest. Of the real recordings the chambers remove
-0.99 and the Cascaded Tanks three quarters, so at more than that the tanks would not be mended."""
+0.99 and the Cascaded Tanks four fifths, so at more than that the tanks would not be mended."""
 REFITTED = 6
 """Jacobians of a fit that begins where the hypothesis stands, twice."""
 HOPS = 6

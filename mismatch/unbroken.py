@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from twinbench.data.recording import Recording
-from twinbench.mismatch.followed import LOUD
+from twinbench.mismatch.followed import IMPLAUSIBLE
 from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.series import held
 from twinbench.mismatch.words import listed
@@ -22,6 +22,8 @@ SILENT = 5.0
 """Times the usual time between two values of an input (its 95 % quantile) from which it was not recorded."""
 MOVED_ON = 0.1
 """Share of the input's standard deviation by which it has moved on over a gap, beyond its noise: less is held over."""
+BEYOND_NOISE = 6.0
+"""Times its noise by which it has moved on, too: over one gap in 50,000 noise alone differs by so much."""
 FEWEST_IN_PART = 60
 """Samples that a part needs: twice the blocks that a recording must have."""
 PART = " (part "
@@ -39,7 +41,7 @@ def unbroken(recording: Recording, simulator: Simulator) -> tuple[list[Recording
     broken, values = [], recording.values.copy()
     for v in simulator.inputs:
         column = recording.channels.index(v.name)
-        own = _gaps(recording.time_s, values[:, column])
+        own = _gaps(recording.time_s, values[:, column], v.scale)
         broken += [v.name] if own else []
         gaps += own
         values[:, column] = held(values[:, column])  # a part still knows what was last recorded before it
@@ -57,15 +59,17 @@ def unbroken(recording: Recording, simulator: Simulator) -> tuple[list[Recording
     )
 
 
-def _gaps(time_s: Array, values: Array) -> list[tuple[float, float]]:
+def _gaps(time_s: Array, values: Array, scale: float) -> list[tuple[float, float]]:
     """Last time before and first time after each gap in an input's record (N,) over which it moved on."""
     seen = np.flatnonzero(np.isfinite(values))
     if len(seen) < FEWEST_IN_PART:
         return []
     apart_s, moved = np.diff(time_s[seen]), np.abs(np.diff(values[seen]))
     long = apart_s > SILENT * np.quantile(apart_s, 0.95)
-    noise = LOUD * float(noise_floor([values[seen, None]])[0])
-    which = np.flatnonzero(long & (moved > max(MOVED_ON * float(np.std(values[seen])), noise)))
+    noise = float(noise_floor([values[seen, None]])[0])
+    if noise > IMPLAUSIBLE * scale:
+        noise = 0.0  # it jumps from sample to sample by itself
+    which = np.flatnonzero(long & (moved > max(MOVED_ON * float(np.std(values[seen])), BEYOND_NOISE * noise)))
     return [(float(time_s[seen[k]]), float(time_s[seen[k + 1]])) for k in which]
 
 

@@ -30,7 +30,7 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     progress("prove", 0.5)
     asked_of = tested(answer, fit, seen.floor)
     answer, held = asked_of.answer, asked_of.held
-    found = proved(asked_of, decided(answer, rule, self_check.again), fit, seen.floor)
+    found = proved(asked_of, decided(answer, self_check.again, rule), fit, seen.floor)
     before = Fit(fit.problem, fit.z)
     tests = residual_tests(tracks, before.residuals, answer.naming.ground, seen.floor, simulator)
     progress("prove", 1.0)

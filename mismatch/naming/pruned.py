@@ -18,8 +18,8 @@ from twinbench.mismatch.solve import HOP
 from twinbench.physics.simulator import Array
 
 BEGINNINGS, NEARLY_ALIKE = 6, 3.0
-"""Places at most from which all physics at once is thinned out, and nats by which two ends may differ that are one. On
-the Cascaded Tanks five of eight beginnings end at 407 to 415 nats and three at 66 to 239."""
+"""Places at most from which all physics at once is thinned out, and nats within which two ends are as likely. On the
+Cascaded Tanks five of eight beginnings end at 407 to 415 nats and three at 66 to 239."""
 
 
 def all_at_once(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground) -> list[Settled]:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from twinbench.mismatch.fit import NUDGED
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.variants import Variant, switched, typical, variants
 from twinbench.physics.compile import compiled
@@ -25,6 +24,8 @@ from twinbench.proof.opponents.base import Calibrated
 
 PROBE_SIZE = 0.2
 """Share of its typical size at which a candidate's column is taken."""
+STEP = 0.02
+"""Forward-difference step, in scales of an unknown."""
 _PRESENT = 1e-9
 """Of its typical size: a term's own states run with it, and it does nothing yet."""
 
@@ -87,7 +88,7 @@ class _Recording:
         terms = [self.term(v, theta, states, rate) for v in listed]
         moved = []
         for k, unknown in enumerate(self.problem.unknowns):
-            step = -NUDGED if self.z[k] + NUDGED * unknown.scale > unknown.high else NUDGED
+            step = -STEP if self.z[k] + STEP * unknown.scale > unknown.high else STEP
             z = self.z.copy()
             z[k] += step * unknown.scale
             if unknown.recording in (-1, self.r):

@@ -11,7 +11,7 @@ from motor_case import record
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch import Verdict, diagnose
-from twinbench.mismatch.followed import told_followed
+from twinbench.mismatch.followed import strangers, told_followed
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.simulator import Simulator, Variable
 
@@ -116,3 +116,12 @@ def test_a_column_that_is_shuffled_only_where_it_learns_is_no_agreement():
     wrong = diagnose(mass_and_other(), runs, [lags("held out", 3, shuffled=False)], ())
     assert wrong.verdict == "unexplained"
     assert any(p.startswith("The readings of two_V scatter") for p in wrong.points)
+
+
+def test_the_same_noise_here_and_there_is_not_loud_where_it_learnt():
+    """Nor does noise that is no scatter at all divide anything."""
+    rng, output = np.random.default_rng(5), mass_and_other().outputs[:1]
+    slow = np.sin(np.arange(600) / 40.0)[:, None]
+    here, there = (a * slow + rng.normal(size=slow.shape) for a in (5.0, 7.0))
+    assert strangers([here], [there], output, np.ones(1)) == ()
+    assert strangers([here], [7.0 + 0.0 * slow], output, np.ones(1)) == ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from scipy.special import gammaln
 from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.naming import pruned
 from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
@@ -49,14 +51,10 @@ def naming() -> Naming:
 
 
 @cache
-def ends() -> list[Settled]:
+def left_over() -> Settled:
     null, everything = naming().null, all_physics(naming())
     assert len(everything) > 3 * len(SIZES)
-    return all_at_once(null.problem, null.z, everything, naming().ground)
-
-
-def left_over() -> Settled:
-    return ends()[0]
+    return all_at_once(null.problem, null.z, everything, naming().ground)[0]
 
 
 def names(found: Settled) -> list[str]:
@@ -69,11 +67,19 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
     assert {contains[name] for name in names(left_over())} == set(SIZES)
 
 
-def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_one():
-    logs = [end.log for end in ends()]
-    assert logs == sorted(logs, reverse=True)
-    alike = logs[0] - logs[1] < NEARLY_ALIKE
-    assert alike if len(logs) < BEGINNINGS else len(logs) == BEGINNINGS
+@pytest.mark.parametrize(
+    ("logs", "begun"),
+    [([5.0, 4.0], 2), ([1.0, 9.0, 5.0, 8.0], 4), ([1.0, 1.5], 2), (list(np.arange(10) * NEARLY_ALIKE), BEGINNINGS)],
+)
+def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_as_likely(monkeypatch, logs, begun):
+    left = iter(logs)
+
+    def from_one_place(problem, z, effects, ground):
+        return SimpleNamespace(log=next(left))
+
+    monkeypatch.setattr(pruned, "_from_one_place", from_one_place)
+    found = [end.log for end in all_at_once(SimpleNamespace(unknowns=()), np.empty(0), (), None)]
+    assert found == sorted(logs[:begun], reverse=True)
 
 
 def test_what_is_there_is_the_likeliest_of_all():

@@ -16,7 +16,7 @@ from twinbench.mismatch import tangent
 from twinbench.mismatch.calibrate import own_unknowns, shared_unknowns
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.faults import faults
-from twinbench.mismatch.fit import Problem
+from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.tracks import prepare
@@ -127,6 +127,45 @@ def test_columns_of_unknowns_are_those_of_forward_runs(view):
         ahead = problem.residual(0, z + step * np.eye(len(z))[k])
         cosine, ratio = compared(columns[:, :, k], (view.residuals[0] - ahead) / step)
         assert cosine > 0.999, unknown.name
+        assert ratio == pytest.approx(1.0, abs=0.08), unknown.name
+
+
+def with_effect(name: str, size: float, since_s: float = -np.inf) -> Problem:
+    """A motor that has a candidate at some share of its typical size, and the candidate's size among the unknowns."""
+    tracks = prepare([record("motor", 1, seconds=60.0)], MOTOR)
+    machine = Machine(MOTOR, (*generic(MOTOR), *faults(MOTOR, 0.08)))
+    scales = np.array([v.scale for v in MOTOR.outputs])
+    machine.settle_step(tracks, 0.01 * scales)
+    (candidate,) = [c for c in machine.candidates if c.name == name]
+    theta = machine.theta.copy()
+    theta[list(candidate.at)] = [candidate.null[0] + size * typical(candidate), *candidate.null[1:]]
+    scale = abs(typical(candidate))
+    own = Unknown("size", "mechanism", candidate.at[0], -np.inf, np.inf, theta[candidate.at[0]], np.inf, scale)
+    unknowns = (*shared_unknowns(MOTOR), *own_unknowns(MOTOR, tracks), own)
+    return Problem(machine, tracks, unknowns, scales, theta=theta, since=(since_s,))
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "since_s"),
+    [
+        ("sensor_lag@amps_A", 1.0, -np.inf),
+        ("sensor_gain@speed_rad_s", 3.0, -np.inf),
+        ("sensor_delay@amps_A", 1.0, -np.inf),
+        ("coulomb_friction@omega_rad_s", 1.0, 30.0),
+        ("input_gain@voltage_V", 3.0, 30.0),
+        ("hysteresis@omega_rad_s", 0.0, -np.inf),
+    ],
+)
+def test_columns_beside_an_effect_are_those_of_forward_runs(name, size, since_s):
+    """A faulty sensor reads them, what is there later is not there before, and what remembers does so from nothing."""
+    problem = with_effect(name, size, since_s)
+    z = problem.z0
+    (columns,), (here,) = problem.columns(z), problem.residuals(z)
+    for k, unknown in enumerate(problem.unknowns):
+        step = PROBE * unknown.scale
+        ahead = problem.residual(0, z + step * np.eye(len(z))[k])
+        cosine, ratio = compared(columns[:, :, k], (here - ahead) / step)
+        assert cosine > 0.995, unknown.name
         assert ratio == pytest.approx(1.0, abs=0.08), unknown.name
 
 

@@ -121,3 +121,11 @@ def test_an_input_that_moved_by_its_noise_alone_is_held_over():
     values[:, 0] = 5.0 + np.random.default_rng(0).normal(size=len(values))
     broken = lost(replace(whole, values=values), 400, 20)
     assert unbroken(broken, MOTOR) == ([broken], "")
+
+
+def test_an_input_that_jumps_from_sample_to_sample_by_itself_has_no_noise():
+    whole = run()
+    values = whole.values.copy()
+    values[:, 0] = 100.0 * np.random.default_rng(0).choice([-1.0, 1.0], size=len(values))
+    values[399, 0], values[420, 0] = -100.0, 100.0
+    assert len(unbroken(lost(replace(whole, values=values), 400, 20), MOTOR)[0]) == 2
