@@ -18,15 +18,15 @@ from twinbench.mismatch.solve import HOP
 from twinbench.physics.simulator import Array
 
 BEGINNINGS, NEARLY_ALIKE = 6, 3.0
-"""Places at most from which all physics at once is thinned out, and nats within which two ends are as likely. On the
-Cascaded Tanks five of eight beginnings end at 407 to 415 nats and three at 66 to 239."""
+"""Places at most from which all physics at once is thinned out, and nats within which two ends of the same effects are
+one. On the Cascaded Tanks five of eight beginnings end at 407 to 415 nats and three at 66 to 239."""
 
 
 def all_at_once(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground) -> list[Settled]:
     """Those of many effects that are likely together, brought to their fixed points; the likeliest first.
 
     The way there has kinks, at thresholds above all, and where it ends may hang on where it begins. So it is begun from
-    other places too, until the two likeliest ends are as good as one.
+    other places too, until the two likeliest ends are one.
 
     Args:
         problem: with no effect in it.
@@ -39,9 +39,14 @@ def all_at_once(problem: Problem, z: Array, effects: Sequence[Effect], ground: G
         hop = HOP * scale * rng.standard_normal(len(scale)) if k else 0.0
         ends.append(_from_one_place(problem, z + hop, effects, ground))
         ends.sort(key=lambda h: -h.log)
-        if k and ends[0].log - ends[1].log < NEARLY_ALIKE:
+        if k and _alike(*ends[:2]):
             break
     return ends
+
+
+def _alike(one: Settled, other: Settled) -> bool:
+    """Are these the same effects, as likely?"""
+    return set(one.candidates) == set(other.candidates) and abs(one.log - other.log) < NEARLY_ALIKE
 
 
 def _from_one_place(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground) -> Settled:

@@ -67,19 +67,29 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
     assert {contains[name] for name in names(left_over())} == set(SIZES)
 
 
+A, B = (1, 2), (1, 3)
+
+
 @pytest.mark.parametrize(
-    ("logs", "begun"),
-    [([5.0, 4.0], 2), ([1.0, 9.0, 5.0, 8.0], 4), ([1.0, 1.5], 2), (list(np.arange(10) * NEARLY_ALIKE), BEGINNINGS)],
+    ("ends", "begun"),
+    [
+        ([(5.0, A), (4.0, A)], 2),
+        ([(5.0, A), (4.0, B), (5.5, B), (5.2, A)], 6),
+        ([(1.0, A), (9.0, B), (5.0, A), (8.0, B)], 4),
+        ([(NEARLY_ALIKE * k, A) for k in range(10)], BEGINNINGS),
+    ],
 )
-def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_as_likely(monkeypatch, logs, begun):
-    left = iter(logs)
+def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_one(monkeypatch, ends, begun):
+    left = iter((*ends, *[(0.0, B)] * BEGINNINGS))
 
     def from_one_place(problem, z, effects, ground):
-        return SimpleNamespace(log=next(left))
+        log, candidates = next(left)
+        return SimpleNamespace(log=log, candidates=candidates)
 
     monkeypatch.setattr(pruned, "_from_one_place", from_one_place)
     found = [end.log for end in all_at_once(SimpleNamespace(unknowns=()), np.empty(0), (), None)]
-    assert found == sorted(logs[:begun], reverse=True)
+    assert len(found) == begun
+    assert found == sorted(found, reverse=True)
 
 
 def test_what_is_there_is_the_likeliest_of_all():
