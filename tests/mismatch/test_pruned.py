@@ -23,7 +23,7 @@ from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
-from twinbench.mismatch.naming.pruned import BEGINNINGS, NEARLY_ALIKE, Whole, all_at_once
+from twinbench.mismatch.naming.pruned import ALIKE, BEGINNINGS, Whole, all_at_once
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
 from twinbench.mismatch.naming.view import View, prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
@@ -67,29 +67,19 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
     assert {contains[name] for name in names(left_over())} == set(SIZES)
 
 
-A, B = (1, 2), (1, 3)
-
-
 @pytest.mark.parametrize(
-    ("ends", "begun"),
-    [
-        ([(5.0, A), (4.0, A)], 2),
-        ([(5.0, A), (4.0, B), (5.5, B), (5.2, A)], 6),
-        ([(1.0, A), (9.0, B), (5.0, A), (8.0, B)], 4),
-        ([(NEARLY_ALIKE * k, A) for k in range(10)], BEGINNINGS),
-    ],
+    ("logs", "begun"),
+    [([5.0, 4.99], 2), ([1.0, 9.0, 5.0, 8.95], 4), ([1.0, 1.05], 2), (list(np.arange(10) * 2.0 * ALIKE), BEGINNINGS)],
 )
-def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_one(monkeypatch, ends, begun):
-    left = iter((*ends, *[(0.0, B)] * BEGINNINGS))
+def test_all_at_once_is_begun_anew_until_the_two_likeliest_ends_are_one(monkeypatch, logs, begun):
+    left = iter(logs)
 
     def from_one_place(problem, z, effects, ground):
-        log, candidates = next(left)
-        return SimpleNamespace(log=log, candidates=candidates)
+        return SimpleNamespace(log=next(left))
 
     monkeypatch.setattr(pruned, "_from_one_place", from_one_place)
     found = [end.log for end in all_at_once(SimpleNamespace(unknowns=()), np.empty(0), (), None)]
-    assert len(found) == begun
-    assert found == sorted(found, reverse=True)
+    assert found == sorted(logs[:begun], reverse=True)
 
 
 def test_what_is_there_is_the_likeliest_of_all():
