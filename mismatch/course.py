@@ -220,6 +220,9 @@ class Course:
         """Columns (B, ny, K) as the sensors read them that are faulty along this course, in the outputs' units.
 
         A sensor that moves in steps follows what is larger than its step: it is left out.
+
+        Args:
+            columns: (B, ny, K) as sound sensors would read them, in the outputs' units per unit of each change.
         """
         theta, since_s = self.setting.theta, self.setting.since_s
         if not self.machine.bends(theta):

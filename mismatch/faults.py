@@ -189,6 +189,7 @@ def with_fault(fault: Series, time_s: Array, values: Array, column: int, sizes: 
 
     Args:
         time_s: (N,) seconds.
+        values: (N, C) before the fault, in the channels' units.
         sizes: (k,) the fault's parameters, each in its unit.
         not_there: (N,) bool, when the fault is not there yet.
     """
