@@ -123,6 +123,8 @@ class Course:
         Args:
             theta: (n_theta,) the parameters after the step, each in its unit.
         """
+        if self._varying is self._plain[0]:  # nothing begins late
+            return self.of_parameters(theta, step)
         if self._faded_base is None:
             self._faded_base = self._acting(self.setting.theta, self.u, self.middles, faded=True)
         ahead = self._acting(theta, self.u, self.middles, faded=True)

@@ -47,6 +47,11 @@ class Unknown:
     recording: int = -1
     knot: int = -1
 
+    def nudge(self, value: float) -> float:
+        """Step of a difference quotient from a value, in its unit; down where up leaves the bounds."""
+        step = NUDGED * self.scale
+        return -step if value + step > self.high else step
+
 
 @dataclass
 class Problem:
@@ -251,7 +256,7 @@ class Problem:
                 # What an effect remembers is no state where the effect is nothing.
                 start[course.active == u.at, i] = 1.0
                 continue
-            step = NUDGED * u.scale * (-1.0 if z[k] + NUDGED * u.scale > u.high else 1.0)
+            step = u.nudge(z[k])
             theta = course.setting.theta.copy()
             theta[u.at] += step
             candidate = self._candidate_at(u)

@@ -140,9 +140,10 @@ class Ground:
             return _by_sensors(noise, columns, view.residuals[r])[:, :-1].copy()
 
         every = range(len(whole))
-        turns = parallel([lambda r=r: InputNoise.felt(by_sensors(r, moved[r])) for r in range(len(moved))])
+        moves = [by_sensors(r, m) for r, m in enumerate(moved)]
+        turns = parallel([lambda m=m: InputNoise.felt(m) for m in moves])
         moved = [m @ turn for m, turn in zip(moved, turns, strict=True)]
-        inputs = parallel([lambda r=r: InputNoise.of(by_sensors(r, moved[r])) for r in range(len(moved))])
+        inputs = [InputNoise.of(m @ turn) for m, turn in zip(moves, turns, strict=True)]
         found = parallel([lambda r=r: by_sensors(r, whole[r]) for r in every])
         if inputs:
             found = [one.whitened(white) for one, white in zip(inputs, found, strict=True)]

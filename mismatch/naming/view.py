@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twinbench.mismatch.course import Acts, Course, together
-from twinbench.mismatch.fit import NUDGED, Problem, parallel
+from twinbench.mismatch.fit import Problem, parallel
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.variants import Variant, switched, typical
@@ -67,7 +67,7 @@ class View:
             acts = [course.none(0)]
             for k in sizes:
                 u = self.problem.unknowns[k]
-                step = NUDGED * u.scale * (-1.0 if self.z[k] + NUDGED * u.scale > u.high else 1.0)
+                step = u.nudge(self.z[k])
                 theta = course.setting.theta.copy()
                 theta[u.at] += step
                 one = course.of_parameters(theta, step, self.problem.begun_s(r, u))
