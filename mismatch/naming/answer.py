@@ -16,7 +16,7 @@ from twinbench.mismatch.naming.misfit import squared
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.settle import Settled, odds_of
-from twinbench.mismatch.naming.steady import one_form, one_size
+from twinbench.mismatch.naming.steady import one_form, one_size, squares_beside
 from twinbench.physics.simulator import Array, Port
 
 PLAIN = np.log(20.0)
@@ -170,15 +170,11 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
         if logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
             same.add(other)
     weights = dict(sorted(zip(logs, shares(logs.values()), strict=True), key=lambda t: -t[1]))
-    others = [log for other, log in logs.items() if other not in same]
-    apart = max(logs[n] for n in same) - max(others, default=naming.null.log)
     none, unnamed = _instead(naming, chosen, i, shown)
     evidence = {
-        "told_apart": apart,
         "against_nothing": chosen.log - none,
         # With something unnamed beside it or without, whichever is likelier.
         "against_unnamed": chosen.log + max(left, 0.0) - unnamed[0].log,
-        "unnamed_beside": left,
         **_evidence(naming.ground, chosen, i),
     }
     return Found(chosen.now[i], i, name, weights, sets, frozenset(same), unnamed, evidence)
@@ -245,8 +241,10 @@ def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled
 def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
     """What else speaks for an effect, and against it: how it is itself."""
     size, sd = chosen.sizes[i], chosen.sds[i]
+    beside, wandering = squares_beside(chosen, i, ground)
     return {
-        "discrepancy": float(np.sqrt(np.sum((chosen.learnt.s / DISCREPANCY_PCT) ** 2))),
+        "beside": beside,
+        "wandering": wandering,
         "sds": float(abs(size) / max(sd, 1e-300)),
         "echo": float(_echoes(chosen, i)),
         "one_size": one_size(chosen, i, ground),

@@ -28,8 +28,8 @@ CREDIBLE = 0.95
 LARGEST_SET = 3
 """Names, those alike counted once, that a set may hold and still say something; beyond, the place is said."""
 FEATURES = (
-    "against_nothing", "against_unnamed", "told_apart", "nothing_beside", "little_discrepancy", "sds", "one_size",
-    "one_form", "fits", "foretells_more",
+    "against_nothing", "against_unnamed", "little_beside", "little_wandering", "sds", "one_size", "one_form", "fits",
+    "foretells_more",
 )  # fmt: skip
 """What speaks for a finding, whichever its name; each the more, the larger. How many effects there are, of what kind
 and since when is left out on purpose: it foretells a little more on the cases drawn, and would be wrong where other
@@ -41,7 +41,7 @@ the four pairs of the cases learnt from that were found from far off, all right,
 MOST_NATS = 1000.0
 """Nats beyond which more of them say no more."""
 SLIGHTLY = 0.1
-"""Misfit, in noise variances, discrepancy, in its usual sizes, and sds below which less says little more."""
+"""Misfit, in noise variances, and sds below which less says little more."""
 
 
 @dataclass(frozen=True)
@@ -95,9 +95,8 @@ def features(evidence: Mapping[str, float]) -> dict[str, float]:
     found = {
         "against_nothing": _nats(evidence["against_nothing"]),
         "against_unnamed": _nats(evidence["against_unnamed"]),
-        "told_apart": _nats(evidence["told_apart"]),
-        "nothing_beside": _nats(-evidence["unnamed_beside"]),
-        "little_discrepancy": -math.log(evidence["discrepancy"] + SLIGHTLY),
+        "little_beside": -math.log1p(evidence["beside"]),
+        "little_wandering": -math.log1p(evidence["wandering"]),
         "sds": math.log(evidence["sds"] + SLIGHTLY),
         "one_size": _nats(min(evidence["one_size"], 0.0)),
         "one_form": _nats(min(evidence["one_form"], 0.0)),

@@ -223,7 +223,7 @@ def _thinned_out(found: Naming) -> None:
     """Begin with all physics at once and leave out what is not needed."""
     null, shown = found.null, found.picture
     begun = _since(null.problem, shown, shown.sets.best()) if found.best is null else found.best.bare
-    ends = all_at_once(begun, null.z, all_physics(found), found.ground)
+    ends = all_at_once(begun, null.z, all_physics(found), found.ground, found.far)
     found.together = ends[0]
     for end in ends:
         found.keep(end)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import eliminated
+from twinbench.mismatch.naming.marginal import eliminated, factored
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.physics.simulator import Array
 
@@ -37,6 +37,23 @@ def one_form(chosen: Settled, i: int, ground: Ground) -> float:
     rest = np.setdiff1d(np.arange(len(b)), at)
     left = eliminated(G, b, rest, mean[rest], precision[rest])
     return _log(left.G, left.b, 1.0) - _log(left.G, left.b, (chosen.share / UNSTEADY) ** 2)
+
+
+def squares_beside(chosen: Settled, i: int, ground: Ground) -> tuple[float, float]:
+    """Squares, in variances of the noise, that the readings owe to what no form holds, at its posterior mean.
+
+    First those of the discrepancy beside the effects, then those of what this effect's size differs by from place to
+    place. What has the right form needs little of either.
+    """
+    G, b, _ = chosen.products.over()
+    mean, precision = chosen.prior(ground)
+    scale, L = factored(G + np.diag(precision))
+    likeliest = scale * cho_solve((L, True), scale * (b + precision * mean))
+
+    def of(at: np.ndarray) -> float:
+        return float(likeliest[at] @ G[np.ix_(at, at)] @ likeliest[at])
+
+    return of(np.arange(len(chosen.mean), len(b))), of(chosen.wandering(i))
 
 
 def _log(G: Array, b: Array, precision: float) -> float:

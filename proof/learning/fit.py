@@ -8,11 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
-from scipy.stats import beta
+from scipy.stats import chi2
 
 from twinbench.mismatch.naming.decision import FEATURES, features, is_set
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.outcome import UNKNOWN
+from twinbench.proof.concealed.plan import FULL
 
 SHRINKAGE = 8.0
 """Penalty on the squares of standardised weights: one of 1 fits the chance of a few hundred findings, between 4 and 16
@@ -41,6 +42,7 @@ class Findings(NamedTuple):
         holds: (n,) bool, does it hold the right one?
         group: (n,) the machine's name, which has no unit.
         case: (n,) positions of the cases among the rows.
+        stands_for: (C,) cases of a suite that each row stands for, as ``in_the_suite`` gives them: a count.
     """
 
     x: Array
@@ -51,6 +53,22 @@ class Findings(NamedTuple):
     holds: np.ndarray
     group: np.ndarray
     case: np.ndarray
+    stands_for: Array
+
+    @property
+    def count(self) -> Array:
+        """(n,) cases of a suite that each finding's row stands for: a count."""
+        return np.asarray(self.stands_for[self.case])
+
+
+def in_the_suite(rows: Sequence[Mapping[str, Any]]) -> Array:
+    """Cases of a suite that each row stands for, (C,), one in the mean.
+
+    Rows may be more of what teaches more. What a verdict is promised is for the cells in their shares of the suite.
+    """
+    cells = [row["cell"] for row in rows]
+    shares = np.array([FULL[cell] / cells.count(cell) for cell in cells])
+    return shares * len(rows) / shares.sum()
 
 
 def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
@@ -65,6 +83,7 @@ def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
         np.array([f["holds"][1] for *_, f in found]),
         np.array([row["machine"] for _, row, _ in found]),
         np.array([i for i, *_ in found]),
+        in_the_suite(rows),
     )
 
 
@@ -73,7 +92,7 @@ def _right(row: Mapping[str, Any]) -> set[str]:
     return set() if row["cell"] in UNKNOWN else {n for e in row["effects"] for n in e["class"]}
 
 
-def logistic(x: Array, y: np.ndarray, share: Array) -> Array:
+def logistic(x: Array, y: np.ndarray, share: Array, count: Array) -> Array:
     """Constant and weights (1 + F,) of a ridge regression in which nothing that speaks for speaks against.
 
     The probability of y is that of a logistic regression times a known share.
@@ -82,6 +101,7 @@ def logistic(x: Array, y: np.ndarray, share: Array) -> Array:
         x: (n, F) dimensionless features.
         y: (n,) bool.
         share: (n,) dimensionless.
+        count: (n,) how often each counts.
     """
     mean, spread = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
     z = np.column_stack((np.ones(len(x)), (x - mean) / spread))
@@ -90,9 +110,9 @@ def logistic(x: Array, y: np.ndarray, share: Array) -> Array:
     def loss(w: Array) -> tuple[float, Array]:
         q = np.clip(expit(z @ w), SLIGHT, 1.0 - SLIGHT)
         # Of the share itself nothing is learnt, so a right name costs its q alone.
-        slope = z.T @ np.where(y, q - 1.0, share * q * (1.0 - q) / (1.0 - share * q))
+        slope = z.T @ (count * np.where(y, q - 1.0, share * q * (1.0 - q) / (1.0 - share * q)))
         slope[1:] += SHRINKAGE * w[1:]
-        cost = -np.log(np.where(y, q, 1.0 - share * q)).sum() + 0.5 * SHRINKAGE * np.sum(w[1:] ** 2)
+        cost = -count @ np.log(np.where(y, q, 1.0 - share * q)) + 0.5 * SHRINKAGE * np.sum(w[1:] ** 2)
         return float(cost), slope
 
     bounds = [(None, None)] + [(0.0, None)] * x.shape[1]
@@ -108,28 +128,41 @@ def left_out(found: Findings) -> Array:
     p = np.empty(len(found.x))
     for machine in np.unique(found.group):
         mine = found.group == machine
-        w = logistic(found.x[~mine], found.right[~mine], found.weight[~mine])
+        w = logistic(found.x[~mine], found.right[~mine], found.weight[~mine], found.count[~mine])
         p[mine] = expit(w[0] + found.x[mine] @ w[1:])
     return p
 
 
-def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, cases: int) -> float:
+def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, stands_for: Array) -> float:
     """The least probability from which on no more than ``WRONG_NAMES`` of the verdicts hold a wrong name.
 
-    Learn then test (Angelopoulos et al. 2021): the upper bound of the rate (Clopper and Pearson) has to keep the
-    promise.
+    Learn then test (Angelopoulos et al. 2021): the upper bound of the rate has to keep the promise.
 
     Args:
         p: (n,) dimensionless probabilities.
         wrong: (n,) bool.
         case: (n,) positions of the cases; a verdict is wrong once, however many wrong names it holds.
-        cases: how many there are.
+        stands_for: (C,) cases of a suite that each of them stands for: a count.
     """
     for t in np.unique(np.concatenate((p, [0.5]))):
-        seen = len(np.unique(case[wrong & (p >= t)]))
-        if t >= 0.5 and beta.ppf(CONFIDENCE, seen + 1, cases - seen) <= WRONG_NAMES:
+        seen = stands_for[np.unique(case[wrong & (p >= t)])]
+        if t >= 0.5 and at_most(seen, stands_for) <= WRONG_NAMES * stands_for.sum():
             return float(t)
     return float(np.nextafter(p.max(initial=0.5), 1.0))
+
+
+def at_most(seen: Array, stands_for: Array) -> float:
+    """Upper bound, with ``CONFIDENCE``, of how many are expected where rare ones were seen that count differently.
+
+    After Tiwari, Clegg and Zou, Efficient interval estimation for age-adjusted cancer rates, Stat. Methods Med. Res. 15
+    (2006). Where all count one, it is that of a Poisson count.
+
+    Args:
+        seen: (k,) how much each of those that were seen counts.
+        stands_for: (C,) how much each counts of which they could be: the next one counts as these do in the mean.
+    """
+    total, squares = seen.sum() + stands_for.mean(), np.sum(seen**2) + np.mean(stands_for**2)
+    return float(squares / (2.0 * total) * chi2.ppf(CONFIDENCE, 2.0 * total**2 / squares))
 
 
 def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -138,17 +171,20 @@ def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     found = findings(rows)
     among = left_out(found)
     p, q = among * found.weight, among * found.weight_of_set
-    say_name = least_probability(p, ~found.right, found.case, len(rows))
+    say_name = least_probability(p, ~found.right, found.case, found.stands_for)
     sets = found.is_set & (p < say_name)
     say_set = 1.0
+    count, one_more = found.count, 1.0  # which rows are in the mean
     for t in np.unique(np.concatenate(([0.5], q[sets]))):
         said = sets & (q >= t)
-        if t >= 0.5 and said.any() and (np.sum(~found.holds[said]) + 1.0) / (said.sum() + 1.0) <= WRONG_SETS:
+        without = said & ~found.holds
+        if t >= 0.5 and said.any() and count[without].sum() + one_more <= WRONG_SETS * (count[said].sum() + one_more):
             say_set = float(t)
             break
     named = p >= say_name
+    wrong = np.unique(found.case[named & ~found.right])
     return {
-        "weights": _weights(logistic(found.x, found.right, found.weight)),
+        "weights": _weights(logistic(found.x, found.right, found.weight, count)),
         "say_name": say_name,
         "say_set": say_set,
         "left_out": {
@@ -158,22 +194,24 @@ def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             "right": int(found.right.sum()),
             "named": int(named.sum()),
             "named_wrong": int((named & ~found.right).sum()),
+            "wrong_in_the_suite": float(found.stands_for[wrong].sum() / len(rows)),
             "sets": int((sets & (q >= say_set)).sum()),
             "sets_without_it": int((sets & (q >= say_set) & ~found.holds).sum()),
-            "reliability_error": reliability_error(p, found.right),
+            "reliability_error": reliability_error(p, found.right, count),
         },
     }
 
 
-def reliability_error(p: Array, y: np.ndarray, bins: int = 10) -> float:
+def reliability_error(p: Array, y: np.ndarray, count: Array, bins: int = 10) -> float:
     """Mean difference of stated and seen rates over bins of equal size.
 
     Args:
         p: (n,) stated probabilities, dimensionless.
         y: (n,) bool.
+        count: (n,) how often each counts.
     """
     order = np.array_split(np.argsort(p), bins)
-    return float(np.sum([len(i) * abs(p[i].mean() - y[i].mean()) for i in order if len(i)]) / len(p))
+    return float(np.sum([abs(count[i] @ (p[i] - y[i])) for i in order]) / count.sum())
 
 
 def _weights(w: Array) -> dict[str, float]:

@@ -21,9 +21,9 @@ THRESHOLDS = np.round(np.arange(0.3, 0.991, 0.01), 2)
 def tradeoff(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """For each probability from which on a name is said: what is named, on machines that were left out.
 
-    Columns: ``say_name``; ``wrong``, the share of all verdicts with a wrong name; ``single`` and ``named``, of single
-    effects that can be told how many there are and how many are named rightly; ``unknown`` and ``named_unknown``, of
-    effects that the catalogue lacks how many there are and how many are given a name.
+    Columns: ``say_name``; ``wrong``, the share of a suite's verdicts with a wrong name; ``single`` and ``named``, of
+    single effects that can be told how many there are and how many are named rightly; ``unknown`` and
+    ``named_unknown``, of effects that the catalogue lacks how many there are and how many are given a name.
     """
     rows = [row for row in rows if "failed" not in row]
     found = findings(rows)
@@ -35,7 +35,7 @@ def tradeoff(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
         said = p >= threshold
         wrong, right = (set(found.case[said & which].tolist()) for which in (~found.right, found.right))
         counts = len(single), len(single & right), len(unknown), len(unknown & wrong)
-        lines.append((threshold, len(wrong) / len(rows), *counts))
+        lines.append((threshold, found.stands_for[list(wrong)].sum() / len(rows), *counts))
     return pd.DataFrame(lines, columns=["say_name", "wrong", "single", "named", "unknown", "named_unknown"])
 
 

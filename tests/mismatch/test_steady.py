@@ -10,7 +10,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from twinbench.mismatch.naming.ground import Products
-from twinbench.mismatch.naming.steady import UNSTEADY, one_form, one_size
+from twinbench.mismatch.naming.steady import UNSTEADY, one_form, one_size, squares_beside
 from twinbench.mismatch.naming.view import WANDERS
 from twinbench.physics.simulator import Array
 
@@ -50,6 +50,14 @@ class Made:
             prior=lambda ground: (np.array([-SIZE, *np.zeros(PLACES + FUNCTIONS)]), np.ones(1 + PLACES + FUNCTIONS)),
         )
 
+    def explained(self) -> tuple[float, float]:
+        """Squares of what the readings owe to the discrepancy and to places, by the mean of a dense Gaussian."""
+        x, w, f, r = (np.concatenate(part) for part in (self.x, self.w, self.f, self.r))
+        cov = np.eye(len(r)) + x @ x.T + w @ w.T + f @ f.T
+        left = np.linalg.solve(cov, r + SIZE * x[:, 0])
+        by_f, by_w = (float(np.sum((part @ (part.T @ left)) ** 2)) for part in (f, w))
+        return by_f, by_w
+
     def log(self, wide: float = 1.0, apart: float = 0.0) -> float:
         """Evidence with places so much wider, and sizes that differ by a share from recording to recording."""
         x, r = np.concatenate(self.x), np.concatenate(self.r)
@@ -87,7 +95,20 @@ def test_a_stand_in_is_told_by_either_and_the_same_everywhere_by_none() -> None:
     slopes(np.array([one_form(m.chosen, 0, m.ground) for m in (same, Made((2.0, 2.0), 0.2), Made((2.0, 2.0), 0.6))]))
 
 
+@pytest.mark.parametrize("wandering", [0.0, 0.5])
+def test_squares_beside_are_those_of_a_dense_gaussians_mean(wandering: float) -> None:
+    made = Made((2.0, 2.6), wandering)
+    assert squares_beside(made.chosen, 0, made.ground) == pytest.approx(made.explained(), rel=1e-5)
+
+
+def test_a_stand_in_needs_more_beside_it() -> None:
+    _, right = squares_beside((made := Made((2.0, 2.0))).chosen, 0, made.ground)
+    _, wrong = squares_beside((made := Made((2.0, 2.0), 0.5)).chosen, 0, made.ground)
+    assert wrong > 10.0 * right
+
+
 def test_a_fault_has_no_form() -> None:
     made = Made((2.0, 2.0))
     made.chosen.wandering = lambda i: np.empty(0, dtype=int)
     assert one_form(made.chosen, 0, made.ground) == 0.0
+    assert squares_beside(made.chosen, 0, made.ground)[1] == 0.0

@@ -42,8 +42,7 @@ OPPONENTS = (
 )  # fmt: skip
 LEAK = "leak@h1_cm"
 EVIDENCE = (
-    "against_nothing", "against_unnamed", "told_apart", "unnamed_beside", "discrepancy", "sds",
-    "one_size", "one_form", "misfit", "held_gain",
+    "against_nothing", "against_unnamed", "beside", "wandering", "sds", "one_size", "one_form", "misfit", "held_gain",
 )  # fmt: skip
 """What a finding's evidence holds."""
 
