@@ -56,7 +56,7 @@ class Findings(NamedTuple):
     stands_for: Array
 
     @property
-    def count(self) -> Array:
+    def counts(self) -> Array:
         """(n,) cases of a suite that each finding's row stands for: a count."""
         return np.asarray(self.stands_for[self.case])
 
@@ -128,7 +128,7 @@ def left_out(found: Findings) -> Array:
     p = np.empty(len(found.x))
     for machine in np.unique(found.group):
         mine = found.group == machine
-        w = logistic(found.x[~mine], found.right[~mine], found.weight[~mine], found.count[~mine])
+        w = logistic(found.x[~mine], found.right[~mine], found.weight[~mine], found.counts[~mine])
         p[mine] = expit(w[0] + found.x[mine] @ w[1:])
     return p
 
@@ -174,7 +174,7 @@ def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     say_name = least_probability(p, ~found.right, found.case, found.stands_for)
     sets = found.is_set & (p < say_name)
     say_set = 1.0
-    count, one_more = found.count, 1.0  # which rows are in the mean
+    count, one_more = found.counts, 1.0  # which rows are in the mean
     for t in np.unique(np.concatenate(([0.5], q[sets]))):
         said = sets & (q >= t)
         without = said & ~found.holds
