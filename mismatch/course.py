@@ -19,6 +19,10 @@ BENT = 0.01
 as steps of the unknowns are."""
 
 
+_Pair = tuple[Array, Array]
+"""Rates (S, na) of the active states, and readings (S, ny)."""
+
+
 class Acts(NamedTuple):
     """Changes that act along a course.
 
@@ -90,8 +94,8 @@ class Course:
             self._Yf,
         )
         self._memories: dict[tuple[str, tuple[float, ...]], Array] = {}
-        self._base = self._acting(self.setting.theta, self.u, self.middles)
-        self._faded_base: Acts | None = None
+        self._base = self._rates_and_readings()
+        self._faded_base: _Pair | None = None
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -126,9 +130,8 @@ class Course:
         if self._varying is self._plain[0]:  # nothing begins late
             return self.of_parameters(theta, step)
         if self._faded_base is None:
-            self._faded_base = self._acting(self.setting.theta, self.u, self.middles, faded=True)
-        ahead = self._acting(theta, self.u, self.middles, faded=True)
-        return self._difference(ahead, self._faded_base, step, -np.inf)
+            self._faded_base = self._rates_and_readings(faded=True)
+        return self._change(theta, step, faded=True)
 
     def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf, read: bool = True) -> Acts:
         """What other parameters do, per unit of a step; one change.
@@ -139,7 +142,7 @@ class Course:
             since_s: time from which they hold, on the recording's clock.
             read: may they change what a sensor reads of a state?
         """
-        return self._difference(self._acting(theta, self.u, self.middles, read), self._base, step, since_s)
+        return self._change(theta, step, since_s, read=read)
 
     def of_candidate(self, candidate: Candidate, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
         """As ``of_parameters``, for a candidate that is absent: its own states and faulty inputs follow the course.
@@ -152,8 +155,7 @@ class Course:
         read = candidate.mechanism.port.place not in ("balance", "flux")
         if not self.machine.own_states(candidate):
             return self.of_parameters(theta, step, since_s, read)
-        ahead = self._acting(theta, self.u, self._remembered(candidate, theta), read)
-        return self._difference(ahead, self._base, step, since_s)
+        return self._change(theta, step, since_s, middles=self._remembered(candidate, theta), read=read)
 
     def _remembered(self, candidate: Candidate, theta: Array) -> Array:
         """The middles with an absent candidate's own states as they go along the course; each is run once."""
@@ -199,8 +201,7 @@ class Course:
         Args:
             u: (S, nu) the inputs after the step, in their units.
         """
-        ahead = self._acting(self.setting.theta, np.ascontiguousarray(u), self.middles)
-        return self._difference(ahead, self._base, step, -np.inf)
+        return self._change(self.setting.theta, step, u=np.ascontiguousarray(u))
 
     @cached_property
     def clean(self) -> Array:
@@ -243,10 +244,6 @@ class Course:
         ends = self.grid.time_s + 0.5 * self.grid.seconds
         return np.clip((ends - since_s) / np.maximum(self.grid.seconds, 1e-12), 0.0, 1.0)
 
-    def _difference(self, ahead: Acts, base: Acts, step: float, since_s: float) -> Acts:
-        weight = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u)))[:, None, None] / step
-        return Acts(*(np.nan_to_num((a - b) * weight) for a, b in zip(ahead, base, strict=True)))
-
     def _middles(self, theta: Array, varying: np.ndarray, values: Array) -> Array:
         machine = self.machine
         nodes = np.empty((len(self.u) + 1, len(machine.states)))
@@ -265,9 +262,46 @@ class Course:
         )
         return np.asarray(0.5 * (nodes[:-1] + nodes[1:]))
 
-    def _acting(self, theta: Array, u: Array, middles: Array, read: bool = True, faded: bool = False) -> Acts:
-        rates = np.empty((self.sizes[0], self.sizes[1]))
-        reads = np.empty((self.sizes[0], self.sizes[2])) if read else self._base.reads[:, :, 0]
+    def _rates_and_readings(self, faded: bool = False) -> _Pair:
+        """Rates (S, na) of the active states and readings (S, ny) at the middles, in their units."""
+        s, n, ny = self.sizes
+        nothing = np.zeros((s, n)), np.zeros((s, ny))
+        return self._compared(self.setting.theta, self.u, self.middles, nothing, np.ones(s), True, faded)
+
+    def _change(
+        self,
+        theta: Array,
+        step: float,
+        since_s: float = -np.inf,
+        *,
+        u: Array | None = None,
+        middles: Array | None = None,
+        read: bool = True,
+        faded: bool = False,
+    ) -> Acts:
+        """What other parameters, inputs or states at the middles do, per unit of a step; one change.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+            u: (S, nu) the inputs after the step, in their units.
+            middles: (S, nx) the states after the step, in their units.
+            read: may they change what a sensor reads of a state?
+            faded: does what begins late do so?
+        """
+        base = self._faded_base if faded and self._faded_base is not None else self._base
+        weights = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u))) / step
+        u, middles = self.u if u is None else u, self.middles if middles is None else middles
+        found = self._compared(theta, u, middles, base, weights, read, faded)
+        for changes in found:
+            if not np.isfinite(changes.sum()):
+                np.nan_to_num(changes, copy=False)
+        return Acts(*(changes[:, :, None] for changes in found))
+
+    def _compared(
+        self, theta: Array, u: Array, middles: Array, base: _Pair, weights: Array, read: bool, faded: bool
+    ) -> _Pair:
+        s, n, ny = self.sizes
+        rates, reads = np.empty((s, n)), np.zeros((s, ny))
         varying, values = (self._varying, self._values) if faded else self._plain
         # A parameter that drifts is nudged along its whole course.
         values = values + (theta - self.setting.theta)[varying]
@@ -280,10 +314,12 @@ class Course:
             np.ascontiguousarray(values),
             self.active,
             read,
+            *base,
+            weights,
             rates,
             reads,
         )
-        return Acts(rates[:, :, None], reads[:, :, None])
+        return rates, reads
 
 
 def _memory(candidate: Candidate, theta: Array) -> tuple[str, tuple[float, ...]]:

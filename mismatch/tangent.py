@@ -191,21 +191,41 @@ def columns(E, G, Yx, Yf, rates, reads, start, out):  # type: ignore[no-untyped-
 
 
 @njit(
-    types.void(FUNCTION, FUNCTION, MATRIX, MATRIX, VECTOR, INDICES, MATRIX, INDICES, types.boolean, MATRIX, MATRIX),
+    types.void(
+        FUNCTION,
+        FUNCTION,
+        MATRIX,
+        MATRIX,
+        VECTOR,
+        INDICES,
+        MATRIX,
+        INDICES,
+        types.boolean,
+        MATRIX,
+        MATRIX,
+        VECTOR,
+        MATRIX,
+        MATRIX,
+    ),
     cache=True,
     error_model="numpy",
     nogil=True,
 )
-def acting(rhs, output, u, middles, theta, varying, values, active, read, rates, reads):  # type: ignore[no-untyped-def]
-    """Rates (S, na) of the active states and, if they are to be ``read``, readings (S, ny) at the middles."""
+def acting(  # type: ignore[no-untyped-def]
+    rhs, output, u, middles, theta, varying, values, active, read, base_rates, base_reads, weights, rates, reads
+):
+    """By how much rates (S, na) of the active states at the middles differ from others, weighted (S,).
+
+    So do readings (S, ny), if they are to be ``read``.
+    """
     theta = theta.copy()
     for k in range(u.shape[0]):
         for j in range(varying.size):
             theta[varying[j]] = values[k, j]
         dx = rhs(middles[k], u[k], theta)
         for i in range(active.size):
-            rates[k, i] = dx[active[i]]
+            rates[k, i] = (dx[active[i]] - base_rates[k, i]) * weights[k]
         if read:
             y = output(middles[k], u[k], theta)
             for i in range(reads.shape[1]):
-                reads[k, i] = y[i]
+                reads[k, i] = (y[i] - base_reads[k, i]) * weights[k]

@@ -67,7 +67,8 @@ class Naming:
     rivalled: list[Settled] = field(default_factory=list)
     far: bool = False
     together: Settled | None = None
-    _without: dict[tuple[int, int], Painter] = field(default_factory=dict)
+    _around: tuple[Settled, View] | None = None
+    _without: dict[int, Painter] = field(default_factory=dict)
 
     @property
     def best(self) -> Settled:
@@ -83,17 +84,26 @@ class Naming:
         these = (h for h in self.hypotheses if sorted(h.candidates) == wanted and (h.since_s > -np.inf) == late)
         return next(these, None)
 
+    def around(self, hypothesis: Settled) -> View:
+        """The view around where a hypothesis stands, kept until another is asked for, as what is seen in it is.
+
+        Columns of everything take much room.
+        """
+        if self._around is None or hypothesis is not self._around[0]:
+            self._around, self._without = (hypothesis, View.around(hypothesis.problem, hypothesis.z)), {}
+        return self._around[1]
+
     def without(self, hypothesis: Settled, effect: int) -> Painter:
-        """A hypothesis less one effect, with all that could stand in its place, itself first; made once."""
-        key = id(hypothesis), effect
-        if key not in self._without:
+        """A hypothesis less one effect, with all that could stand in its place, itself first."""
+        view = self.around(hypothesis)
+        if effect not in self._without:
             machine, now = hypothesis.problem.machine, hypothesis.now[effect]
             rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
             size = abs(now.size / typical(machine.candidates[now.variant.candidate]))
             probes = {now.variant: min(max(size, LEAST_PROBE), MOST_PROBE)} | dict(self.painter.probes)
             entries = hypothesis.entries(effect)
-            self._without[key] = Painter(
-                View.around(hypothesis.problem, hypothesis.z),
+            self._without[effect] = Painter(
+                view,
                 self.ground,
                 [now.variant, *(v for v in self.beside(machine, rest) if v != now.variant)],
                 entries,
@@ -103,7 +113,7 @@ class Naming:
                 hypothesis.since_s,
                 len(rest),
             )
-        return self._without[key]
+        return self._without[effect]
 
     def beside(self, machine: Machine, there: Sequence[int]) -> list[Variant]:
         """Variants of all families but those of some candidates."""
@@ -190,7 +200,7 @@ def _sharpened(found: Naming) -> bool:
     best = found.best
     if best.since_s == -np.inf:
         return False
-    view = View.around(best.problem, best.z)
+    view = found.around(best)
     cost = misfit_around(best, found.ground, view, columns_of(view, found.ground, best.wanders))
     since, gap = best.since_s, STARTS[0] * max(float(np.ptp(t.time_s)) for t in best.problem.tracks)
     for _ in range(SHARPENED):
@@ -288,7 +298,7 @@ def _fuller(found: Naming) -> bool:
     if not 0 < len(best.effects) < MOST_EFFECTS:
         return False
     others = found.beside(best.problem.machine, best.candidates)
-    view, probes = View.around(best.problem, best.z), found.painter.probes
+    view, probes = found.around(best), found.painter.probes
     painter = Painter(
         view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s,
         beside=len(best.effects),

@@ -94,7 +94,7 @@ def checked(answer: Answer) -> SelfCheck:
     candidates = chosen.problem.machine.candidates
     there = {candidates[e.variant.candidate].family for e in chosen.effects}
     others = [v for v in naming.painter.listed if candidates[v.candidate].family not in there]
-    view = View.around(chosen.problem, chosen.z)
+    view = naming.around(chosen)
     shown = Painter(view, naming.ground, others, probes=naming.painter.probes).picture()
     columns = Columns(view, chosen)
     effects = [columns.of_effect(i) for i in range(len(chosen.effects))]

@@ -197,3 +197,12 @@ def test_what_joins_a_set_that_began_late_is_not_charged_for_beginning_late():
         assert sets.score((0,)).log - free.score((0,)).log == pytest.approx(charged)
         assert sets.quick((), sets.s)[0] - free.quick((), sets.s)[0] == pytest.approx(charged)
     assert late_odds(problem.tracks) < -1.0
+
+
+def test_what_is_seen_around_a_hypothesis_is_kept_until_another_is_asked_for():
+    first, second = [h for h in naming().hypotheses if h.effects][:2]
+    kept = naming().without(first, 0)
+    assert naming().without(first, 0) is kept
+    assert naming().around(first).courses is kept.view.courses
+    naming().around(second)
+    assert naming().without(first, 0) is not kept
