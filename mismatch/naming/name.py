@@ -17,7 +17,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.misfit import misfit
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
-from twinbench.mismatch.naming.pruned import Whole, all_at_once
+from twinbench.mismatch.naming.pruned import ALIKE, Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.view import View
@@ -55,6 +55,7 @@ class Naming:
         far: is the calibrated machine far off?
         reduced, rivalled: those of which each effect was left out, or replaced by others.
         together: what was left of all physics at once, if that was tried.
+        alone: the problem that it was begun with, as long as no other way led as far and no other place was tried.
     """
 
     ground: Ground
@@ -67,6 +68,7 @@ class Naming:
     rivalled: list[Settled] = field(default_factory=list)
     far: bool = False
     together: Settled | None = None
+    alone: Problem | None = None
     _around: tuple[Settled, View] | None = None
     _without: dict[int, Painter] = field(default_factory=dict)
 
@@ -170,7 +172,8 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     if found.far or found.best.since_s > -np.inf:
         _late(found)
     _sharpened(found)
-    while _one_is_not_enough(found) or _fuller(found) or _plainer(found) or _rivalled(found) or _sharpened(found):
+    steps = (_one_is_not_enough, _another_way, _fuller, _plainer, _rivalled, _sharpened)
+    while any(step(found) for step in steps):
         pass
     progress(1.0)
     return found
@@ -231,12 +234,21 @@ def _one_is_not_enough(found: Naming) -> bool:
 
 def _thinned_out(found: Naming) -> None:
     """Begin with all physics at once and leave out what is not needed."""
-    null, shown = found.null, found.picture
-    begun = _since(null.problem, shown, shown.sets.best()) if found.best is null else found.best.bare
-    ends = all_at_once(begun, null.z, all_physics(found), found.ground, found.far)
-    found.together = ends[0]
-    for end in ends:
+    null, shown, before = found.null, found.picture, found.best
+    begun = _since(null.problem, shown, shown.sets.best()) if before is null else before.bare
+    end = all_at_once(begun, null.z, all_physics(found), found.ground)
+    found.together, found.alone = end, begun if end.log > before.log + ALIKE else None
+    found.keep(end)
+
+
+def _another_way(found: Naming) -> bool:
+    """Where only all physics at once led to the likeliest, begin it elsewhere too; does another place lead further?"""
+    best, problem, found.alone = found.best, found.alone, None
+    if problem is None or best is not found.together:
+        return False
+    for end in from_elsewhere(best, problem, found.null.z, all_physics(found), found.ground):
         found.keep(end)
+    return found.best is not best
 
 
 def all_physics(found: Naming) -> list[Effect]:

@@ -23,34 +23,39 @@ same effects or of effects that do the same. On the Cascaded Tanks six beginning
 differ by 1.4; with three nats the search ended there."""
 
 
-def all_at_once(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground, far: bool) -> list[Settled]:
-    """Those of many effects that are likely together, brought to their fixed points; the likeliest first.
+def all_at_once(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground) -> Settled:
+    """Those of many effects that are likely together, brought to their fixed point.
 
-    The way there has kinks, at thresholds above all. From far off it meets many of them, and where it ends may hang on
-    where it begins. Then it is begun from other places too, until the two likeliest ends are one.
+    They are thinned out without a discrepancy, which would take what is not explained yet, and again with it.
 
     Args:
         problem: with no effect in it.
         z: (K,) where the problem's unknowns stand, each in its own unit.
         effects: each but slightly present.
-        far: is the calibrated machine far off?
     """
-    rng, scale = np.random.default_rng(0), np.array([u.scale for u in problem.unknowns])
-    ends: list[Settled] = []
-    for k in range(BEGINNINGS if far else 1):
-        hop = HOP * scale * rng.standard_normal(len(scale)) if k else 0.0
-        ends.append(_from_one_place(problem, z + hop, effects, ground))
-        ends.sort(key=lambda h: -h.log)
-        if k and ends[0].log - ends[1].log < ALIKE:
-            break
-    return ends
-
-
-def _from_one_place(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground) -> Settled:
-    """Thinned out without a discrepancy, which would take what is not explained yet, and again with it."""
     exact = ground.exact
     few = thinned(settled(problem, z, effects, exact, exact.s), exact)
     return thinned(settled(few.bare, few.own, few.now, ground, ground.s), ground)
+
+
+def from_elsewhere(
+    first: Settled, problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground
+) -> list[Settled]:
+    """All at once from other places, until the two likeliest ends are one; all ends, the likeliest first.
+
+    The way there has kinks, at thresholds above all, and where it ends may hang on where it begins.
+
+    Args:
+        first: the first end; the other arguments are as of ``all_at_once``.
+        z: (K,) where the first one began, each unknown in its own unit.
+    """
+    rng, scale = np.random.default_rng(0), np.array([u.scale for u in problem.unknowns])
+    ends = [first]
+    while len(ends) < BEGINNINGS and (len(ends) < 2 or ends[0].log - ends[1].log >= ALIKE):
+        hop = HOP * scale * rng.standard_normal(len(scale))
+        ends.append(all_at_once(problem, z + hop, effects, ground))
+        ends.sort(key=lambda h: -h.log)
+    return ends
 
 
 def thinned(found: Settled, ground: Ground) -> Settled:

@@ -23,7 +23,7 @@ from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
-from twinbench.mismatch.naming.pruned import ALIKE, BEGINNINGS, Whole, all_at_once
+from twinbench.mismatch.naming.pruned import ALIKE, BEGINNINGS, Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
 from twinbench.mismatch.naming.view import View, prior_mean, scale_of
 from twinbench.mismatch.naming.weighed import weighed
@@ -54,7 +54,7 @@ def naming() -> Naming:
 def left_over() -> Settled:
     null, everything = naming().null, all_physics(naming())
     assert len(everything) > 3 * len(SIZES)
-    return all_at_once(null.problem, null.z, everything, naming().ground, naming().far)[0]
+    return all_at_once(null.problem, null.z, everything, naming().ground)
 
 
 def names(found: Settled) -> list[str]:
@@ -68,23 +68,13 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
 
 
 @pytest.mark.parametrize(
-    ("far", "logs", "begun"),
-    [
-        (True, [5.0, 4.99], 2),
-        (True, [1.0, 9.0, 5.0, 8.95], 4),
-        (True, [1.0, 1.05], 2),
-        (True, list(np.arange(10) * 2.0 * ALIKE), BEGINNINGS),
-        (False, [5.0, 9.0], 1),
-    ],
+    ("logs", "begun"),
+    [([5.0, 4.99], 2), ([1.0, 9.0, 5.0, 8.95], 4), ([1.0, 1.05], 2), (list(np.arange(10) * 2.0 * ALIKE), BEGINNINGS)],
 )
-def test_from_far_off_all_at_once_is_begun_anew_until_two_ends_are_one(monkeypatch, far, logs, begun):
-    left = iter(logs)
-
-    def from_one_place(problem, z, effects, ground):
-        return SimpleNamespace(log=next(left))
-
-    monkeypatch.setattr(pruned, "_from_one_place", from_one_place)
-    found = [end.log for end in all_at_once(SimpleNamespace(unknowns=()), np.empty(0), (), None, far)]
+def test_all_at_once_is_begun_elsewhere_until_the_two_likeliest_ends_are_one(monkeypatch, logs, begun):
+    first, *left = (SimpleNamespace(log=log) for log in logs)
+    monkeypatch.setattr(pruned, "all_at_once", lambda *arguments: left.pop(0))
+    found = [end.log for end in from_elsewhere(first, SimpleNamespace(unknowns=()), np.empty(0), (), None)]
     assert found == sorted(logs[:begun], reverse=True)
 
 
