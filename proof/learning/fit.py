@@ -42,7 +42,7 @@ class Findings(NamedTuple):
         holds: (n,) bool, does it hold the right one?
         group: (n,) the machine's name, which has no unit.
         case: (n,) positions of the cases among the rows.
-        stands_for: (C,) cases of a suite that each row stands for, as ``in_the_suite`` gives them: a count.
+        stands_for: (C,) dimensionless, cases of a suite that each row stands for, as ``in_the_suite`` gives them.
     """
 
     x: Array
@@ -57,7 +57,7 @@ class Findings(NamedTuple):
 
     @property
     def counts(self) -> Array:
-        """(n,) cases of a suite that each finding's row stands for: a count."""
+        """(n,) dimensionless, cases of a suite that each finding's row stands for."""
         return np.asarray(self.stands_for[self.case])
 
 
@@ -101,7 +101,7 @@ def logistic(x: Array, y: np.ndarray, share: Array, count: Array) -> Array:
         x: (n, F) dimensionless features.
         y: (n,) bool.
         share: (n,) dimensionless.
-        count: (n,) how often each counts.
+        count: (n,) dimensionless, how often each counts.
     """
     mean, spread = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-9)
     z = np.column_stack((np.ones(len(x)), (x - mean) / spread))
@@ -142,7 +142,7 @@ def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, stands_for:
         p: (n,) dimensionless probabilities.
         wrong: (n,) bool.
         case: (n,) positions of the cases; a verdict is wrong once, however many wrong names it holds.
-        stands_for: (C,) cases of a suite that each of them stands for: a count.
+        stands_for: (C,) dimensionless, cases of a suite that each of them stands for.
     """
     for t in np.unique(np.concatenate((p, [0.5]))):
         seen = stands_for[np.unique(case[wrong & (p >= t)])]
@@ -158,8 +158,9 @@ def at_most(seen: Array, stands_for: Array) -> float:
     (2006). Where all count one, it is that of a Poisson count.
 
     Args:
-        seen: (k,) how much each of those that were seen counts.
-        stands_for: (C,) how much each counts of which they could be: the next one counts as these do in the mean.
+        seen: (k,) dimensionless, how much each of those that were seen counts.
+        stands_for: (C,) dimensionless, how much each counts of which they could be. The next one counts as these do in
+            the mean.
     """
     total, squares = seen.sum() + stands_for.mean(), np.sum(seen**2) + np.mean(stands_for**2)
     return float(squares / (2.0 * total) * chi2.ppf(CONFIDENCE, 2.0 * total**2 / squares))
@@ -208,7 +209,7 @@ def reliability_error(p: Array, y: np.ndarray, count: Array, bins: int = 10) -> 
     Args:
         p: (n,) stated probabilities, dimensionless.
         y: (n,) bool.
-        count: (n,) how often each counts.
+        count: (n,) dimensionless, how often each counts.
     """
     order = np.array_split(np.argsort(p), bins)
     return float(np.sum([abs(count[i] @ (p[i] - y[i])) for i in order]) / count.sum())
