@@ -95,7 +95,6 @@ class Course:
         )
         self._memories: dict[tuple[str, tuple[float, ...]], Array] = {}
         self._base = self._rates_and_readings()
-        self._faded_base: _Pair | None = None
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -129,8 +128,6 @@ class Course:
         """
         if self._varying is self._plain[0]:  # nothing begins late
             return self.of_parameters(theta, step)
-        if self._faded_base is None:
-            self._faded_base = self._rates_and_readings(faded=True)
         return self._change(theta, step, faded=True)
 
     def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf, read: bool = True) -> Acts:
@@ -262,6 +259,10 @@ class Course:
         )
         return np.asarray(0.5 * (nodes[:-1] + nodes[1:]))
 
+    @cached_property
+    def _faded_base(self) -> _Pair:
+        return self._rates_and_readings(faded=True)
+
     def _rates_and_readings(self, faded: bool = False) -> _Pair:
         """Rates (S, na) of the active states and readings (S, ny) at the middles, in their units."""
         s, n, ny = self.sizes
@@ -288,7 +289,7 @@ class Course:
             read: may they change what a sensor reads of a state?
             faded: does what begins late do so?
         """
-        base = self._faded_base if faded and self._faded_base is not None else self._base
+        base = self._faded_base if faded else self._base
         weights = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u))) / step
         u, middles = self.u if u is None else u, self.middles if middles is None else middles
         found = self._compared(theta, u, middles, base, weights, read, faded)
