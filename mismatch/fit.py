@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from twinbench.common.jobs import cores
-from twinbench.mismatch.course import Course
+from twinbench.mismatch.course import Acts, Course
 from twinbench.mismatch.machine import Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
@@ -250,6 +250,7 @@ class Problem:
     def _columns_of(self, r: int, course: Course, z: Array, mine: Sequence[int]) -> Array:
         acts, start = course.none(len(mine)), np.zeros((len(course.active), len(mine)))
         direct = np.zeros((*self.tracks[r].means.shape, len(mine)))
+        drifts: dict[tuple[int, float], Acts] = {}  # a parameter's knots all step it alike
         for i, k in enumerate(mine):
             u = self.unknowns[k]
             if u.kind == "start":
@@ -263,7 +264,11 @@ class Problem:
             if candidate is not None and candidate.acts_on_output:
                 direct[:, :, i] = course.of_sensor(theta, self.since[r : r + 1] or (-np.inf,))[:, :, 0] / step
                 continue
-            if candidate is None:
+            if u.kind == "drift":
+                if (u.at, step) not in drifts:
+                    drifts[u.at, step] = course.of_always(theta, step)
+                one = drifts[u.at, step].times(self._hat(r, k, course)[:, None])
+            elif candidate is None:
                 one = course.of_always(theta, step)
             elif candidate.acts_on_input:
                 one = course.of_input(theta, step)
@@ -271,8 +276,6 @@ class Problem:
                 one = course.of_candidate(candidate, theta, step, self.begun_s(r, u))
             else:
                 one = course.of_parameters(theta, step, self.begun_s(r, u))
-            if u.kind == "drift":
-                one = one.times(self._hat(r, k, course)[:, None])
             acts.rates[:, :, i], acts.reads[:, :, i] = (part[:, :, 0] for part in one)
         return course.through_sensors(course.columns(acts, start)) + direct
 

@@ -33,6 +33,8 @@ NEAR = 12.0
 FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
+CHANCE = 2.0
+"""Sds of a chi-square by which what a single effect leaves may exceed the noise's share and still be all noise."""
 TIMES = 24
 """Parts of a recording between which effects may have begun, where runs are asked for when: a fit finds its way from
 half such a part away. What other numbers would change was not measured."""
@@ -76,6 +78,12 @@ class Naming:
     def best(self) -> Settled:
         """The likeliest hypothesis."""
         return self.hypotheses[0]
+
+    @property
+    def explained(self) -> bool:
+        """Does one effect leave nothing but noise, without any discrepancy? Then nothing is sought far and wide."""
+        readings = self.painter.readings
+        return len(self.best.effects) == 1 and self.best.squares < readings + CHANCE * np.sqrt(2.0 * readings)
 
     def of(self, candidates: Sequence[int], since_s: float) -> Settled | None:
         """The hypothesis of these candidates that was weighed, if one was.
@@ -165,11 +173,13 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         _thinned_out(found)
     contenders = _contenders(shown, found.far)
     for k, scored in enumerate(contenders):
+        if found.far and found.explained:
+            break
         there, sizes = painter.start(shown, scored.key, scored.learnt.s)
         effects = _effects(shown, scored.key, sizes)
         found.settle(_since(problem, shown, scored), z if found.far else there, effects, scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
-    if found.far or found.best.since_s > -np.inf:
+    if found.best.since_s > -np.inf or (found.far and not found.explained):
         _late(found)
     _sharpened(found)
     steps = (_one_is_not_enough, _another_way, _fuller, _plainer, _rivalled, _sharpened)
@@ -244,7 +254,7 @@ def _thinned_out(found: Naming) -> None:
 def _another_way(found: Naming) -> bool:
     """Where only all physics at once led to the likeliest, begin it elsewhere too; does another place lead further?"""
     best, problem, found.alone = found.best, found.alone, None
-    if problem is None or best is not found.together:
+    if problem is None or best is not found.together or found.explained:
         return False
     for end in from_elsewhere(best, problem, found.null.z, all_physics(found), found.ground):
         found.keep(end)

@@ -98,7 +98,7 @@ class Painter:
             wandering = view.wandering(ground.discrepancy, wanders, share)
             self._own = [np.concatenate((j, w), axis=2) for j, w in zip(self._own, wandering, strict=True)]
             self._mean = np.concatenate((self._mean, np.zeros(wandering[0].shape[2])))
-        self._rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
+        self.readings = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
             first = view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE))
             shows, *_ = self._shows(self._products(first))
@@ -222,7 +222,7 @@ class Painter:
         kept = np.maximum(np.diag(reduced.G)[:v], 0.0)
         fitted = b[:n] @ np.linalg.solve(G[:n, :n] + np.eye(n), b[:n])
         share = kept / np.maximum(np.diag(G)[n : n + v], 1e-300)
-        return np.sqrt(kept / self._rows), reduced, share, max(0.0, float(q - fitted) / self._rows - 1.0), q
+        return np.sqrt(kept / self.readings), reduced, share, max(0.0, float(q - fitted) / self.readings - 1.0), q
 
 
 def one_way(candidate: Candidate) -> bool:

@@ -136,6 +136,15 @@ class Settled:
         each = (len(self.mean) - first) // len(self.wanders)
         return first + each * self.wanders.index(size) + np.arange(each)
 
+    @property
+    def squares(self) -> float:
+        """What it leaves of the readings without any discrepancy, in variances of the noise."""
+        k = np.arange(len(self.z))
+        G, b, squares = self.products.over()
+        A = G[np.ix_(k, k)] + np.eye(len(k))
+        step = np.linalg.solve(A, b[k] + self.mean[k])
+        return float(squares - 2.0 * b[k] @ step + step @ G[np.ix_(k, k)] @ step)
+
     def prior(self, ground: Ground) -> tuple[Array, Array]:
         """Mean and precision (K + W + F,) of all that ``products`` has columns of, the discrepancy's functions last."""
         mean = np.concatenate((self.mean, np.zeros(len(ground.group))))
@@ -213,7 +222,7 @@ def _at_rest(
             best = here.stands
         if here.promised < SETTLED:
             break
-        if turn >= GIVEN_UP_AFTER and here.hoped < rival - HOPELESS:
+        if (rounds or turn >= GIVEN_UP_AFTER) and here.hoped < rival - HOPELESS:
             return replace(best, given_up=True)
         ahead = _as_far_as_it_helps(z, here, misfit_around(here.stands, ground, here.view, here.columns))
         if ahead is None:
