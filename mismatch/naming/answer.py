@@ -241,10 +241,10 @@ def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled
 def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
     """What else speaks for an effect, and against it: how it is itself."""
     size, sd = chosen.sizes[i], chosen.sds[i]
-    beside, wandering = squares_beside(chosen, i, ground)
+    beside, wandering = squares_beside(chosen, ground)
     return {
         "beside": beside,
-        "wandering": wandering,
+        "wandering": wandering[i],
         "sds": float(abs(size) / max(sd, 1e-300)),
         "echo": float(_echoes(chosen, i)),
         "one_size": one_size(chosen, i, ground),

@@ -20,6 +20,7 @@ from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, 
 from twinbench.mismatch.naming.pruned import ALIKE, Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
+from twinbench.mismatch.naming.steady import squares_beside
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
@@ -34,7 +35,7 @@ FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
 CHANCE = 2.0
-"""Sds of a chi-square by which what a single effect leaves may exceed the noise's share and still be all noise."""
+"""Sds of a chi-square by which the squares that a set leaves may exceed the noise's share and still be noise alone."""
 TIMES = 24
 """Parts of a recording between which effects may have begun, where runs are asked for when: a fit finds its way from
 half such a part away. What other numbers would change was not measured."""
@@ -81,9 +82,14 @@ class Naming:
 
     @property
     def explained(self) -> bool:
-        """Does one effect leave nothing but noise, without any discrepancy? Then nothing is sought far and wide."""
-        readings = self.painter.readings
-        return len(self.best.effects) == 1 and self.best.squares < readings + CHANCE * np.sqrt(2.0 * readings)
+        """Does the likeliest set leave noise alone, and so little to a discrepancy that no other can be far better?
+
+        Then none is sought far and wide. Half of the squares that a discrepancy explains is what others could gain.
+        """
+        best, readings = self.best, self.painter.readings
+        if not best.effects or best.squares > readings + CHANCE * np.sqrt(2.0 * readings):
+            return False
+        return squares_beside(best, self.ground)[0] < 2.0 * NEAR
 
     def of(self, candidates: Sequence[int], since_s: float) -> Settled | None:
         """The hypothesis of these candidates that was weighed, if one was.
@@ -237,7 +243,7 @@ def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array)
 def _one_is_not_enough(found: Naming) -> bool:
     """Is it several effects that are likeliest, and are those likelier that are left of all at once?"""
     best = found.best
-    if len(best.effects) > 1 and found.together is None:
+    if len(best.effects) > 1 and found.together is None and not found.explained:
         _thinned_out(found)
     return found.best is not best
 

@@ -39,11 +39,11 @@ def one_form(chosen: Settled, i: int, ground: Ground) -> float:
     return _log(left.G, left.b, 1.0) - _log(left.G, left.b, (chosen.share / UNSTEADY) ** 2)
 
 
-def squares_beside(chosen: Settled, i: int, ground: Ground) -> tuple[float, float]:
+def squares_beside(chosen: Settled, ground: Ground) -> tuple[float, list[float]]:
     """Squares, in variances of the noise, that the readings owe to what no form holds, at its posterior mean.
 
-    First those of the discrepancy beside the effects, then those of what this effect's size differs by from place to
-    place. What has the right form needs little of either.
+    First those of the discrepancy beside the effects, then for each effect those of what its size differs by from
+    place to place. What has the right form needs little of either.
     """
     G, b, _ = chosen.products.over()
     mean, precision = chosen.prior(ground)
@@ -53,7 +53,8 @@ def squares_beside(chosen: Settled, i: int, ground: Ground) -> tuple[float, floa
     def of(at: np.ndarray) -> float:
         return float(likeliest[at] @ G[np.ix_(at, at)] @ likeliest[at])
 
-    return of(np.arange(len(chosen.mean), len(b))), of(chosen.wandering(i))
+    beside = np.arange(len(chosen.mean), len(b))
+    return of(beside), [of(chosen.wandering(i)) for i in range(len(chosen.effects))]
 
 
 def _log(G: Array, b: Array, precision: float) -> float:

@@ -18,6 +18,7 @@ from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Products
 from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.settle import SETTLED, Settled, settled
+from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical
 
 SIZE = 1.2
@@ -62,6 +63,24 @@ def test_where_it_stands_its_residuals_are_those_of_runs_sample_by_sample():
         track = found.problem.tracks[r]
         exact = track.means - track.block_means(found.problem.readings(r, found.z))
         assert residual == pytest.approx(exact, abs=1e-9, nan_ok=True)
+
+
+def test_its_squares_are_those_of_a_ridge_regression():
+    ground, found = friction_found().diagnosis.answer.naming.ground, hypothesis(SIZE)
+    view = View.around(found.problem, found.z)
+    own = view.unknowns()
+    white = np.concatenate([ground.whitened(r, columns, view.residuals[r]) for r, columns in enumerate(own)])
+    J, e, mean = white[:, :-1], white[:, -1], found.mean[: len(found.z)]
+    step = np.linalg.lstsq(np.vstack((J, np.eye(len(mean)))), np.concatenate((e, mean)), rcond=None)[0]
+    assert found.squares == pytest.approx(np.sum((e - J @ step) ** 2), rel=1e-6)
+
+
+def test_what_is_explained_is_sought_no_further():
+    naming = friction_found().diagnosis.answer.naming
+    assert naming.explained
+    assert not replace(naming, hypotheses=[naming.null]).explained
+    lacking = hypothesis(0.0, "sensor_gain@T_probe_K")
+    assert not replace(naming, hypotheses=[lacking]).explained
 
 
 def test_the_null_is_the_problem_as_it_was():

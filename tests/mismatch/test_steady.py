@@ -44,6 +44,7 @@ class Made:
             products=products,
             mean=np.array([-SIZE, *np.zeros(PLACES)]),
             z=np.zeros(1),
+            effects=(None,),
             share=WANDERS,
             entries=lambda i: np.array([0]),
             wandering=lambda i: 1 + np.arange(PLACES),
@@ -98,12 +99,13 @@ def test_a_stand_in_is_told_by_either_and_the_same_everywhere_by_none() -> None:
 @pytest.mark.parametrize("wandering", [0.0, 0.5])
 def test_squares_beside_are_those_of_a_dense_gaussians_mean(wandering: float) -> None:
     made = Made((2.0, 2.6), wandering)
-    assert squares_beside(made.chosen, 0, made.ground) == pytest.approx(made.explained(), rel=1e-5)
+    beside, (by_place,) = squares_beside(made.chosen, made.ground)
+    assert (beside, by_place) == pytest.approx(made.explained(), rel=1e-5)
 
 
 def test_a_stand_in_needs_more_beside_it() -> None:
-    _, right = squares_beside((made := Made((2.0, 2.0))).chosen, 0, made.ground)
-    _, wrong = squares_beside((made := Made((2.0, 2.0), 0.5)).chosen, 0, made.ground)
+    _, (right,) = squares_beside((made := Made((2.0, 2.0))).chosen, made.ground)
+    _, (wrong,) = squares_beside((made := Made((2.0, 2.0), 0.5)).chosen, made.ground)
     assert wrong > 10.0 * right
 
 
@@ -111,4 +113,4 @@ def test_a_fault_has_no_form() -> None:
     made = Made((2.0, 2.0))
     made.chosen.wandering = lambda i: np.empty(0, dtype=int)
     assert one_form(made.chosen, 0, made.ground) == 0.0
-    assert squares_beside(made.chosen, 0, made.ground)[1] == 0.0
+    assert squares_beside(made.chosen, made.ground)[1] == [0.0]
