@@ -151,6 +151,25 @@ def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, stands_for:
     return float(np.nextafter(p.max(initial=0.5), 1.0))
 
 
+def least_of_a_set(q: Array, holds: np.ndarray, count: Array) -> float:
+    """The least probability from which on at most ``WRONG_SETS`` of the sets are without the right name.
+
+    Both what they state and what was seen, one more counted as wrong, has to keep the promise. Sets are few, and of
+    many limits a lucky one keeps it by what was seen alone.
+
+    Args:
+        q: (n,) dimensionless probabilities that the sets hold it.
+        holds: (n,) bool, do they?
+        count: (n,) dimensionless, how often each counts; one in the mean over all rows.
+    """
+    for t in np.unique(q[q >= 0.5]):
+        said = q >= t
+        total, without = count[said].sum(), count[said & ~holds].sum()
+        if without + 1.0 <= WRONG_SETS * (total + 1.0) and count[said] @ (1.0 - q[said]) <= WRONG_SETS * total:
+            return float(t)
+    return 1.0
+
+
 def at_most(seen: Array, stands_for: Array) -> float:
     """Upper bound, with ``CONFIDENCE``, of how many are expected where rare ones were seen that count differently.
 
@@ -174,14 +193,8 @@ def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     p, q = among * found.weight, among * found.weight_of_set
     say_name = least_probability(p, ~found.right, found.case, found.stands_for)
     sets = found.is_set & (p < say_name)
-    say_set = 1.0
-    count, one_more = found.counts, 1.0  # which rows are in the mean
-    for t in np.unique(np.concatenate(([0.5], q[sets]))):
-        said = sets & (q >= t)
-        without = said & ~found.holds
-        if t >= 0.5 and said.any() and count[without].sum() + one_more <= WRONG_SETS * (count[said].sum() + one_more):
-            say_set = float(t)
-            break
+    count = found.counts
+    say_set = least_of_a_set(q[sets], found.holds[sets], count[sets])
     named = p >= say_name
     wrong = np.unique(found.case[named & ~found.right])
     return {

@@ -19,9 +19,11 @@ from twinbench.proof.learning.fit import (
     CONFIDENCE,
     SHRINKAGE,
     WRONG_NAMES,
+    WRONG_SETS,
     at_most,
     in_the_suite,
     learnt,
+    least_of_a_set,
     least_probability,
     logistic,
 )
@@ -53,6 +55,23 @@ def test_a_known_share_is_taken_off_and_what_speaks_against_counts_nothing() -> 
     w = logistic(np.column_stack((x, -x[:, 0])), y, share, np.ones(len(x)))
     assert w[1:4] == pytest.approx([0.8, 0.3, 1.1], abs=0.15)
     assert w[4] == 0.0
+
+
+def test_of_few_sets_no_lucky_limit_is_taken() -> None:
+    rng, wrong = np.random.default_rng(6), []
+    for _ in range(400):
+        q = rng.uniform(0.4, 1.0, 60)
+        said = q >= least_of_a_set(q, rng.random(60) < q, np.ones(60))
+        if said.any():
+            wrong.append(float(np.mean(1.0 - q[said])))
+    assert len(wrong) > 300
+    assert max(wrong) <= WRONG_SETS
+
+
+def test_sets_that_state_too_much_are_not_said() -> None:
+    q = np.linspace(0.95, 0.99, 200)
+    assert least_of_a_set(q, np.arange(200) % 4 > 0, np.ones(200)) == 1.0
+    assert least_of_a_set(q, np.ones(200, dtype=bool), np.ones(200)) == q[0]
 
 
 def test_a_verdict_with_two_wrong_names_is_wrong_once() -> None:
