@@ -154,8 +154,8 @@ def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, stands_for:
 def least_of_a_set(q: Array, holds: np.ndarray, count: Array) -> float:
     """The least probability from which on at most ``WRONG_SETS`` of the sets are without the right name.
 
-    Both what they state and what was seen has to keep the promise. Sets are few, and of many limits a lucky one keeps
-    it by what was seen alone.
+    Both what they state and what was seen, one more counted as wrong, has to keep the promise. Sets are few, and of
+    many limits a lucky one keeps it by what was seen alone.
 
     Args:
         q: (n,) dimensionless probabilities that the sets hold it.
@@ -165,7 +165,7 @@ def least_of_a_set(q: Array, holds: np.ndarray, count: Array) -> float:
     for t in np.unique(q[q >= 0.5]):
         said = q >= t
         total, without = count[said].sum(), count[said & ~holds].sum()
-        if without <= WRONG_SETS * total and count[said] @ (1.0 - q[said]) <= WRONG_SETS * total:
+        if without + 1.0 <= WRONG_SETS * (total + 1.0) and count[said] @ (1.0 - q[said]) <= WRONG_SETS * total:
             return float(t)
     return 1.0
 
