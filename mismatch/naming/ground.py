@@ -119,29 +119,12 @@ class Ground:
         first = SensorNoise.first_guess(floor)
         made = cls._whitened(first, moved, whole, view, [(p, all_of_it) for p in every], discrepancy)
         made = made._without_the_unseen(view, own)
-        rng, mean = np.random.default_rng(0), prior_mean(view)
+        rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
-            left, s = made._left(view, own, mean, rng)
+            left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
             made = replace(cls._whitened(noise, moved, made.whole, view, made.kept, discrepancy), s=s)
         return made
-
-    def beside(self, view: View, columns: Sequence[Array], mean: Array, floor: Array) -> tuple[Ground, float]:
-        """With the noise learnt anew beside effects, and nats by which what these leave is likelier by that noise.
-
-        Args:
-            view: around where they are there.
-            columns: (B, ny, K) per recording of all that is unknown, in the outputs' units per prior sd.
-            mean: (K,) prior mean of these, from there, in prior sds.
-            floor: (ny,) noise of block means by their second differences, in the outputs' units.
-        """
-        made, rng, gained = self, np.random.default_rng(0), 0.0
-        for _ in range(ROUNDS_OF_NOISE):
-            left, _ = made._left(view, columns, mean, rng)
-            noise = made.noise.learnt(left, floor)
-            gained = noise.log(left) - self.noise.log(left)
-            made = replace(self._whitened(noise, self.moved, self.whole, view, self.kept, self.discrepancy), s=self.s)
-        return made, gained
 
     @classmethod
     def _whitened(
@@ -212,12 +195,10 @@ class Ground:
         made = self._whitened(self.noise, self.moved, joined, view, kept, self.discrepancy)
         return replace(made, s=s[there])
 
-    def _left(
-        self, view: View, own: Sequence[Array], mean: Array, rng: np.random.Generator
-    ) -> tuple[list[Array], Array]:
+    def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
         G, b, _ = self.products(view, own).over()
-        n = own[0].shape[2]
+        n, mean = own[0].shape[2], prior_mean(view)
         inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
         s = learn(inner.G, inner.b, self.group, self.s).s
         precision = np.concatenate((np.ones(n), self.precision(s)))

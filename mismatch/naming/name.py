@@ -21,7 +21,7 @@ from twinbench.mismatch.naming.pruned import ALIKE, Whole, all_at_once, from_els
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.steady import squares_beside
-from twinbench.mismatch.naming.view import WANDERS, View
+from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
 from twinbench.physics.simulator import Array
@@ -43,8 +43,6 @@ SHARPENED, SIDES = 3, 6
 """Rounds of looking for the time at which effects began, and times tried to either side, each round closer."""
 MOST_EFFECTS = 12
 """Effects that a set may grow to, one at a time."""
-ANEW = 2
-"""Rounds of learning the noise anew beside the likeliest set."""
 ADDED = 3
 """Further effects that are tried beside the best set, each time."""
 
@@ -147,15 +145,6 @@ class Naming:
         """
         self.keep(settled(problem, z, effects, self.ground, s, self.far, self.best.log))
 
-    def stand_on(self, ground: Ground) -> None:
-        """Another ground, and the likeliest hypotheses settled anew on it; those left far behind are forgotten."""
-        likeliest = [h for h in self.hypotheses if h.effects and h.log > self.best.log - HOPELESS]
-        self.ground, self.painter = ground, self.painter.on(ground)
-        self.null = settled(self.null.problem, self.null.z, (), ground, ground.s)
-        self.hypotheses, self.reduced, self.rivalled, self._around = [self.null], [], [], None
-        for h in likeliest:
-            self.keep(settled(h.bare, h.own, h.now, ground, h.learnt.s, rival=self.best.log))
-
     def keep(self, hypothesis: Settled) -> None:
         """Put a settled hypothesis in its place; of several of the same effects the likeliest counts."""
         same = self.of(hypothesis.candidates, hypothesis.since_s)
@@ -202,31 +191,8 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     steps = (_one_is_not_enough, _another_way, _fuller, _plainer, _rivalled, _sharpened)
     while any(step(found) for step in steps):
         pass
-    for _ in range(ANEW):
-        if not _noise_anew(found, floor):
-            break
-        while any(step(found) for step in steps):
-            pass
     progress(1.0)
     return found
-
-
-def _noise_anew(found: Naming, floor: Array) -> bool:
-    """Learn the noise beside the likeliest set; is it less than where nothing was named?
-
-    What a discrepancy cannot hold, a force that comes and goes in time, was noise then.
-    """
-    best = found.best
-    if not best.effects:
-        return False
-    view, k = found.around(best), len(best.z)
-    columns = columns_of(view, found.ground, best.wanders)
-    columns = [np.concatenate((c[:, :, :k], c[:, :, k:] * (best.share / WANDERS)), axis=2) for c in columns]
-    ground, gained = found.ground.beside(view, columns, best.mean, floor)
-    if gained < NEAR:
-        return False
-    found.stand_on(ground)
-    return True
 
 
 def _late(found: Naming) -> None:

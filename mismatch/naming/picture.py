@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -110,12 +109,6 @@ class Painter:
         times = [since_s] if since_s > -np.inf else []
         columns = view.of_variants(self.listed, self._probes, times)
         self._since_s, self._columns = since_s, [c[:, :, len(times) :: 1 + len(times)] for c in columns]
-
-    def on(self, ground: Ground) -> Painter:
-        """The same on another ground."""
-        made = copy.copy(self)
-        made.ground = ground
-        return made
 
     def picture(self, since_s: Sequence[float] = (), late: Sequence[int] = ()) -> Picture:
         """All variants, and some that begin at given times.
