@@ -11,7 +11,6 @@ from motor import MOTOR
 from motor_case import record
 
 from twinbench.mismatch.catalogue import generic
-from twinbench.mismatch.naming import name
 from twinbench.mismatch.periods import loudest_periods_s
 from twinbench.mismatch.tracks import prepare
 
@@ -55,20 +54,3 @@ def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
     size, period, _ = (v.value for v in finding.parameters)
     assert size == pytest.approx(2.0, rel=0.1)
     assert period == pytest.approx(PERIOD_S, rel=1e-3)
-
-
-def test_what_comes_and_goes_in_time_is_no_noise_once_it_is_named(monkeypatch):
-    """No function of where the machine is holds it, so it is noise while nothing is named."""
-
-    def shaken(t, x, u):
-        return np.array([0.0, 2.0 * np.sin(2.0 * np.pi * t / PERIOD_S), 0.0])
-
-    def noise(extra):
-        verdict = diagnosed(MOTOR, [record("run 1", 1, extra), record("run 2", 2, extra)], [], listed)
-        return verdict.diagnosis.answer.naming.ground.noise.variance**0.5
-
-    listed = [m for m in generic(MOTOR) if m.name.partition("@")[0] in ("periodic", "coulomb_friction", "offset")]
-    sound, found = noise(lambda t, x, u: np.zeros(3)), noise(shaken)
-    assert found == pytest.approx(sound, rel=0.15)
-    monkeypatch.setattr(name, "ANEW", 0)
-    assert (noise(shaken) > 1.3 * sound).any()
