@@ -27,7 +27,7 @@ CONFIDENCE = 0.8
 in one of two trials, with this in one of five. At 0.9 a quarter less would be named."""
 WRONG_SETS = 0.07
 """Promised rate, among sets that are said, of those without the right name: what a set of credibility 0.95 may miss and
-a little for what is in no catalogue. Twice as much lets a quarter more sets be said."""
+a little for what is in no catalogue. Twice as much lets three times as many sets be said."""
 
 
 class Findings(NamedTuple):
@@ -151,21 +151,19 @@ def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, stands_for:
     return float(np.nextafter(p.max(initial=0.5), 1.0))
 
 
-def least_of_a_set(q: Array, holds: np.ndarray, count: Array) -> float:
-    """The least probability from which on at most ``WRONG_SETS`` of the sets are without the right name.
+def least_of_a_set(q: Array, count: Array) -> float:
+    """The least probability from which on sets state that at most ``WRONG_SETS`` of them are without the right name.
 
-    Both what they state and what was seen, one more counted as wrong, has to keep the promise. Sets are few, and of
-    many limits a lucky one keeps it by what was seen alone.
+    What was seen does not choose it. Sets are few, its rate goes up and down with the limit, and of many limits a lucky
+    one keeps the promise. It is told beside (``sets_without_it``), as is whether what is stated is true.
 
     Args:
         q: (n,) dimensionless probabilities that the sets hold it.
-        holds: (n,) bool, do they?
-        count: (n,) dimensionless, how often each counts; one in the mean over all rows.
+        count: (n,) dimensionless, how often each counts.
     """
     for t in np.unique(q[q >= 0.5]):
         said = q >= t
-        total, without = count[said].sum(), count[said & ~holds].sum()
-        if without + 1.0 <= WRONG_SETS * (total + 1.0) and count[said] @ (1.0 - q[said]) <= WRONG_SETS * total:
+        if count[said] @ (1.0 - q[said]) <= WRONG_SETS * count[said].sum():
             return float(t)
     return 1.0
 
@@ -194,7 +192,7 @@ def learnt(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     say_name = least_probability(p, ~found.right, found.case, found.stands_for)
     sets = found.is_set & (p < say_name)
     count = found.counts
-    say_set = least_of_a_set(q[sets], found.holds[sets], count[sets])
+    say_set = least_of_a_set(q[sets], count[sets])
     named = p >= say_name
     wrong = np.unique(found.case[named & ~found.right])
     return {

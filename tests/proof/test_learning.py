@@ -57,21 +57,14 @@ def test_a_known_share_is_taken_off_and_what_speaks_against_counts_nothing() -> 
     assert w[4] == 0.0
 
 
-def test_of_few_sets_no_lucky_limit_is_taken() -> None:
-    rng, wrong = np.random.default_rng(6), []
-    for _ in range(200):
-        q = rng.uniform(0.4, 1.0, 300)
-        said = q >= least_of_a_set(q, rng.random(300) < q, np.ones(300))
-        if said.any():
-            wrong.append(float(np.mean(1.0 - q[said])))
-    assert len(wrong) > 150
-    assert max(wrong) <= WRONG_SETS
-
-
-def test_sets_that_state_too_much_are_not_said() -> None:
-    q = np.linspace(0.95, 0.99, 200)
-    assert least_of_a_set(q, np.arange(200) % 4 > 0, np.ones(200)) == 1.0
-    assert least_of_a_set(q, np.ones(200, dtype=bool), np.ones(200)) == q[0]
+def test_sets_are_said_from_where_on_they_state_what_is_promised() -> None:
+    rng = np.random.default_rng(6)
+    q, count = rng.uniform(0.4, 1.0, 300), rng.uniform(0.3, 2.0, 300)
+    t = least_of_a_set(q, count)
+    for limit, kept in ((t, True), (q[q < t].max(), False)):
+        said = q >= limit
+        assert (np.average(1.0 - q[said], weights=count[said]) <= WRONG_SETS) == kept
+    assert least_of_a_set(np.full(9, 0.9), np.ones(9)) == 1.0
 
 
 def test_a_verdict_with_two_wrong_names_is_wrong_once() -> None:
