@@ -103,7 +103,9 @@ def answered(naming: Naming) -> Answer:
     chosen = _plainer(near, min(near, key=lambda h: (len(h.effects), -h.log)))
     left = unnamed_beside(naming.ground, chosen)
     sets = _sets(naming)
-    found = tuple(_found(naming, chosen, i, left[0].log, sets) for i in range(len(chosen.effects)))
+    beside, wandering = squares_beside(chosen, naming.ground)
+    squares = [{"beside": beside, "wandering": by_place} for by_place in wandering]
+    found = tuple(_found(naming, chosen, i, left[0].log, sets, one) for i, one in enumerate(squares))
     return Answer(naming, chosen, found, left, inexact_beside(naming.ground, chosen))
 
 
@@ -151,7 +153,14 @@ def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) ->
     return tuple(sorted(found, key=lambda u: -u.log))
 
 
-def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[frozenset[str], float]) -> Found:
+def _found(
+    naming: Naming,
+    chosen: Settled,
+    i: int,
+    left: float,
+    sets: Mapping[frozenset[str], float],
+    squares: Mapping[str, float],
+) -> Found:
     machine = chosen.problem.machine
     name = name_of(machine, chosen.effects[i])
     rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
@@ -175,6 +184,7 @@ def _found(naming: Naming, chosen: Settled, i: int, left: float, sets: Mapping[f
         "against_nothing": chosen.log - none,
         # With something unnamed beside it or without, whichever is likelier.
         "against_unnamed": chosen.log + max(left, 0.0) - unnamed[0].log,
+        **squares,
         **_evidence(naming.ground, chosen, i),
     }
     return Found(chosen.now[i], i, name, weights, sets, frozenset(same), unnamed, evidence)
@@ -241,10 +251,7 @@ def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled
 def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
     """What else speaks for an effect, and against it: how it is itself."""
     size, sd = chosen.sizes[i], chosen.sds[i]
-    beside, wandering = squares_beside(chosen, ground)
     return {
-        "beside": beside,
-        "wandering": wandering[i],
         "sds": float(abs(size) / max(sd, 1e-300)),
         "echo": float(_echoes(chosen, i)),
         "one_size": one_size(chosen, i, ground),

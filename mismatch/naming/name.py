@@ -35,7 +35,9 @@ FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
 CHANCE = 2.0
-"""Sds of a chi-square by which the squares that a set leaves may exceed the noise's share and still be noise alone."""
+"""Sds of a chi-square by which the squares that a set leaves may exceed the noise's share and still be noise alone: one
+set in forty that is all there is exceeds it. Such a set costs time, as all the rest is then sought. What other limits
+would change was not measured."""
 TIMES = 24
 """Parts of a recording between which effects may have begun, where runs are asked for when: a fit finds its way from
 half such a part away. What other numbers would change was not measured."""

@@ -154,8 +154,8 @@ def least_probability(p: Array, wrong: np.ndarray, case: np.ndarray, stands_for:
 def least_of_a_set(q: Array, count: Array) -> float:
     """The least probability from which on sets state that at most ``WRONG_SETS`` of them are without the right name.
 
-    What was seen does not choose it. Sets are few, its rate goes up and down with the limit, and of many limits a lucky
-    one keeps the promise. It is told beside (``sets_without_it``), as is whether what is stated is true.
+    What was seen does not choose it. Sets are few, so the rate that was seen goes up and down with the limit, and of
+    many limits a lucky one keeps the promise. ``sets_without_it`` tells it, beside the limit.
 
     Args:
         q: (n,) dimensionless probabilities that the sets hold it.
