@@ -196,8 +196,12 @@ def none_of_them(d: Diagnosis, name: str) -> str:
         if astray(d.answer, 1.0):
             return "the simulator is so far off, and so much is left, that other sets may explain as much"
         return "the simulator is so far off that another set is likelier in most halves of the recordings"
-    drawn = {c.found.name for c in d.claims if c.found is not None and c.found.evidence["echo"]}
-    return "several effects of one channel or period draw one thing that is none of them" if name in drawn else ""
+    found = [c.found for c in d.claims if c.found is not None and c.found.name == name]
+    if any(f.evidence["lingers"] for f in found):
+        return "what it leaves still swings with its period, so that it acts elsewhere, or in another way"
+    if any(f.evidence["echo"] for f in found):
+        return "several effects of one channel or period draw one thing that is none of them"
+    return ""
 
 
 def unnamed_size(u: Unnamed) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from twinbench.mismatch.began import begins
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError
@@ -20,6 +22,8 @@ MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
 INEXACT_NATS = 10.0
 """Nats from which on it is told where the equations are inexact: twenty thousand to one, since every simulator is."""
+ONE_PERIOD = 1.2
+"""Longest over shortest period of a band that is told as one period: periods of a machine lie further apart."""
 NAMED_IN_ONE = 3
 """Recordings that a sentence names one by one."""
 
@@ -80,6 +84,7 @@ def points(
             yield sentence(f"on {_held_out(d)} {_error(e, d.mended is not None)}")
     yield from (sentence(text) for text in missing)
     yield from _inexact(d)
+    yield from _coloured(d)
     if changed:
         moved = [f"{v.name} from {number(v.before or 0.0)} to {v.words()}" for v in changed]
         yield sentence(f"parameters moved, with 90 % intervals: {listed(moved)}")
@@ -150,6 +155,20 @@ def _inexact(d: Diagnosis) -> Iterator[str]:
         yield sentence(
             f"the equations are not exact at {where}: they miss about {number(places[0].size_pct, 2)} % of what "
             "commonly acts there, which may be the simulator as it is, or something small that is missing"
+        )
+
+
+def _coloured(d: Diagnosis) -> Iterator[str]:
+    """Where what is left is told from noise by its spectrum: what acts in time is a function of no state."""
+    c = d.answer.coloured
+    if c.sure:
+        about = with_unit(float(np.sqrt(c.shortest_s * c.longest_s)), "s")
+        periods = f"{number(c.shortest_s)} to {with_unit(c.longest_s, 's')}"
+        at = f"a period of about {about}" if c.longest_s < ONE_PERIOD * c.shortest_s else f"periods of {periods}"
+        yield sentence(
+            f"what is left of {d.simulator.outputs[c.channel].name} is not noise alone: with {at} it has "
+            f"{number(c.power, 2)} times the power of its noise. Something that changes with time alone leaves that, "
+            "and so does a form that is not exact"
         )
 
 

@@ -71,6 +71,10 @@ class Verdict:
             "weighed": [{"effects": sorted(names), "probability": p} for names, p in weighed(d).items()],
             "unnamed": [{"port": str(u.port), "nats": u.log, "size_pct": u.size_pct} for u in d.answer.left],
             "inexact": [{"port": str(u.port), "nats": u.log, "size_pct": u.size_pct} for u in telling.inexact(d)],
+            "coloured": {
+                **d.answer.coloured._asdict(),
+                "channel": d.simulator.outputs[d.answer.coloured.channel].name,
+            },
             "unfollowed": [u._asdict() for u in d.unfollowed],
             "held_out": {"recordings": [t.name for t in d.held], "worse": [w._asdict() for w in d.worse]},
             "self_check": asdict(d.self_check),

@@ -17,6 +17,7 @@ from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.settle import Settled, odds_of
 from twinbench.mismatch.naming.steady import one_form, one_size, squares_beside
+from twinbench.mismatch.naming.whiteness import Coloured, coloured
 from twinbench.physics.simulator import Array, Port
 
 PLAIN = np.log(20.0)
@@ -85,6 +86,7 @@ class Answer:
 
     Attributes:
         left: something unnamed beside it, the likeliest port first.
+        coloured: what tells its innovations from white noise.
         inexact: what its equations are inexact by where only one port's were, against nowhere; the likeliest port
             first. It may be as small as in any simulator.
     """
@@ -93,6 +95,7 @@ class Answer:
     chosen: Settled
     found: tuple[Found, ...]
     left: tuple[Unnamed, ...]
+    coloured: Coloured
     inexact: tuple[Unnamed, ...]
 
 
@@ -104,9 +107,13 @@ def answered(naming: Naming) -> Answer:
     left = unnamed_beside(naming.ground, chosen)
     sets = _sets(naming)
     beside, wandering = squares_beside(chosen, naming.ground)
-    squares = [{"beside": beside, "wandering": by_place} for by_place in wandering]
-    found = tuple(_found(naming, chosen, i, left[0].log, sets, one) for i, one in enumerate(squares))
-    return Answer(naming, chosen, found, left, inexact_beside(naming.ground, chosen))
+    colour = coloured(chosen, naming.ground)
+    left_over = [
+        {"beside": beside, "wandering": by_place, "lingers": float(_lingers(chosen, i, colour))}
+        for i, by_place in enumerate(wandering)
+    ]
+    found = tuple(_found(naming, chosen, i, left[0].log, sets, one) for i, one in enumerate(left_over))
+    return Answer(naming, chosen, found, left, colour, inexact_beside(naming.ground, chosen))
 
 
 def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
@@ -159,7 +166,7 @@ def _found(
     i: int,
     left: float,
     sets: Mapping[frozenset[str], float],
-    squares: Mapping[str, float],
+    left_over: Mapping[str, float],
 ) -> Found:
     machine = chosen.problem.machine
     name = name_of(machine, chosen.effects[i])
@@ -184,7 +191,7 @@ def _found(
         "against_nothing": chosen.log - none,
         # With something unnamed beside it or without, whichever is likelier.
         "against_unnamed": chosen.log + max(left, 0.0) - unnamed[0].log,
-        **squares,
+        **left_over,
         **_evidence(naming.ground, chosen, i),
     }
     return Found(chosen.now[i], i, name, weights, sets, frozenset(same), unnamed, evidence)
@@ -257,6 +264,13 @@ def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
         "one_size": one_size(chosen, i, ground),
         "one_form": one_form(chosen, i, ground),
     }
+
+
+def _lingers(chosen: Settled, i: int, colour: Coloured) -> bool:
+    """Is it a periodic force that leaves its period in the readings? The period is right then, and the place is not."""
+    effect = chosen.now[i]
+    periodic = chosen.problem.machine.candidates[effect.variant.candidate].name.startswith(PERIODIC)
+    return periodic and colour.swings_with(effect.variant.shape[0])
 
 
 def _echoes(chosen: Settled, i: int) -> bool:

@@ -90,6 +90,11 @@ def learnt_rule() -> Rule:
     return Rule(read["weights"], float(read["say_name"]), float(read["say_set"]))
 
 
+def never_said(evidence: Mapping[str, float]) -> bool:
+    """Is it plainly none of the names that it could have, whatever its probability?"""
+    return bool(evidence["echo"] or evidence["lingers"])
+
+
 def features(evidence: Mapping[str, float]) -> dict[str, float]:
     """What speaks for a finding (the evidence of a ``Found``), on scales on which it counts evenly."""
     found = {
@@ -161,7 +166,7 @@ def _claim(found: Found, port_of: Mapping[str, Port], rule: Rule, contains: Mapp
     unnamed = _where(found.unnamed)
     either = {p: among * named.get(p, 0.0) + (1.0 - among) * unnamed.get(p, 0.0) for p in {*named, *unnamed}}
     nameless = Claim((), False, 1.0 - right, _likeliest(either), found)
-    if found.evidence["echo"]:
+    if never_said(found.evidence):
         return nameless
     ports = _likeliest(named)
     if right >= rule.say_name:

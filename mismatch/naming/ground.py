@@ -201,19 +201,39 @@ class Ground:
         n, mean = own[0].shape[2], prior_mean(view)
         inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
         s = learn(inner.G, inner.b, self.group, self.s).s
-        precision = np.concatenate((np.ones(n), self.precision(s)))
-        A, right = G + np.diag(precision), b + np.concatenate((mean, np.zeros(len(self.group))))
-        scale, L = factored(A)
-        drawn = solve_triangular(L, rng.normal(size=len(A)), lower=True, trans=1)
-        weights = scale * (cho_solve((L, True), scale * right) + drawn)
+        prior = np.concatenate((mean, np.zeros(len(self.group)))), np.concatenate((np.ones(n), self.precision(s)))
+        return self.noise_drawn(G, b, prior, view.residuals, own, rng), s
+
+    def noise_drawn(
+        self,
+        G: Array,
+        b: Array,
+        prior: tuple[Array, Array],
+        residuals: Sequence[Array],
+        columns: Sequence[Array],
+        rng: np.random.Generator,
+    ) -> list[Array]:
+        """The sensors' noise: residuals less a posterior draw of all that is unknown, (B, ny) per recording.
+
+        Args:
+            G: (K + F, K + F) products of whitened columns, the discrepancy's last.
+            b: (K + F,) products of these with the whitened residuals.
+            prior: mean and precision (K + F,) of what the columns are per.
+            residuals: (B, ny) per recording, in the outputs' units.
+            columns: (B, ny, K) per recording, in the outputs' units.
+        """
+        mean, precision = prior
+        scale, L = factored(G + np.diag(precision))
+        drawn = solve_triangular(L, rng.normal(size=len(b)), lower=True, trans=1)
+        weights = scale * (cho_solve((L, True), scale * (b + precision * mean)) + drawn)
         left = [
             residual - np.nan_to_num(np.concatenate((j, f), axis=2)) @ weights
-            for residual, j, f in zip(view.residuals, own, self.whole, strict=True)
+            for residual, j, f in zip(residuals, columns, self.whole, strict=True)
         ]
         for r, (inputs, moved) in enumerate(zip(self.inputs, self.moved, strict=True)):
             white = _by_sensors(self.noise, np.empty((*left[r].shape, 0)), left[r])[:, 0]
             left[r] = left[r] - moved @ inputs.drawn(white, rng)
-        return left, s
+        return left
 
     def precision(self, s: Array) -> Array:
         """(F,) prior precision of the functions' weights where the discrepancy has some sizes.

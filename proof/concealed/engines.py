@@ -19,6 +19,8 @@ ENGINES = {
     "black_box": "twinbench.proof.opponents.black_box:diagnose",
     "bic_picker": "twinbench.proof.opponents.bic_picker:diagnose",
     "no_learnt_decision": "twinbench.proof.opponents.ablations:no_learnt_decision",
+    "no_discrepancy": "twinbench.proof.opponents.ablations:no_discrepancy",
+    "no_relinearisation": "twinbench.proof.opponents.ablations:no_relinearisation",
 }
 """By name, "module:function", called as ``twinbench.diagnose``."""
 MAIN = ("twinbench", ORACLE)

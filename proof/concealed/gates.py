@@ -9,7 +9,7 @@ import pandas as pd
 from scipy.stats import norm
 
 from twinbench.proof.concealed.findings import SINGLE, miss, stated, with_marks
-from twinbench.proof.concealed.outcome import SOUND, UNKNOWN
+from twinbench.proof.concealed.outcome import SOUND, UNKNOWN, WRONG_NAMES
 from twinbench.proof.concealed.power import reliability, reliability_error
 
 COMPARED = {
@@ -75,7 +75,7 @@ def _others(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
         rate("sound machine: false name", "<=", 0.0, sound["named"] != ""),
         rate("sound machine: false name or set", "<=", 1.0 / max(len(sound), 1), sound["said"]),
         rate("sound machine: called unexplained or incomplete, without a name", "", np.nan, open_end & ~sound["said"]),
-        rate("confidently wrong, of all verdicts", "<=", 0.02, rows["wrong_name"]),
+        rate("confidently wrong, of all verdicts", "<=", WRONG_NAMES, rows["wrong_name"]),
         _beside("both of two effects, by class", ">=", 0.75, pairs, "class"),
         rate("not in the catalogue: no wrong name", ">=", 0.95, unknown["named"] == ""),
         rate("not in the catalogue: located within two ports", ">=", 0.90, pointed),

@@ -8,19 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from twinbench.proof.concealed.outcome import outcome
+from twinbench.proof.concealed.outcome import UNKNOWN, outcome
 from twinbench.proof.concealed.seal import Sealed, check
 
 COLUMNS = (
     "case", "seed", "machine", "kind", "cell", "severity", "background_pct", "truth", "class", "D0_sq", "Dk_sq",
     "detectable", "verdict", "named", "set", "probability", "outcome", "ports", "gain", "size_error_pct",
     "size_covered", "parameters_covered", "engine", "seconds", "onset_error_s", "port_truth", "ideal_name",
-    "ideal_class", "inexact", "noisy_input",
+    "ideal_class", "inexact", "noisy_input", "left_sq",
 )  # fmt: skip
 """In ``truth``, ``class`` and ``port_truth`` effects are joined by ``+``, what is the same for one of them by ``|``.
 ``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``.
 ``noisy_input`` is the input that is recorded with noise, if one is.
 ``inexact`` holds where the equations are said to be inexact, joined by ``|``: a place, if no finding is one.
+``left_sq`` is the squared distance, in sds of the noise, that the catalogue leaves of the effect: its own form of the
+name or, where the catalogue lacks the name, the nearest stand-in. Of two effects it is the larger.
 ``probability`` holds what the verdict states for each of them, in their order: single names, then sets."""
 PORTS = 2
 """So many ports a location may hold."""
@@ -70,6 +72,7 @@ def score(
         "set": "+".join("|".join(c.names) for c in several),
         "probability": "+".join(_stated(c) for c in (*single, *several)),
         "outcome": outcome(truth, [c.names for c in found], [c.ports for c in found] or [inexact_at(verdict)]),
+        "left_sq": max((e["stand_in_sq" if truth["cell"] in UNKNOWN else "form_sq"] for e in effects), default=np.nan),
         "port_truth": "+".join("|".join(e["ports"]) for e in effects),
         "ports": "+".join("|".join(c.ports) for c in found),
         "inexact": "|".join(inexact_at(verdict)),

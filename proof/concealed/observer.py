@@ -54,6 +54,8 @@ class Seen(NamedTuple):
         close: other names that nobody can tell from it at this size, and that explain more than half of it.
         from_none, from_rival: squared distances from "no effect" and from the nearest rival.
         rival: the name of that: the nearest single effect or fault that is not the same.
+        form: squared distance of its name's own form in the catalogue; 0 where none was fitted.
+        stand_in: squared distance of the nearest name that is neither ``same`` nor ``close``, from none at most.
         named, classed: with which probability it is named alone, or its class is.
     """
 
@@ -62,6 +64,8 @@ class Seen(NamedTuple):
     from_none: float
     from_rival: float
     rival: str
+    form: float
+    stand_in: float
     named: float
     classed: float
 
@@ -77,6 +81,8 @@ class Seen(NamedTuple):
             "D0_sq": self.from_none,
             "Dk_sq": self.from_rival,
             "rival": self.rival,
+            "form_sq": self.form,
+            "stand_in_sq": self.stand_in,
             "detectable": self.detectable,
             "ideal_name": self.named,
             "ideal_class": self.classed,
@@ -112,6 +118,7 @@ def observe(
         asked = _nearest(picture.names, apart)
         found = dict(refit([NOTHING, truth, *asked[:FITTED]]))
         norm, form = max(found.pop(NOTHING), np.finfo(float).tiny), found.pop(truth, 0.0)
+        form = 0.0 if any(part in truth for part in WITHOUT_SIZE) else form
         if max(found.values(), default=np.inf) < TOLD_SQ:  # then there may be more that cannot be told from it
             found |= refit(asked[FITTED:])
         apart = np.where(np.isfinite(apart), np.minimum(apart, norm), np.inf)
@@ -134,6 +141,8 @@ def observe(
         norm,
         float(min(apart[nearest], norm)),
         picture.names[nearest] if np.isfinite(apart[nearest]) else "",
+        form,
+        float(min(np.where(close, np.inf, apart).min(), norm)),
         named,
         classed,
     )

@@ -13,6 +13,8 @@ UNKNOWN = ("left_out", "foreign")
 """Cells of effects that the catalogue has no name for."""
 LARGEST_SET = 3
 """Names that a set may hold and still say something."""
+WRONG_NAMES = 0.02
+"""Promised rate of wrong names among all verdicts."""
 
 
 def outcome(truth: Mapping[str, Any], names: Sequence[Sequence[str]], ports: Sequence[Sequence[str]]) -> str:

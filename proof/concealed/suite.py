@@ -24,6 +24,7 @@ from twinbench.proof.concealed.case import close, digest, missing, row, run_case
 from twinbench.proof.concealed.engines import ENGINES, MAIN, ORACLE
 from twinbench.proof.concealed.figures import power_figure, reliability_figure
 from twinbench.proof.concealed.findings import read_cases, stated
+from twinbench.proof.concealed.fits import fits, fits_as_markdown, limit_sq
 from twinbench.proof.concealed.gates import as_markdown, engine_table, engines_as_markdown, gate_table, misses
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import COLUMNS
@@ -113,6 +114,10 @@ def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts:
     curves = power(table)
     write_text(out / "power.csv", curves.to_csv(index=False))
     write_text(out / "outcomes.csv", outcomes(table).to_csv(index=False))
+    once = table[table["engine"] == table["engine"].iloc[0]]
+    nearest = fits(once)
+    write_text(out / "fits.csv", nearest.to_csv(index=False))
+    write_text(out / "fits.md", fits_as_markdown(nearest, limit_sq(once)))
     trust = {name: reliability(stated(table[table["engine"] == name])) for name in engines}
     every = pd.concat([bins.assign(engine=name) for name, bins in trust.items()])
     write_text(out / "reliability.csv", every.to_csv(index=False))

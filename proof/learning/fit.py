@@ -10,9 +10,9 @@ from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import chi2
 
-from twinbench.mismatch.naming.decision import FEATURES, features, is_set
+from twinbench.mismatch.naming.decision import FEATURES, features, is_set, never_said
 from twinbench.physics.simulator import Array
-from twinbench.proof.concealed.outcome import UNKNOWN
+from twinbench.proof.concealed.outcome import UNKNOWN, WRONG_NAMES
 from twinbench.proof.concealed.plan import FULL
 
 SHRINKAGE = 8.0
@@ -20,8 +20,6 @@ SHRINKAGE = 8.0
 the loss on machines left out is the same to a hundredth."""
 SLIGHT = 1e-9
 """Keeps logarithms finite."""
-WRONG_NAMES = 0.02
-"""Promised rate of wrong names among all verdicts."""
 CONFIDENCE = 0.8
 """Confidence with which the promise is kept on other cases. What is just kept on the cases at hand is broken on others
 in one of two trials, with this in one of five. At 0.9 a quarter less would be named."""
@@ -72,8 +70,9 @@ def in_the_suite(rows: Sequence[Mapping[str, Any]]) -> Array:
 
 
 def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
-    """Read off collected rows; echoes are never said."""
-    found = [(i, row, f) for i, row in enumerate(rows) for f in row.get("findings", ()) if not f["evidence"]["echo"]]
+    """Read off collected rows, but for what is never said."""
+    every = [(i, row, f) for i, row in enumerate(rows) for f in row.get("findings", ())]
+    found = [one for one in every if not never_said(one[2]["evidence"])]
     return Findings(
         np.array([list(features(f["evidence"]).values()) for *_, f in found]),
         np.array([f["marginals"][0] for *_, f in found]),

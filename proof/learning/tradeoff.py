@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from twinbench.common.style import BLUE, COLUMN_MM, INK, MUTED, PAGE_MM, VERMILION, canvas, styled
 from twinbench.proof.concealed.findings import SINGLE
-from twinbench.proof.concealed.outcome import UNKNOWN
-from twinbench.proof.learning.fit import WRONG_NAMES, findings, left_out
+from twinbench.proof.concealed.outcome import UNKNOWN, WRONG_NAMES
+from twinbench.proof.learning.fit import findings, left_out
 
 THRESHOLDS = np.round(np.arange(0.3, 0.991, 0.01), 2)
 """Probabilities from which on a name would be said: below, more verdicts are wrong than anybody would bear."""

@@ -10,6 +10,7 @@ from helpers.plain import diagnosed
 from motor import MOTOR
 from motor_case import record
 
+from twinbench.data.recording import Recording
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.periods import loudest_periods_s
 from twinbench.mismatch.tracks import prepare
@@ -40,17 +41,34 @@ def test_what_takes_longer_than_is_asked_is_no_period():
     assert loudest_periods_s([track], [slow], 40.0)[1] <= 40.0
 
 
-def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
+def shaken_runs(force: float) -> list[Recording]:
+    """Three runs of a motor that is shaken with one period all the time; the last is to be held out."""
+
     def shaken(start_s):
-        return lambda t, x, u: np.array([0.0, 2.0 * np.sin(2.0 * np.pi * (t + start_s) / PERIOD_S), 0.0])
+        return lambda t, x, u: np.array([0.0, force * np.sin(2.0 * np.pi * (t + start_s) / PERIOD_S), 0.0])
 
     starts_s = {"run 1": 0.0, "run 2": 500.0, "held out": 900.0}
-    runs = [
+    return [
         later(record(name, seed, shaken(start_s)), start_s) for seed, (name, start_s) in enumerate(starts_s.items(), 1)
     ]
-    listed = [m for m in generic(MOTOR) if m.name.partition("@")[0] in ("periodic", "coulomb_friction", "offset")]
-    (finding,) = diagnosed(MOTOR, runs[:2], runs[2:], listed).findings
+
+
+LISTED = [m for m in generic(MOTOR) if m.name.partition("@")[0] in ("periodic", "coulomb_friction", "offset")]
+
+
+def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
+    runs = shaken_runs(2.0)
+    (finding,) = diagnosed(MOTOR, runs[:2], runs[2:], LISTED).findings
     assert finding.mechanism == "periodic@omega_rad_s"
     size, period, _ = (v.value for v in finding.parameters)
     assert size == pytest.approx(2.0, rel=0.1)
     assert period == pytest.approx(PERIOD_S, rel=1e-3)
+
+
+def test_a_force_that_leaves_its_period_in_the_readings_acts_elsewhere():
+    runs = shaken_runs(4.0)
+    verdict = diagnosed(MOTOR, runs[:2], runs[2:], [m for m in LISTED if m.name != "periodic@omega_rad_s"])
+    (finding,) = [f for f in verdict.findings if "periodic@current_A" in f.says]
+    assert finding.mechanism is None
+    assert "what it leaves still swings with its period, so that it acts elsewhere, or in another way" in finding.says
+    assert any("is not noise alone" in point for point in verdict.points)

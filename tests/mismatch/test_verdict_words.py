@@ -16,6 +16,7 @@ from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.naming.answer import Unnamed
 from twinbench.mismatch.naming.decision import Claim, decided, probability
+from twinbench.mismatch.naming.whiteness import Coloured
 from twinbench.mismatch.telling import at_one_port, headline, points
 from twinbench.mismatch.verdict import conclude
 from twinbench.mismatch.words import number
@@ -192,6 +193,22 @@ def test_of_what_draws_one_thing_with_others_no_probability_is_told(friction):
     assert finding.says.endswith(
         f"{DRY} explains it best, but several effects of one channel or period draw one thing that is none of them."
     )
+
+
+@pytest.mark.parametrize(("longest_s", "how"), [(8.2, "a period of about 8.1 s"), (16.0, "periods of 8 to 16 s")])
+def test_what_swings_in_what_is_left_is_told_where_it_is_sure(friction, longest_s, how):
+    d = friction.diagnosis
+    assert not any("noise alone" in point for point in friction.points)
+
+    def said(**differs: float) -> list[str]:
+        colour = Coloured(11.0, 1, 3.4, 8.0, longest_s)._replace(**differs)
+        verdict = conclude(replace(d, answer=replace(d.answer, coloured=colour)))
+        assert verdict.to_dict()["coloured"]["channel"] == "amps_A"
+        return [point for point in verdict.points if "noise alone" in point]
+
+    (point,) = said()
+    assert point.startswith(f"What is left of amps_A is not noise alone: with {how} it has 3.4 times the power")
+    assert said(nats=9.0) == said(power=0.5) == []
 
 
 def test_from_far_off_no_probability_is_told(friction):

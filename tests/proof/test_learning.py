@@ -13,12 +13,12 @@ from scipy.stats import poisson
 from sklearn.linear_model import LogisticRegression
 
 from twinbench.mismatch.naming.decision import FEATURES, RULE, Rule, learnt_rule
+from twinbench.proof.concealed.outcome import WRONG_NAMES
 from twinbench.proof.concealed.plan import FULL
 from twinbench.proof.learning.__main__ import main
 from twinbench.proof.learning.fit import (
     CONFIDENCE,
     SHRINKAGE,
-    WRONG_NAMES,
     WRONG_SETS,
     at_most,
     in_the_suite,

@@ -20,6 +20,7 @@ from twinbench.bench.cli.main import main
 from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
 from twinbench.mismatch.model import load_simulator, whole_catalogue
+from twinbench.mismatch.naming import marginal, settle
 from twinbench.mismatch.naming.decision import features, probability
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.physics.simulator import Mechanism, Simulator
@@ -42,7 +43,8 @@ OPPONENTS = (
 )  # fmt: skip
 LEAK = "leak@h1_cm"
 EVIDENCE = (
-    "against_nothing", "against_unnamed", "beside", "wandering", "sds", "one_size", "one_form", "misfit", "held_gain",
+    "against_nothing", "against_unnamed", "beside", "wandering", "sds", "one_size", "one_form", "misfit",
+    "held_gain",
 )  # fmt: skip
 """What a finding's evidence holds."""
 
@@ -230,7 +232,33 @@ def test_without_the_learnt_decision_the_evidence_alone_decides() -> None:
     assert probability(rule.weights, features(dict.fromkeys(EVIDENCE, 1.0))) == pytest.approx(1.0)
     assert rule.say_name == pytest.approx(0.95)
     assert rule.say_set == 0.0
-    assert len(ENGINES) == len(MAIN) + len(OPPONENTS) + 1
+
+
+@pytest.mark.parametrize(
+    ("name", "left_out"),
+    [
+        ("no_learnt_decision", (marginal.DISCREPANCY_PCT, settle.TURNS, ablations.EVIDENCE_ALONE)),
+        ("no_discrepancy", (ablations.EXACT_PCT, settle.TURNS, None)),
+        ("no_relinearisation", (marginal.DISCREPANCY_PCT, 1, None)),
+    ],
+)
+def test_an_ablation_leaves_one_thing_out_and_puts_it_back(
+    name: str, left_out: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def examined(asked: object, progress: object, rule: object) -> tuple[object, ...]:
+        return marginal.DISCREPANCY_PCT, settle.TURNS, rule
+
+    monkeypatch.setattr(ablations, "examine", examined)
+    monkeypatch.setattr(ablations, "conclude", lambda found: found)
+    before = marginal.DISCREPANCY_PCT, settle.TURNS
+    assert engine(name)(None, []) == left_out
+    assert before == (marginal.DISCREPANCY_PCT, settle.TURNS)
+
+
+def test_every_engine_is_ours_an_opponent_or_an_ablation() -> None:
+    ablated = {name for name, where in ENGINES.items() if ".ablations:" in where}
+    assert set(ENGINES) == {*MAIN, *OPPONENTS, *ablated}
+    assert len(ablated) == 3
 
 
 def test_an_unknown_engine_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -109,6 +109,7 @@ def test_the_observer_takes_distances_from_fits_where_it_has_them() -> None:
     assert asked == [[NOTHING, "a", "b", "c"]], "what has no small size is not asked"
     assert (found.same, found.from_none) == (("a", "b"), 2500.0)
     assert (found.rival, found.from_rival) == ("c", 900.0)
+    assert (found.form, found.stand_in) == (0.0, 900.0)
     assert found.classed > 0.9 > TOLD_SQ / 2500.0
 
 
@@ -120,4 +121,5 @@ def test_what_comes_as_near_as_the_catalogues_form_of_the_name_is_as_right(form:
     picture = Picture(("a", "b", "c"), gram, np.diag(gram), np.ones(3), none, none)
     distances = {NOTHING: 2500.0, "a": form, "b": 300.0, "c": 900.0}
     found = observe(picture, "a", (), np.random.default_rng(0), lambda names: {name: distances[name] for name in names})
+    assert (found.form, found.stand_in) == (form, 900.0 if "b" in same else 300.0)
     assert found.same == same, "only the nearest, and only if it comes as near, up to one squared sd"

@@ -1,0 +1,194 @@
+"""What the engine's constants decide: ``python -m twinbench.proof.sensitivity --cases 60 --seed 7`` tries them.
+
+Each constant that a verdict may hang on is halved and doubled by itself, on cases that are drawn for development. The
+table says how many verdicts differ from those of the constants as they are, and which way. The rule that decides what
+is said is the same throughout: it was learnt with the constants as they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import pandas as pd
+from rich.console import Console
+
+from twinbench.common.errors import BadInput
+from twinbench.common.jobs import cores
+from twinbench.common.progress import Progress
+from twinbench.common.store import check_writable, key_of, write_text
+from twinbench.common.versions import code_version, provenance
+from twinbench.common.workers import side_by_side
+from twinbench.proof import blind
+from twinbench.proof.concealed.engines import ENGINES
+from twinbench.proof.concealed.findings import read_cases, with_marks
+from twinbench.proof.concealed.generate import Item, draw, write
+from twinbench.proof.concealed.judge import COLUMNS, score
+from twinbench.proof.concealed.plan import cases
+from twinbench.proof.concealed.seal import seal
+
+ROOT = Path(__file__).resolve().parents[1]
+ENGINE = ENGINES["twinbench"]
+CONSTANTS = {
+    "calibrate.PRIOR_SD": "prior sd of parameters, scales",
+    "sensors.LONGEST_MEMORY": "longest memory of the noise, blocks",
+    "naming.marginal.DISCREPANCY_PCT": "prior sd of the discrepancy, per cent",
+    "naming.discrepancy.FUNCTIONS": "functions of a discrepancy",
+    "naming.view.WANDERS": "prior sd of a size from place to place",
+    "naming.picture.SHOWS": "how strongly a candidate is tried, noise sds",
+    "naming.picture.VISIBLE": "prior sd of how strongly an effect shows, noise sds",
+    "naming.sets.PARAMETER": "share of a column's square that is left of a parameter",
+    "naming.name.SINGLES": "single effects that are settled",
+    "naming.name.SETS": "larger sets that are settled",
+    "naming.name.NEAR": "nats at which a hypothesis is near",
+    "naming.settle.SETTLED": "nats that end settling",
+    "naming.settle.HOPELESS": "nats at which a hypothesis is given up",
+    "naming.settle.AS_WIDE": "factor by which a prior may be too wide",
+    "naming.answer.SOMETHING": "prior odds of something unnamed",
+    "naming.answer.PLAIN": "nats within which the plainest set is told",
+    "naming.steady.UNSTEADY": "how much a stand-in's size differs",
+}
+"""Module and name of each constant that is tried, and what it is."""
+FACTORS = (0.5, 2.0)
+AS_IT_IS = ("as it is", 1.0)
+
+
+@contextlib.contextmanager
+def scaled(constant: str, factor: float) -> Iterator[None]:
+    """A constant of the engine times a factor, wherever it is used; whole numbers stay whole."""
+    module, _, name = constant.rpartition(".")
+    value = getattr(sys.modules[f"twinbench.mismatch.{module}"], name)
+    other = type(value)(round(value * factor)) if isinstance(value, int) else value * factor
+    users = [m for key, m in sys.modules.items() if key.startswith("twinbench.mismatch.") and hasattr(m, name)]
+    with contextlib.ExitStack() as stack:
+        for user in users:
+            stack.enter_context(patch.object(user, name, other))
+        yield
+
+
+def tried(item: Item, seed: int, out: Path) -> int:
+    """Every trial on one case, one after the other; what an earlier run finished with the same code is kept."""
+    path = out / "cases" / f"{item.case}.json"
+    key = key_of(item=list(item.__dict__.values()), seed=seed, code=[code_version(m) for m in _CODE])
+    rows = _kept(path, key)
+    trials = [AS_IT_IS, *((constant, factor) for constant in CONSTANTS for factor in FACTORS)]
+    todo = [trial for trial in trials if list(trial) not in [row["trial"] for row in rows]]
+    if not todo:
+        return len(trials)
+    try:
+        case = draw(item, seed)
+    except FloatingPointError:  # a machine that diverges is no case
+        write_text(path, json.dumps({"key": key, "rows": [{"trial": list(trial), "row": None} for trial in trials]}))
+        return len(trials)
+    sealed = seal(case.truth)
+    with tempfile.TemporaryDirectory(prefix="case-") as given:
+        write(case, Path(given))
+        for constant, factor in todo:
+            with scaled(constant, factor) if constant in CONSTANTS else contextlib.nullcontext():
+                verdict = blind.answer(Path(given), ENGINE)
+            row = score(sealed, sealed.digest, verdict, seed=seed)
+            rows.append({"trial": [constant, factor], "row": row})
+            write_text(path, json.dumps({"key": key, "rows": rows}))
+    return len(trials)
+
+
+_CODE = ("twinbench.proof.concealed.generate", "twinbench.proof.concealed.judge", ENGINE.partition(":")[0])
+
+
+def _kept(path: Path, key: str) -> list[dict[str, Any]]:
+    try:
+        known = json.loads(path.read_text())
+        return list(known["rows"]) if known["key"] == key else []
+    except (OSError, ValueError, KeyError):
+        return []
+
+
+def table(rows: pd.DataFrame) -> pd.DataFrame:
+    """A row per constant and factor, beside the constants as they are.
+
+    Columns: constant, factor, cases, differ (verdicts with other names or sets), gained and lost (right names or
+    classes that the others do not have), right, wrong (verdicts with a wrong name).
+
+    Args:
+        rows: of ``cases.csv``, with ``constant`` and ``factor``.
+    """
+    marked = with_marks(rows).set_index("case")
+    base, found = marked[marked["constant"] == AS_IT_IS[0]], []
+    for (constant, factor), own in marked.groupby(["constant", "factor"], sort=False):
+        usual = base.loc[own.index]
+        found.append(
+            {
+                "constant": constant,
+                "factor": factor,
+                "cases": len(own),
+                "differ": int(((own["named"] != usual["named"]) | (own["set"] != usual["set"])).sum()),
+                "gained": int((own["by_class"] & ~usual["by_class"]).sum()),
+                "lost": int((~own["by_class"] & usual["by_class"]).sum()),
+                "right": int(own["by_class"].sum()),
+                "wrong": int(own["wrong_name"].sum()),
+            }
+        )
+    return pd.DataFrame(found)
+
+
+def as_markdown(found: pd.DataFrame) -> str:
+    """The table to read, with what each constant is."""
+    head = ["constant", "is", "times", "verdicts that differ", "right", "gained", "lost", "wrong"]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    for _, row in found.iterrows():
+        says, counts = (
+            CONSTANTS.get(row["constant"], ""),
+            [row[c] for c in ("differ", "right", "gained", "lost", "wrong")],
+        )
+        cells = [row["constant"].rpartition(".")[2], says, f"{row['factor']:g}", *map(str, counts)]
+        lines.append(f"| {' | '.join(cells)} |")
+    return f"{found['cases'].max()} cases each.\n\n" + "\n".join(lines) + "\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m twinbench.proof.sensitivity", description=__doc__)
+    parser.add_argument("--cases", type=int, default=60, help="development cases to draw")
+    parser.add_argument("--seed", type=int, default=7, help="of the cases; never one that is reported on")
+    parser.add_argument("--jobs", type=int, default=0, help="processes; as many as there are cores if 0")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "sensitivity", help="for rows and tables")
+    asked = parser.parse_args(arguments)
+    out = asked.out.absolute()
+    try:
+        check_writable(out)
+    except BadInput as error:
+        print(f"twinbench.proof.sensitivity: {error}", file=sys.stderr)
+        return 2
+    items = cases(asked.cases, asked.seed)
+    several = [(item, asked.seed, out) for item in items]
+    with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
+        for _ in side_by_side(tried, several, min(asked.jobs or cores(), len(items))):
+            going.step(1)
+    rows = [
+        {**kept["row"], "constant": kept["trial"][0], "factor": kept["trial"][1]}
+        for item in items
+        for kept in json.loads((out / "cases" / f"{item.case}.json").read_text())["rows"]
+        if kept["row"] is not None
+    ]
+    columns = ["constant", "factor", *COLUMNS]
+    write_text(out / "cases.csv", pd.DataFrame(rows, columns=columns).to_csv(index=False))
+    found = table(read_cases(out / "cases.csv"))
+    write_text(out / "sensitivity.csv", found.to_csv(index=False))
+    write_text(out / "sensitivity.md", as_markdown(found))
+    command = f"python -m twinbench.proof.sensitivity --cases {asked.cases} --seed {asked.seed}"
+    write_text(
+        out / "manifest.json", json.dumps({"command": command, "seed": asked.seed, **provenance()}, indent=2) + "\n"
+    )
+    print(as_markdown(found), end="")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
