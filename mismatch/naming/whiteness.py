@@ -17,9 +17,9 @@ from twinbench.mismatch.naming.view import WANDERS, View
 from twinbench.physics.simulator import Array
 
 BEYOND_DOUBT = 10.0
-"""Nats from which on innovations are said not to be white: twenty thousand to one. Of the periodic forces in the cases
-learnt from that were rightly named, the one with most left at any period has 7.8, so 5 would lose it, and of those
-wrongly named nine of fifteen have more than 20."""
+"""Nats from which on innovations are said not to be white: twenty thousand to one. In the cases learnt from, 12 of 26
+periodic forces that were wrongly found leave so much at their period, and none of the 31 that were right. Other numbers
+were not tried."""
 
 
 class Band(NamedTuple):
