@@ -16,11 +16,10 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.rounded import ROUNDS
 from twinbench.mismatch.stuck import STANDS_STILL
-from twinbench.mismatch.tracks import Track, prepare
+from twinbench.mismatch.tracks import SHORTEST_BLOCKS, Track, prepare
 from twinbench.mismatch.unbroken import unbroken
 from twinbench.physics.simulator import Array, Mechanism
 
-SHORTEST_BLOCKS = 30
 WITHOUT_SIZE = ("input_quantisation@", "input_stuck@")
 """Faults that have no small size which a fit could begin from, and are not found in another way."""
 SPLIT = 0.7
@@ -65,7 +64,11 @@ def audited(asked: Asked, progress: Progress) -> Audited:
     names = {m.name for m in listed} - {m.name for m in asked.faults}
     may_round = tuple(c for c, v in enumerate(simulator.outputs) if f"{ROUNDS}{v.name}" in names)
     cut = [[unbroken(r, simulator) for r in some] for some in (recordings, hold_out)]
-    tracks, held = (prepare([part for parts, _ in some for part in parts], simulator) for some in cut)
+    learnt, held_out = ([part for parts, _ in some for part in parts] for some in cut)
+    # Lengths of recordings held back choose nothing.
+    shortest_s = min(float(r.time_s[-1] - r.time_s[0]) for r in (*learnt, *held_out))
+    tracks = prepare(learnt, simulator, shortest_s=shortest_s)
+    held = prepare(held_out, simulator, like=tracks)
     remarks = [remark for some in cut for _, remark in some]
     machine.epoch_s = min(float(t.time_s[0]) for t in tracks)
     _check_length([*tracks, *held])

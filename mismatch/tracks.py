@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -17,7 +17,10 @@ from twinbench.mismatch.spikes import Spike, find_spikes, is_followed
 from twinbench.physics.simulator import Array, Simulator
 
 BLOCKS = 1000
-"""Blocks that a long recording is averaged into, or up to twice as many: what a fit sees, whatever the sample rate."""
+"""Blocks that a long recording is averaged into, or up to twice as many: what a fit sees, whatever the sample rate. Of
+recordings of several lengths the mean one is. Their blocks last equally long, so that their noise is the same."""
+SHORTEST_BLOCKS = 30
+"""Blocks of the shortest recording at least."""
 LOST = 0.05
 """Share of an output's variance that averaging may take away; what is faster than blocks needs shorter ones."""
 MOST_BLOCKS, SHORTER = 20_000, 0.8
@@ -211,17 +214,31 @@ class Track:
         """Time at the start of each block, (B,)."""
         return self.time_s[self.starts]
 
+    @property
+    def block_s(self) -> float:
+        """How long a block lasts, s."""
+        samples = int(self.starts[1]) if len(self.starts) > 1 else len(self.y)
+        return samples * _period_s(self.time_s)
+
 
 def prepare(
-    recordings: Sequence[Recording], simulator: Simulator, blocks: int = BLOCKS, linear: bool = False
+    recordings: Sequence[Recording],
+    simulator: Simulator,
+    blocks: int = BLOCKS,
+    linear: bool = False,
+    like: Sequence[Track] = (),
+    shortest_s: float = np.inf,
 ) -> list[Track]:
     """Tracks of recordings whose channels hold the simulator's inputs and outputs.
 
     Args:
+        blocks: of the mean recording.
         linear: inputs go in lines from sample to sample.
+        like: tracks whose blocks last as long, in place of so many blocks.
+        shortest_s: a recording of this length is to have blocks as long too.
     """
     inputs, outputs = ([v.name for v in group] for group in (simulator.inputs, simulator.outputs))
-    tracks = []
+    found = []
     for recording in recordings:
         place = {channel: i for i, channel in enumerate(recording.channels)}
         u = held(recording.values[:, [place[name] for name in inputs]])
@@ -234,23 +251,50 @@ def prepare(
         )
         for spike in spikes:
             y[spike.sample, spike.column] = np.nan
-        starts = np.arange(0, len(y), samples_per_block(y, blocks))
+        found.append((recording, u, y, spikes))
+    periods_s = [_period_s(recording.time_s) for recording in recordings]
+    series = [y for _, _, y, _ in found]
+    block_s = like[0].block_s if like else block_seconds(series, periods_s, blocks, shortest_s)
+    tracks = []
+    for (recording, u, y, spikes), period_s in zip(found, periods_s, strict=True):
+        starts = np.arange(0, len(y), _samples(block_s, period_s))
         tracks.append(
             Track(recording.name, recording.time_s, u, y, starts, _means(y, starts), linear=linear, spikes=spikes)
         )
     return tracks
 
 
-def samples_per_block(y: Array, blocks: int = BLOCKS) -> int:
-    """As many as leave so many blocks, but so few that what the outputs (N, ny) do is still seen in the means.
+def block_seconds(
+    series: Sequence[Array], periods_s: Sequence[float], blocks: int = BLOCKS, shortest_s: float = np.inf
+) -> float:
+    """How long a block lasts, the same in all recordings.
+
+    The mean recording has so many blocks, or more: so many that what the outputs do is still seen in the means, and
+    that the shortest recording has ``SHORTEST_BLOCKS``. No block is shorter than a sample of the slowest clock.
 
     Args:
-        y: (N, ny) readings in the outputs' units; NaN means missing.
+        series: (N, ny) readings of each, in the outputs' units; NaN means missing.
+        periods_s: between their samples.
+        shortest_s: a recording of this length is one of them.
     """
-    n, least = max(1, len(y) // blocks), max(1, len(y) // MOST_BLOCKS)
-    while n > least and (lost(y, n) > LOST).any():
+    slowest, lengths_s = max(periods_s), [len(y) * p for y, p in zip(series, periods_s, strict=True)]
+    mean_s = float(np.mean(lengths_s))
+    longest = _samples(min(mean_s / blocks, min(shortest_s, *lengths_s) / SHORTEST_BLOCKS), slowest, np.floor)
+    n, least = longest, min(longest, _samples(mean_s / MOST_BLOCKS, slowest, np.floor))
+    while n > least and any(
+        (lost(y, _samples(n * slowest, p)) > LOST).any() for y, p in zip(series, periods_s, strict=True)
+    ):
         n = max(least, int(SHORTER * n))
-    return n
+    return n * slowest
+
+
+def _samples(seconds: float, period_s: float, to_whole: Callable[[float], float] = np.round) -> int:
+    """Samples in so much time, one at least; of clocks that are not quite even to a millionth."""
+    return max(1, int(to_whole(seconds / period_s * (1.0 + 1e-6))))
+
+
+def _period_s(time_s: Array) -> float:
+    return float(np.median(np.diff(time_s)))
 
 
 def lost(y: Array, n: int) -> Array:

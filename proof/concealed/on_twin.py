@@ -9,7 +9,7 @@ import numpy as np
 from twinbench.mismatch.machine import Machine as Twin
 from twinbench.mismatch.machine import Setting
 from twinbench.mismatch.model import whole_catalogue
-from twinbench.mismatch.tracks import Track, samples_per_block
+from twinbench.mismatch.tracks import Track, block_seconds
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.severity import Take, Yardstick
 from twinbench.proof.twins import simulator_of
@@ -36,7 +36,8 @@ class OnTwin:
         self.twin = Twin(self.simulator, whole_catalogue(simulator, (), machine.period_s))
         self.yardstick, self.onset_s = yardstick, onset_s
         pairs = list(zip(yardstick.takes, yardstick.base, strict=True))
-        block = min(samples_per_block(y) for take, y in pairs if not take.held_out)
+        learnt = [y for take, y in pairs if not take.held_out]
+        block = round(block_seconds(learnt, [machine.period_s] * len(learnt)) / machine.period_s)
         given = {i: self._track(take, y, block) for i, (take, y) in enumerate(pairs) if not take.held_out}
         self.twin.settle_step(list(given.values()), machine.sigma())
         self.tracks = {i: t.reading(self.readings(t, self.twin.theta)) for i, t in given.items()}
