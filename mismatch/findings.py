@@ -32,7 +32,8 @@ class Finding:
 
     Attributes:
         mechanism: its name, the likeliest where several fit; None where none does.
-        stand_in: what the mended simulator has in its place, where it has no name; empty if nothing.
+        best: what explains it best, where it has no name; empty if nothing does.
+        stand_in: that, where the mended simulator has it in its place.
         indistinguishable_from: the other names that it may have.
         alike: do these do the same in these recordings?
         probability: that what is said is right; None of what was not weighed.
@@ -45,6 +46,7 @@ class Finding:
     kind: str
     says: str
     mechanism: str | None = None
+    best: str = ""
     stand_in: str = ""
     term: str = ""
     probability: float | None = None
@@ -136,7 +138,7 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         intervals_s=((since_s, until_s),) if np.isfinite(since_s) else (),
     )
     if not claim.names:
-        found = replace(found, says=_unnamed_says(d, claim, found.onsets))
+        found = replace(found, says=_unnamed_says(d, claim, found.onsets), best=claim.found.name)
         if claim.found.name not in d.stand_ins:
             return found
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism

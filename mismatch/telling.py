@@ -104,26 +104,27 @@ def points(
 
 
 def _told(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
-    """What each finding says; of several that stand in for what acts at one port, what they say together."""
+    """What each finding says; of several that explain together what acts at one port, what they say together."""
 
-    def none(f: Finding) -> str:
-        return none_of_them(d, f.stand_in)
+    def of(f: Finding) -> tuple[object, ...]:
+        return (f.port, bool(f.stand_in), none_of_them(d, f.best)) if f.best and not d.refused else (id(f),)
 
     for f in found:
-        same = [g for g in found if g.stand_in and g.port == f.port and none(g) == none(f)] if f.stand_in else [f]
+        same = [g for g in found if of(g) == of(f)]
         if len(same) == 1:
             yield f.says
         elif f is same[0]:
-            yield _stand_in_together(same, none(f))
+            yield _together(same, none_of_them(d, f.best))
 
 
-def _stand_in_together(same: Sequence[Finding], none: str) -> str:
+def _together(same: Sequence[Finding], none: str) -> str:
+    """Several that explain together what acts at one port, and why none of them is its name."""
     most = max(1.0 - (f.probability or 0.0) for f in same)
     right = f"but {none}" if none else f"none of them with a probability above {probable(most)}"
-    names = listed([f.stand_in for f in same])
-    says = f"{acts_at(str(same[0].port))}: {names} explain it best, {right}"
+    says = sentence(f"{acts_at(str(same[0].port))}: {listed([f.best for f in same])} explain it best, {right}")
     since = f" {sentence(begins(same[0].onsets))}" if same[0].onsets else ""
-    return f"{sentence(says)}{since} Until more is known they stand in for it in the mended model."
+    stand_in = " Until more is known they stand in for it in the mended model." if same[0].stand_in else ""
+    return says + since + stand_in
 
 
 def at_one_port(found: Sequence[Finding]) -> Iterator[str]:

@@ -80,7 +80,7 @@ def coloured(chosen: Settled, ground: Ground) -> Coloured:
     seconds = len(channels[c]) * track.block_s
     nats = band.nats - float(np.log(len(bands)))
     half = 0.5 * len(white)  # recordings one behind the other: a line is as wide as one of them is short
-    return Coloured(nats, c, band.power, seconds / (band.highest + half), seconds / max(band.lowest - half, 0.5))
+    return Coloured(nats, c, band.power, seconds / (band.highest + half), seconds / max(band.lowest - half, 1.0))
 
 
 def told_band(white: Array) -> Band:

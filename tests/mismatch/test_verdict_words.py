@@ -176,6 +176,18 @@ def test_several_that_stand_in_at_one_port_are_told_together(friction):
     assert "cannot name" not in verdict.points[1]
 
 
+def test_several_that_explain_one_port_are_told_together_where_nothing_is_mended_too(friction):
+    d = claiming(friction, probability=0.7).diagnosis
+    (one,) = d.claims
+    other = replace(one, probability=0.8, found=replace(one.found, name=BIAS))
+    points = conclude(replace(d, claims=(one, other))).points
+    assert points[0] == (
+        f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} and {BIAS} explain it best, "
+        "none of them with a probability above 0.3."
+    )
+    assert "cannot name" not in points[1]
+
+
 def test_what_draws_one_thing_is_told_apart_from_the_other_stand_ins(friction):
     d = claiming(friction, probability=0.7, stands=True).diagnosis
     (one,) = d.claims
