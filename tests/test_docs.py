@@ -217,7 +217,7 @@ def test_the_reproduction_page_shows_what_the_results_hold():
         assert text == (ROOT / "results" / name).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("name", ["proof/gates.md", "opponents/engines.md", "flagship/gates.md"])
+@pytest.mark.parametrize("name", ["proof/gates.md", "proof/fits.md", "opponents/engines.md", "flagship/gates.md"])
 def test_the_proof_page_shows_what_the_results_hold(name):
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
     assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text()}<!-- end -->" in page
