@@ -217,6 +217,12 @@ def test_the_reproduction_page_shows_what_the_results_hold():
         assert text == (ROOT / "results" / name).read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("folder", ["proof", "opponents", "flagship", "fuzz", "real_recordings"])
+def test_the_list_of_results_names_the_command_that_made_them(folder):
+    (row,) = [r for r in (ROOT / "results/README.md").read_text().splitlines() if r.startswith(f"| `{folder}/`")]
+    assert json.loads((ROOT / "results" / folder / "manifest.json").read_text())["command"] in row
+
+
 @pytest.mark.parametrize("name", ["proof/gates.md", "proof/fits.md", "opponents/engines.md", "flagship/gates.md"])
 def test_the_proof_page_shows_what_the_results_hold(name):
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
