@@ -218,7 +218,7 @@ class Ground:
         Args:
             G: (K + F, K + F) products of whitened columns, the discrepancy's last.
             b: (K + F,) products of these with the whitened residuals.
-            prior: mean and precision (K + F,) of what the columns are per.
+            prior: mean and precision, dimensionless (K + F,), of what the columns are per.
             residuals: (B, ny) per recording, in the outputs' units.
             columns: (B, ny, K) per recording, in the outputs' units.
         """

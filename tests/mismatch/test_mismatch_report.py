@@ -30,19 +30,22 @@ FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "wh
 NUMBER = (int, float)
 VERDICT = [
     "verdict", "says", "points", "findings", "parameters", "fit", "inputs", "noisy_inputs", "spikes", "weighed",
-    "unnamed", "inexact", "unfollowed", "held_out", "self_check", "more_data",
+    "unnamed", "inexact", "coloured", "unfollowed", "held_out", "self_check", "more_data",
 ]  # fmt: skip
 NULL = type(None)
 FINDING = {
-    "kind": str, "says": str, "mechanism": (str, NULL), "stand_in": str, "term": str, "probability": (*NUMBER, NULL),
-    "indistinguishable_from": list, "alike": bool, "weights": dict, "port": str, "ports": list,
-    "since_s": (*NUMBER, NULL), "onsets": list, "intervals_s": list, "regime": str, "parameters": dict,
+    "kind": str, "says": str, "mechanism": (str, NULL), "best": str, "stand_in": str, "term": str,
+    "probability": (*NUMBER, NULL), "indistinguishable_from": list, "alike": bool, "weights": dict, "port": str,
+    "ports": list, "since_s": (*NUMBER, NULL), "onsets": list, "intervals_s": list, "regime": str, "parameters": dict,
     "force": (dict, NULL),
 }  # fmt: skip
 FIT = {
     "channel": str, "unit": str, "held_out": bool, "rmse_before": NUMBER, "rmse_after": NUMBER, "change_low": NUMBER,
     "change_high": NUMBER, "noise_sd": NUMBER,
 }  # fmt: skip
+
+
+COLOURED = {"nats": NUMBER, "channel": str, "power": NUMBER, "shortest_s": NUMBER, "longest_s": NUMBER}
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +109,7 @@ def test_the_json_follows_its_schema(folders: dict[str, Path], which: str) -> No
             holds(size, {"value": NUMBER, "low": NUMBER, "high": NUMBER, "unit": str})
     for parameter in found["parameters"].values():
         holds(parameter, {"before": NUMBER, "after": NUMBER, "low": NUMBER, "high": NUMBER, "unit": str})
+    holds(found["coloured"], COLOURED)
     assert {fit["held_out"] for fit in found["fit"]} == {True, False}
     for fit in found["fit"]:
         holds(fit, FIT)
