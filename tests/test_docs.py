@@ -269,6 +269,15 @@ def test_what_the_proof_page_says_of_the_rule_is_in_its_file():
     assert f"The rule names {right} of them, and {known['named_wrong']} others wrongly" in page
 
 
+def test_what_the_proof_page_says_of_periodic_forces_is_in_the_rows_learnt_from():
+    page = " ".join((ROOT / "docs/proof.md").read_text(encoding="utf-8").split())
+    rows = [json.loads(path.read_text()) for path in (ROOT / "results/learning").glob("*-*.json")]
+    found = [f for row in rows for f in row.get("findings", ()) if f["name"].startswith("periodic@")]
+    wrong, right = ([bool(f["evidence"]["lingers"]) for f in found if f["right"] == known] for known in (False, True))
+    assert not any(right)
+    assert f"took {sum(wrong)} of {len(wrong)} wrong ones and none of {len(right)} right ones" in page
+
+
 def test_the_proof_page_shows_the_earlier_runs_as_they_are_stored():
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
     columns = ["right_name", "right_or_in_set", "both_of_two", "false_name", "confidently_wrong", "abstains"]
