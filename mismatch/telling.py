@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
-
-import numpy as np
 
 from twinbench.mismatch.began import begins
 from twinbench.mismatch.diagnosis import Diagnosis
@@ -163,7 +162,7 @@ def _coloured(d: Diagnosis) -> Iterator[str]:
     """Where what is left is told from noise by its spectrum: what acts in time is a function of no state."""
     c = d.answer.coloured
     if c.sure:
-        about = with_unit(float(np.sqrt(c.shortest_s * c.longest_s)), "s")
+        about = with_unit(math.sqrt(c.shortest_s * c.longest_s), "s")
         periods = f"{number(c.shortest_s)} to {with_unit(c.longest_s, 's')}"
         at = f"a period of about {about}" if c.longest_s < ONE_PERIOD * c.shortest_s else f"periods of {periods}"
         yield sentence(

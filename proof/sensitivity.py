@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import json
 import sys
 import tempfile
@@ -63,9 +64,10 @@ AS_IT_IS = ("as it is", 1.0)
 @contextlib.contextmanager
 def scaled(constant: str, factor: float) -> Iterator[None]:
     """A constant of the engine times a factor, wherever it is used; whole numbers stay whole."""
+    importlib.import_module(ENGINE.partition(":")[0])  # a module that is imported later would keep what it found
     module, _, name = constant.rpartition(".")
     value = getattr(sys.modules[f"twinbench.mismatch.{module}"], name)
-    other = type(value)(round(value * factor)) if isinstance(value, int) else value * factor
+    other = round(value * factor) if isinstance(value, int) else value * factor
     users = [m for key, m in sys.modules.items() if key.startswith("twinbench.mismatch.") and hasattr(m, name)]
     with contextlib.ExitStack() as stack:
         for user in users:
@@ -143,11 +145,9 @@ def as_markdown(found: pd.DataFrame) -> str:
     head = ["constant", "is", "times", "verdicts that differ", "right", "gained", "lost", "wrong"]
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for _, row in found.iterrows():
-        says, counts = (
-            CONSTANTS.get(row["constant"], ""),
-            [row[c] for c in ("differ", "right", "gained", "lost", "wrong")],
-        )
-        cells = [row["constant"].rpartition(".")[2], says, f"{row['factor']:g}", *map(str, counts)]
+        counts = [str(row[c]) for c in ("differ", "right", "gained", "lost", "wrong")]
+        name, says = row["constant"].rpartition(".")[2], CONSTANTS.get(row["constant"], "")
+        cells = [name, says, f"{row['factor']:g}", *counts]
         lines.append(f"| {' | '.join(cells)} |")
     return f"{found['cases'].max()} cases each.\n\n" + "\n".join(lines) + "\n"
 
@@ -162,6 +162,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = parser.parse_args(arguments)
     out = asked.out.absolute()
     try:
+        if asked.cases < 1:
+            raise BadInput(f"--cases is {asked.cases}, must be at least 1")
         check_writable(out)
     except BadInput as error:
         print(f"twinbench.proof.sensitivity: {error}", file=sys.stderr)

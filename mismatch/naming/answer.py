@@ -269,7 +269,7 @@ def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
 def _lingers(chosen: Settled, i: int, colour: Coloured) -> bool:
     """Is it a periodic force that leaves its period in the readings? The period is right then, and the place is not."""
     effect = chosen.now[i]
-    periodic = chosen.problem.machine.candidates[effect.variant.candidate].name.startswith(PERIODIC)
+    periodic = name_of(chosen.problem.machine, effect).startswith(PERIODIC)
     return periodic and colour.swings_with(effect.variant.shape[0])
 
 

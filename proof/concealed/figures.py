@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -52,8 +53,11 @@ def reliability_figure(bins: pd.DataFrame) -> Figure:
         # Neighbours' counts stand on either side, so that they do not overlap.
         beside = (4, -8) if k % 2 else (-10, 4)
         axes.annotate(f"{b['cases']:.0f}", (b["stated"], b["right"]), xytext=beside, textcoords="offset points")
-    axes.set_xlim(-0.02, 1.02)
-    axes.set_ylim(-0.02, 1.02)
+    # Only what is likely is said: on axes from nothing on, all of it lies in a corner.
+    least = float(max(np.floor(10.0 * bins[["stated", "right"]].min().min() - 1.0) / 10.0, 0.0)) if len(bins) else 0.0
+    margin = 0.02 * (1.0 - least)
+    axes.set_xlim(least - margin, 1.0 + margin)
+    axes.set_ylim(least - margin, 1.0 + margin)
     axes.set_xlabel("stated probability")
     axes.set_ylabel("right, rate")
     return figure

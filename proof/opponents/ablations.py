@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
 from unittest.mock import patch
 
-from twinbench.data.recording import Recording
-from twinbench.mismatch.asked import Asked, Progress, silent
-from twinbench.mismatch.naming import marginal, settle
+from twinbench.mismatch import Verdict, diagnose
+from twinbench.mismatch.naming import decision, marginal, settle
 from twinbench.mismatch.naming.decision import FEATURES, Rule
-from twinbench.mismatch.verdict import Verdict, conclude
-from twinbench.mismatch.walk import examine
-from twinbench.physics.simulator import Mechanism, Simulator
 
 SAID = 0.95
 """Probability that the evidence alone must give a name, or the names of a set, to be said."""
@@ -25,32 +22,19 @@ EXACT_PCT = 1e-3
 is two hundred times as large."""
 
 
-def _engine(
-    rule: Rule | None = None, without: Callable[[], AbstractContextManager[object]] = nullcontext
-) -> Callable[..., Verdict]:
-    """An engine that is called as ``mismatch.diagnose``.
+def _without(module: ModuleType, name: str, value: object) -> Callable[..., Verdict]:
+    """``mismatch.diagnose`` with another value of something that it uses."""
 
-    Args:
-        rule: by which it decides what is said.
-        without: what is left out while it runs.
-    """
+    def diagnosed(*asked: Any, **options: Any) -> Verdict:
+        with patch.object(module, name, value):
+            return diagnose(*asked, **options)
 
-    def diagnose(
-        simulator: Simulator,
-        recordings: Sequence[Recording],
-        hold_out: Sequence[Recording] = (),
-        catalogue: Sequence[Mechanism] | None = None,
-        progress: Progress = silent,
-    ) -> Verdict:
-        with without():
-            return conclude(examine(Asked(simulator, recordings, hold_out, catalogue), progress, rule))
-
-    return diagnose
+    return diagnosed
 
 
-no_learnt_decision = _engine(EVIDENCE_ALONE)
+no_learnt_decision = _without(decision, "learnt_rule", lambda: EVIDENCE_ALONE)
 """What is said is decided by the evidence alone."""
-no_discrepancy = _engine(without=lambda: patch.object(marginal, "DISCREPANCY_PCT", EXACT_PCT))
+no_discrepancy = _without(marginal, "DISCREPANCY_PCT", EXACT_PCT)
 """The simulator's equations are taken for exact."""
-no_relinearisation = _engine(without=lambda: patch.object(settle, "TURNS", 1))
+no_relinearisation = _without(settle, "TURNS", 1)
 """Each hypothesis is linearised once, where it is proposed."""

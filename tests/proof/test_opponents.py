@@ -20,7 +20,7 @@ from twinbench.bench.cli.main import main
 from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
 from twinbench.mismatch.model import load_simulator, whole_catalogue
-from twinbench.mismatch.naming import marginal, settle
+from twinbench.mismatch.naming import decision, marginal, settle
 from twinbench.mismatch.naming.decision import features, probability
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.physics.simulator import Mechanism, Simulator
@@ -238,21 +238,20 @@ def test_without_the_learnt_decision_the_evidence_alone_decides() -> None:
     ("name", "left_out"),
     [
         ("no_learnt_decision", (marginal.DISCREPANCY_PCT, settle.TURNS, ablations.EVIDENCE_ALONE)),
-        ("no_discrepancy", (ablations.EXACT_PCT, settle.TURNS, None)),
-        ("no_relinearisation", (marginal.DISCREPANCY_PCT, 1, None)),
+        ("no_discrepancy", (ablations.EXACT_PCT, settle.TURNS, decision.learnt_rule())),
+        ("no_relinearisation", (marginal.DISCREPANCY_PCT, 1, decision.learnt_rule())),
     ],
 )
 def test_an_ablation_leaves_one_thing_out_and_puts_it_back(
     name: str, left_out: tuple[object, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def examined(asked: object, progress: object, rule: object) -> tuple[object, ...]:
-        return marginal.DISCREPANCY_PCT, settle.TURNS, rule
+    def now(*asked: object) -> tuple[object, ...]:
+        return marginal.DISCREPANCY_PCT, settle.TURNS, decision.learnt_rule()
 
-    monkeypatch.setattr(ablations, "examine", examined)
-    monkeypatch.setattr(ablations, "conclude", lambda found: found)
-    before = marginal.DISCREPANCY_PCT, settle.TURNS
+    monkeypatch.setattr(ablations, "diagnose", now)
+    before = now()
     assert engine(name)(None, []) == left_out
-    assert before == (marginal.DISCREPANCY_PCT, settle.TURNS)
+    assert before == now()
 
 
 def test_every_engine_is_ours_an_opponent_or_an_ablation() -> None:

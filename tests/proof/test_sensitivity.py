@@ -93,3 +93,9 @@ def test_the_command_writes_rows_and_tables(
     assert "| SETTLED | nats that end settling | 0.5 | 0 | 0 | 0 | 0 | 0 |" in capsys.readouterr().out
     assert len(read_cases(tmp_path / "cases.csv")) == 1 + len(CONSTANTS) * len(FACTORS)
     assert json.loads((tmp_path / "manifest.json").read_text())["command"].endswith("--cases 1 --seed 7")
+
+
+def test_no_case_at_all_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert sensitivity.main(["--cases", "0", "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == "twinbench.proof.sensitivity: --cases is 0, must be at least 1\n"
+    assert not (tmp_path / "out").exists()
