@@ -122,7 +122,8 @@ def _numbers(term: Mechanism, ground: Ground, rng: np.random.Generator) -> Array
         absorbed = _POWERS[effect] == 1 and _is_grounded(network, state)
         return None if absorbed else _packed(Form.POWER, i, i, reach=size, tau=_POWERS[effect])
     if effect == "offset":
-        return _packed(Form.OFFSET, i, i, reach=2.0 * sd, centre=mean)
+        # A steady force on what a spring holds only stretches the spring.
+        return None if _is_held(network, state) else _packed(Form.OFFSET, i, i, reach=2.0 * sd, centre=mean)
     if effect in ("coulomb_friction", "constant_drop"):
         return _packed(Form.DRY, i, i, reach=sd, centre=1.0, width=0.03 * network.states[i].scale)
     if effect in ("coulomb_friction_unequal", "constant_drop_unequal"):
@@ -210,6 +211,15 @@ def _is_grounded(network: Network, state: str) -> bool:
     ended = {(link.a, link.b) for link in links} | {(link.b, link.a) for link in links}
     is_current = any(link.kind == "inductor" and link.state == state for link in network.links)
     return is_current or (state in states and any((state, end) in ended for end in fixed))
+
+
+def _is_held(network: Network, state: str) -> bool:
+    """Do springs tie the state to what does not move, directly or through other masses, none with a sensor on it?"""
+    springs = [link for link in network.links if link.kind == "spring"]
+    ends, tied = [{link.a, link.b} for link in springs], {state}
+    for _ in ends:
+        tied = tied.union(*(pair for pair in ends if pair & (tied - {""})))
+    return "" in tied and not {link.state for link in springs} & set(network.reads)
 
 
 def _ambient(network: Network) -> float:

@@ -125,6 +125,15 @@ def test_every_effect_changes_readings_and_fades_to_nothing(number: int) -> None
         assert min(y.measure(there)) > 1e-3, effect.name
 
 
+@pytest.mark.parametrize(("number", "sensor"), [(40, "v1_rad_s"), (20, "q10_rad")])
+def test_a_steady_force_on_what_a_spring_holds_is_drawn_only_where_the_spring_is_read(number: int, sensor: str) -> None:
+    """It only stretches the spring: of a speed it shows nothing but how its form differs from the catalogue's."""
+    m = random_machine(SEED, number)
+    assert m.network["reads"] == (sensor,)
+    assert [(link["a"], link["b"]) for link in m.network["links"] if link["kind"] == "spring"] == [("v1_rad_s", "")]
+    assert ("offset@v1_rad_s" in {e.name for e in m.effects}) == sensor.startswith("q")
+
+
 ALIKE = ("friction", "loss@", "linear_leak", "quadratic_leak", "constant_drop", "offset", "hardening_spring")
 
 
