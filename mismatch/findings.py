@@ -189,7 +189,7 @@ def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) ->
 
 def acts_at(where: str, what: str = "something") -> str:
     """That something has no name, and where it acts."""
-    return f"{what} acts at {where} that these recordings cannot name"
+    return f"{what} that these recordings cannot name acts at {where}"
 
 
 def none_of_them(d: Diagnosis, name: str) -> str:
@@ -200,9 +200,9 @@ def none_of_them(d: Diagnosis, name: str) -> str:
         return "the simulator is so far off that another set is likelier in most halves of the recordings"
     found = [c.found for c in d.claims if c.found is not None and c.found.name == name]
     if any(f.evidence["lingers"] for f in found):
-        return "what it leaves still swings with its period, so that it acts elsewhere, or in another way"
+        return "the residual still swings with its period, so it acts elsewhere, or in another way"
     if any(f.evidence["echo"] for f in found):
-        return "several effects of one channel or period draw one thing that is none of them"
+        return "several effects of one channel or period stand in for one cause, which is none of them"
     return ""
 
 
@@ -227,9 +227,9 @@ def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
     if len(each) > 1:
         said.append(f"the model is mended with {claim.found.name}: {by_name[claim.found.name].says}")
     first, *others = found.parameters
-    told = [f"{first.says or first.name} {first.words('90 % interval ')}"]
+    told = [f"{first.says or first.name}: {first.words('90 % interval ')}"]
     told += [f"{found.force.says}: {found.force.words()}"] if found.force else []
-    told += [f"{v.says or v.name} {v.words()}" for v in others]
+    told += [f"{v.says or v.name}: {v.words()}" for v in others]
     said.append("; ".join(told))
     if found.onsets:
         said.append(begins(found.onsets))

@@ -36,7 +36,8 @@ def headline(
         missing: what else is wrong, of which no finding speaks.
     """
     if found:
-        lead = listed(list(_leads(d, found)))
+        *first, last = _leads(d, found)
+        lead = f"{', '.join(first)}, and {last}" if first else last
     elif missing:
         lead = "something is wrong that nothing in the catalogue explains"
     else:
@@ -96,8 +97,8 @@ def points(
     learnt = {whole(t.name) for t in d.tracks}
     if len(learnt) == 1:
         yield sentence(
-            f"only {listed([*learnt])} was learnt from: whether sizes and parameters are the same in other recordings "
-            "could not be checked"
+            f"only {listed([*learnt])} was learnt from, so whether sizes and parameters are the same in other "
+            "recordings could not be checked"
         )
     yield held_out_use(d)
 
@@ -153,8 +154,8 @@ def _inexact(d: Diagnosis) -> Iterator[str]:
     if places := inexact(d):
         where = " or ".join(str(u.port) for u in places)
         yield sentence(
-            f"the equations are not exact at {where}: they miss about {number(places[0].size_pct, 2)} % of what "
-            "commonly acts there, which may be the simulator as it is, or something small that is missing"
+            f"the equations are inexact at {where}, by about {number(places[0].size_pct, 2)} % of what commonly acts "
+            "there. The simulator may be that rough, or something small is missing"
         )
 
 
@@ -166,9 +167,9 @@ def _coloured(d: Diagnosis) -> Iterator[str]:
         periods = f"{number(c.shortest_s)} to {with_unit(c.longest_s, 's')}"
         at = f"a period of about {about}" if c.longest_s < ONE_PERIOD * c.shortest_s else f"periods of {periods}"
         yield sentence(
-            f"what is left of {d.simulator.outputs[c.channel].name} is not noise alone: with {at} it has "
-            f"{number(c.power, 2)} times the power of its noise. Something that changes with time alone leaves that, "
-            "and so does a form that is not exact"
+            f"the residual of {d.simulator.outputs[c.channel].name} is not noise alone: at {at} its power is "
+            f"{number(c.power, 2)} times that of the noise. Something that changes with time alone leaves such a "
+            "residual, and so does an inexact form"
         )
 
 
@@ -181,9 +182,9 @@ def held_out_use(d: Diagnosis) -> str:
     """What the recordings held back were used for."""
     if not d.held:
         return "No recording was held back, so nothing was proved on one."
-    own = "where it starts" + (" and how what drifts went" if d.simulator.drifts else "")
-    said = "nothing was chosen by it: it counts only in whether a name is given and the model mended"
-    return sentence(f"nothing but {own} was learnt from {_held_out(d)}, and {said}")
+    own = "the start state" + (" and the course of what drifts were" if d.simulator.drifts else " was")
+    said = "What was held back chose nothing, and counts only in whether a name is given and the model mended"
+    return sentence(f"only {own} learnt from {_held_out(d)}. {said}")
 
 
 def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
@@ -262,7 +263,7 @@ def _unnamed(d: Diagnosis, places: Sequence[str]) -> str:
 def _error(e: OutputError, mended: bool, of: int = 1) -> str:
     """An output's error, before and after if something was added, beside the noise of its sensor."""
     which = f"{e.channel}, the furthest off of {of} outputs," if of > 1 else e.channel
-    noise = f"its sensor scatters by {with_unit(e.noise_sd, e.unit)} from reading to reading"
+    noise = f"the noise of its sensor from reading to reading is {with_unit(e.noise_sd, e.unit)}"
     if not mended:
         return f"the RMS error of {which} is {with_unit(e.rmse_after, e.unit)}; {noise}"
     before, after = number(e.rmse_before), with_unit(e.rmse_after, e.unit)
@@ -280,11 +281,11 @@ def _error(e: OutputError, mended: bool, of: int = 1) -> str:
 
 def _not_followed(u: Followed) -> str:
     """Of an output of which the simulator explains nothing."""
-    where = "" if u.held_out else " where the simulator was fitted"
+    where = "" if u.held_out else " where it was fitted"
     return (
-        f"the output {u.channel} is not followed{where}: of its standard deviation of {with_unit(u.sd, u.unit)} "
-        f"(its sensor scatters by {with_unit(u.noise_sd, u.unit)}) the simulator explains no more "
-        "than chance would"
+        f"the simulator does not follow the output {u.channel}{where}: it explains no more of its standard deviation "
+        f"of {with_unit(u.sd, u.unit)} than chance would, and the noise of its sensor from reading to reading is "
+        f"{with_unit(u.noise_sd, u.unit)}"
     )
 
 
@@ -293,8 +294,8 @@ def _joined(d: Diagnosis) -> Iterator[str]:
     j = d.joined
     if j.by == "fit" and j.rmse_linear is not None and j.rmse_held is not None:
         yield sentence(
-            f"the inputs are joined by lines between samples: on a short stretch that leaves an error of {j.channel} "
-            f"of {with_unit(j.rmse_linear, j.unit)}, and holding them {number(j.rmse_held)}"
+            f"the inputs are joined by lines between samples: on a short stretch the error of {j.channel} is then "
+            f"{with_unit(j.rmse_linear, j.unit)}, and {number(j.rmse_held)} if they are held"
         )
     elif j.inputs == "linear":
         yield "The inputs are joined by lines between samples, as asked."
@@ -304,12 +305,12 @@ def _noisy(n: SpikyInput | NoisyInput) -> str:
     """What was taken off an input's record."""
     if isinstance(n, SpikyInput):
         return sentence(
-            f"{counted(n.many, 'value')} of {n.name} jumped away and back: the machine shows that it did not get them, "
-            "so they were taken off"
+            f"{counted(n.many, 'value')} of {n.name} jumped away and back. The machine did not follow, so they were "
+            "taken out"
         )
     return sentence(
-        f"the record of {n.name} is noisy, by {with_unit(n.sd, n.unit)} (standard deviation): the machine shows that "
-        "it did not get the noise, so it was taken off"
+        f"the record of {n.name} has a noise of {with_unit(n.sd, n.unit)} (standard deviation). The machine did not "
+        "follow it, so it was taken out"
     )
 
 

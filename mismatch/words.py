@@ -79,7 +79,7 @@ def count(n: int) -> str:
 def sentence(text: str, names: Collection[str] = ()) -> str:
     """With a capital and a full stop; one of ``names``, and what is no word, stays as it is at the beginning."""
     first = re.split(r"[\s,;:]", text, maxsplit=1)[0]
-    plain = first.isalpha() and first not in names
+    plain = first.replace("-", "").isalpha() and first not in names
     return typeset(text[:1].upper() + text[1:] if plain else text).rstrip(".") + "."
 
 

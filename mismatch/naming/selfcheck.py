@@ -69,7 +69,7 @@ class SelfCheck:
         named = count(self.decoys_named) if self.decoys_named else "none"
         decoys = f"Of {self.decoys} effects that are certainly not there, {named} would be named"
         decoys += ": the noise or the discrepancy is not right here." if self.decoys_named else "."
-        again = f"In {self.named_again} of {self.halves} halves of the recordings the same is the likeliest."
+        again = f"The same is the likeliest in {self.named_again} of {self.halves} halves of the recordings."
         return decoys, again, *(p.says for p in self.power)
 
 

@@ -89,8 +89,8 @@ def test_all_parameters_of_a_mechanism_are_in_the_words_with_units() -> None:
     (finding,) = verdict.findings
     size, limit = finding.parameters
     assert limit.value == pytest.approx(170.0, abs=0.5)
-    assert f" {size.words('90 % interval ')}; {limit.says} {limit.words()}." in finding.says
-    assert re.search(r"highest value of probe_C 1[67]\d\.?\d* degC \(1[67]\d\.?\d* to 1[67]\d", finding.says)
+    assert f": {size.words('90 % interval ')}; {limit.says}: {limit.words()}." in finding.says
+    assert re.search(r"highest value of probe_C: 1[67]\d\.?\d* degC \(1[67]\d\.?\d* to 1[67]\d", finding.says)
 
 
 def renamed(recording: Recording) -> Recording:

@@ -53,7 +53,7 @@ def test_a_healthy_machine_is_not_blamed_for_the_noise_of_an_inputs_record():
     verdict = healthy()
     assert not verdict.diagnosis.named
     assert verdict.verdict in ("consistent", "parameter change")
-    assert any("the record of voltage_v is noisy" in p.lower() for p in verdict.points)
+    assert any("the record of voltage_v has a noise of" in p.lower() for p in verdict.points)
     (one,) = verdict.to_dict()["noisy_inputs"]
     assert one["name"] == "voltage_V"
     assert one["sd"] == pytest.approx(SD_V, rel=0.1)

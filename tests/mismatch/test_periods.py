@@ -70,5 +70,5 @@ def test_a_force_that_leaves_its_period_in_the_readings_acts_elsewhere():
     verdict = diagnosed(MOTOR, runs[:2], runs[2:], [m for m in LISTED if m.name != "periodic@omega_rad_s"])
     (finding,) = [f for f in verdict.findings if "periodic@current_A" in f.says]
     assert finding.mechanism is None
-    assert "what it leaves still swings with its period, so that it acts elsewhere, or in another way" in finding.says
+    assert "the residual still swings with its period, so it acts elsewhere, or in another way" in finding.says
     assert any("is not noise alone" in point for point in verdict.points)

@@ -351,7 +351,7 @@ def test_what_is_said_is_one_sentence_each():
     good, bad = SelfCheck(0, 20, 9, 10, ()), SelfCheck(3, 20, 2, 10, ())
     assert good.says == (
         "Of 20 effects that are certainly not there, none would be named.",
-        "In 9 of 10 halves of the recordings the same is the likeliest.",
+        "The same is the likeliest in 9 of 10 halves of the recordings.",
     )
     assert bad.says[0].endswith("three would be named: the noise or the discrepancy is not right here.")
 

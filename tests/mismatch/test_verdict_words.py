@@ -52,7 +52,7 @@ def test_the_sentence_has_error_before_and_after_its_interval_and_the_noise(fric
     assert re.fullmatch(
         r"Dry \(Coulomb\) friction of constant size acts against omega_rad_s, whichever way it goes: on day 3 the RMS "
         rf"error of {worst.channel}, the furthest off of 3 outputs, falls from \S+ to \S+ {unit} "
-        rf"\(90 % interval of the fall \S+ to \S+\); its sensor scatters by \S+ {unit} from reading to reading\.",
+        rf"\(90 % interval of the fall \S+ to \S+\); the noise of its sensor from reading to reading is \S+ {unit}\.",
         friction.says,
     )
     for value in (worst.rmse_before, worst.rmse_after, -worst.change_high, -worst.change_low, worst.noise_sd):
@@ -139,10 +139,10 @@ def test_what_has_too_many_names_is_a_place(friction):
     (finding,) = verdict.findings
     assert (verdict.verdict, finding.mechanism, finding.parameters) == ("unexplained", None, ())
     assert finding.says == (
-        f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} explains it best, and is "
+        f"Something that these recordings cannot name acts at balance:omega_rad_s: {DRY} explains it best, and is "
         "right with probability 0.3."
     )
-    assert verdict.says.startswith("Something acts at balance:omega_rad_s that these recordings cannot name: on day 3")
+    assert verdict.says.startswith("Something that these recordings cannot name acts at balance:omega_rad_s: on day 3")
     assert verdict.mechanisms == ()
 
 
@@ -155,7 +155,7 @@ def test_what_has_no_name_may_mend_the_model_all_the_same(friction):
         "mended model."
     )
     assert verdict.says.startswith(
-        "Something acts at balance:omega_rad_s that these recordings cannot name, and "
+        "Something that these recordings cannot name acts at balance:omega_rad_s, and "
         f"{DRY} stands in for it: on day 3 the RMS error of "
     )
     assert [m.name for m in verdict.mechanisms] == [DRY]
@@ -170,7 +170,7 @@ def test_several_that_stand_in_at_one_port_are_told_together(friction):
     verdict = conclude(replace(d, claims=(one, other)))
     assert len(verdict.findings) == 2
     assert verdict.points[0] == (
-        f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} and {BIAS} explain it best, "
+        f"Something that these recordings cannot name acts at balance:omega_rad_s: {DRY} and {BIAS} explain it best, "
         "none of them with a probability above 0.3. Until more is known they stand in for it in the mended model."
     )
     assert "cannot name" not in verdict.points[1]
@@ -182,7 +182,7 @@ def test_several_that_explain_one_port_are_told_together_where_nothing_is_mended
     other = replace(one, probability=0.8, found=replace(one.found, name=BIAS))
     points = conclude(replace(d, claims=(one, other))).points
     assert points[0] == (
-        f"Something acts at balance:omega_rad_s that these recordings cannot name: {DRY} and {BIAS} explain it best, "
+        f"Something that these recordings cannot name acts at balance:omega_rad_s: {DRY} and {BIAS} explain it best, "
         "none of them with a probability above 0.3."
     )
     assert "cannot name" not in points[1]
@@ -203,7 +203,8 @@ def test_of_what_draws_one_thing_with_others_no_probability_is_told(friction):
     echo = replace(claim, found=replace(claim.found, evidence={**claim.found.evidence, "echo": 1.0}))
     (finding,) = conclude(replace(d, claims=(echo,))).findings
     assert finding.says.endswith(
-        f"{DRY} explains it best, but several effects of one channel or period draw one thing that is none of them."
+        f"{DRY} explains it best, but several effects of one channel or period stand in for one cause, which is none "
+        "of them."
     )
 
 
@@ -219,7 +220,9 @@ def test_what_swings_in_what_is_left_is_told_where_it_is_sure(friction, longest_
         return [point for point in verdict.points if "noise alone" in point]
 
     (point,) = said()
-    assert point.startswith(f"What is left of amps_A is not noise alone: with {how} it has 3.4 times the power")
+    assert point.startswith(
+        f"The residual of amps_A is not noise alone: at {how} its power is 3.4 times that of the noise"
+    )
     assert said(nats=9.0) == said(power=0.5) == []
 
 
@@ -255,8 +258,8 @@ def test_something_unnamed_beside_a_name_is_incomplete(friction):
     assert named.mechanism == DRY
     assert beside.names == ()
     assert [port for port, _ in beside.ports] == [port]
-    assert "Something else acts at balance:T_winding_K that these recordings cannot name: about 2.3 %" in beside.says
-    assert verdict.says.startswith("The simulator lacks one effect and something else acts at balance:T_winding_K")
+    assert "Something else that these recordings cannot name acts at balance:T_winding_K: about 2.3 %" in beside.says
+    assert verdict.says.startswith("The simulator lacks one effect, and something else that these recordings")
 
 
 def test_something_unnamed_where_a_name_was_unsure_is_one_thing(friction):
@@ -272,7 +275,7 @@ def test_something_unnamed_where_a_name_was_unsure_is_one_thing(friction):
     answer = replace(d.answer, left=(Unnamed(elsewhere, 1.5, 2.3),))
     verdict = conclude(replace(d, claims=claims, answer=answer, mended=None, held_after=None))
     assert verdict.says.startswith(
-        "Something acts at balance:omega_rad_s and balance:T_winding_K that these recordings cannot name: on day 3"
+        "Something that these recordings cannot name acts at balance:omega_rad_s and balance:T_winding_K: on day 3"
     )
 
 
@@ -323,14 +326,14 @@ def test_what_was_refused_is_not_said_to_be_in_no_catalogue(friction):
 def test_from_one_recording_it_is_told_what_could_not_be_checked(friction):
     d = friction.diagnosis
     alone = list(points(replace(d, tracks=d.tracks[:1]), (), (), friction.fit, ()))
-    says = "Only run 1 was learnt from: whether sizes and parameters are the same in other recordings could not "
+    says = "Only run 1 was learnt from, so whether sizes and parameters are the same in other recordings could not "
     assert says + "be checked." in alone
     assert not any(says in p for p in friction.points)
 
 
 def test_what_was_held_back_may_only_refuse(friction):
-    (use,) = (p for p in friction.points if p.startswith("Nothing but where it starts was learnt from day 3"))
-    assert use.endswith("nothing was chosen by it: it counts only in whether a name is given and the model mended.")
+    (use,) = (p for p in friction.points if p.startswith("Only the start state was learnt from day 3"))
+    assert use.endswith("chose nothing, and counts only in whether a name is given and the model mended.")
     assert friction.to_dict()["held_out"] == {"recordings": ["day 3"], "worse": []}
 
 
@@ -338,7 +341,7 @@ def test_several_findings_are_a_count_and_a_list(friction):
     (one,) = friction.findings
     fault = replace(one, kind="sensor fault", mechanism=BIAS)
     says = headline(friction.diagnosis, "incomplete", (one, one, fault), friction.fit, ["more"])
-    lead = "The simulator lacks two effects and one sensor or input is at fault, and that is not all: on day 3 the RMS"
+    lead = "The simulator lacks two effects, and one sensor or input is at fault, and that is not all: on day 3 the RMS"
     assert says.startswith(lead)
     says = headline(friction.diagnosis, "missing physics", (one, one, one), friction.fit, [])
     assert says.startswith("The simulator lacks three effects: on day 3 the RMS")
