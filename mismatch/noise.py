@@ -8,6 +8,9 @@ import numpy as np
 
 from twinbench.physics.simulator import Array
 
+WINDOW = 20
+"""Blocks of a window: a step falls into one of them, and the median leaves it out."""
+
 
 def noise_floor(means: Sequence[Array]) -> Array:
     """Standard deviation (ny,) of block means by their second differences, median over windows of twenty.
@@ -18,13 +21,22 @@ def noise_floor(means: Sequence[Array]) -> Array:
     Args:
         means: block means, (B, ny) per recording, in the outputs' units.
     """
-    n_channels = means[0].shape[1]
-    out = np.empty(n_channels)
-    for c in range(n_channels):
-        squares = []
-        for y in means:
-            second = y[2:, c] - 2.0 * y[1:-1, c] + y[:-2, c]
-            windows = np.array_split(second**2, max(1, len(second) // 20))
-            squares += [np.nanmean(w) for w in windows if np.isfinite(w).any()]
-        out[c] = np.sqrt(np.median(squares) / 6.0) if squares else 0.0
-    return out
+    squares = np.concatenate([_windowed(np.diff(y, n=2, axis=0) ** 2) for y in means])
+    there = [windows[np.isfinite(windows)] for windows in squares.T]
+    return np.array([np.sqrt(np.median(windows) / 6.0) if len(windows) else 0.0 for windows in there])
+
+
+def _windowed(squares: Array) -> Array:
+    """Means (W, ny) over windows of twenty rows; NaN where a window has none.
+
+    Args:
+        squares: (B, ny) in the outputs' units squared; NaN where nothing was read.
+    """
+    if not len(squares):
+        return squares
+    many = max(1, len(squares) // WINDOW)
+    starts = np.arange(many) * (len(squares) // many) + np.minimum(np.arange(many), len(squares) % many)
+    seen = np.isfinite(squares)
+    counts = np.add.reduceat(seen, starts, axis=0, dtype=float)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.add.reduceat(np.where(seen, squares, 0.0), starts, axis=0) / counts)

@@ -98,24 +98,27 @@ def learn(G: Array, b: Array, group: np.ndarray, s: Array, free: int = -1, round
         free: a port whose size has no prior, or -1.
     """
     s2, last, log = np.maximum(s, LEAST_PCT) ** 2, -np.inf, 0.0
-    mean, telling = np.zeros(len(b)), np.diag(G)
+    mean, telling, some, G_some = np.zeros(len(b)), np.diag(G), np.arange(len(b)), G
     for _ in range(rounds):
         mean = np.zeros(len(b))
-        some = np.flatnonzero(s2[group] * telling > UNTOLD)  # the others say nothing at this size
-        if not len(some):
+        saying = np.flatnonzero(s2[group] * telling > UNTOLD)  # the others say nothing at this size
+        if not len(saying):
             return Learnt(_prior(s2, free), np.sqrt(s2), mean)
+        if not np.array_equal(saying, some):
+            some, G_some = saying, G[np.ix_(saying, saying)]
         d = np.sqrt(s2[group[some]])
-        M = d[:, None] * G[np.ix_(some, some)] * d
-        M[np.diag_indices(len(some))] += 1.0
-        L, _ = dpotrf(M, lower=1, overwrite_a=1)
+        M = d[:, None] * G_some
+        M *= d
+        M.flat[:: len(some) + 1] += 1.0
+        L, _ = dpotrf(M.T, lower=1, overwrite_a=1)  # in place: the transpose lies as LAPACK wants it
         v = solve_triangular(L, d * b[some], lower=True, check_finite=False)
         mean[some] = d * solve_triangular(L, v, lower=True, trans=1, check_finite=False)
         log = 0.5 * float(v @ v) - float(np.log(np.diag(L)).sum()) + _prior(s2, free)
         if log - last < LEARNT:
             break
         last = log
-        inverse, _ = dtrtri(L, lower=1)
-        known = 1.0 - np.sum(np.tril(inverse) ** 2, axis=0)  # less the posterior's share of the prior variance
+        inverse, _ = dtrtri(L, lower=1, overwrite_c=1)
+        known = 1.0 - np.einsum("ij,ij->j", inverse, inverse)  # less the posterior's share of the prior variance
         many = np.maximum(np.bincount(group[some], known, len(s2)), 1e-3)
         squares = np.bincount(group[some], mean[some] ** 2, len(s2)) + 1e-12
         bent = 4.0 * squares / (DISCREPANCY_PCT**2 * many**2)

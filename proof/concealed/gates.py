@@ -71,11 +71,14 @@ def _others(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
     pointed = unknown.loc[unknown["detectable"], "pointed"]
     pairs, faults = there[there["cell"] == "two_effects"], there[there["cell"] == "sensor"]
     open_end = sound["verdict"].isin(("unexplained", "incomplete"))
+    all_clear = there["verdict"].isin(("consistent", "parameter change"))
     return [
         rate("sound machine: false name", "<=", 0.0, sound["named"] != ""),
         rate("sound machine: false name or set", "<=", 1.0 / max(len(sound), 1), sound["said"]),
         rate("sound machine: called unexplained or incomplete, without a name", "", np.nan, open_end & ~sound["said"]),
         rate("confidently wrong, of all verdicts", "<=", WRONG_NAMES, rows["wrong_name"]),
+        share("effects that are certainly not there, named", "<=", 0.01, rows["decoys_named"]),
+        rate("detectable effect or fault: called consistent or a parameter change", "", np.nan, all_clear),
         _beside("both of two effects, by class", ">=", 0.75, pairs, "class"),
         rate("not in the catalogue: no wrong name", ">=", 0.95, unknown["named"] == ""),
         rate("not in the catalogue: located within two ports", ">=", 0.90, pointed),
@@ -87,14 +90,17 @@ def _others(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
 def _numbers(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
     """Gates on stated probabilities, sizes, parameters, gain and onset."""
     claims = stated(rows)
-    sets, with_effect = claims[~claims["single"].astype(bool)], ~rows["cell"].isin((*SOUND, "sensor"))
+    single, with_effect = claims["single"].astype(bool), ~rows["cell"].isin((*SOUND, "sensor"))
+    names, sets = claims[single], claims[~single]
     named = there[there["by_class"] & (there["cell"] != "sensor")]
+    covered, sound = rows["parameters_covered"], rows["cell"].isin(SOUND)
     return [
+        rate("single names that are wrong, of all that are said", "", np.nan, ~names["right"].astype(bool)),
         reliability_line("stated probability, mean error", 0.05, claims),
         rate("sets that hold an effect of the case", ">=", 0.93, sets["right"]),
         rate("90 % interval covers the size", "in", (0.85, 0.95), there["size_covered"].dropna() > 0.5),
-        share("90 % intervals of parameters cover, sound machines", rows.loc[rows["cell"].isin(SOUND)]),
-        share("90 % intervals of parameters cover, beside an effect", rows.loc[with_effect]),
+        share("90 % intervals of parameters cover, sound machines", "in", (0.85, 0.95), covered[sound]),
+        share("90 % intervals of parameters cover, beside an effect", "in", (0.85, 0.95), covered[with_effect]),
         quantile("error of the size, median, %", "", np.nan, there["size_error_pct"]),
         quantile("held-out gain of named effects, median", ">=", 0.95, named["gain"]),
         # Who says nothing gains nothing.
@@ -109,12 +115,11 @@ def _beside(gate: str, sense: str, required: float, rows: pd.DataFrame, what: st
     return line | {"ideal": rows[f"ideal_{what}"].mean()}
 
 
-def share(gate: str, rows: pd.DataFrame) -> dict[str, Any]:
-    """The mean share of parameters that are covered; the interval is that of as many independent cases."""
-    known = rows["parameters_covered"].dropna()
+def share(gate: str, sense: str, required: Any, shares: pd.Series) -> dict[str, Any]:
+    """A gate on the mean of a share that each case has; the interval is that of as many independent cases."""
+    known = shares.dropna()
     low, high = wilson(known.sum(), len(known))
-    mean = float(known.mean()) if len(known) else np.nan
-    return gate_line(gate, "in", (0.85, 0.95), mean, low, high, len(known))
+    return gate_line(gate, sense, required, float(known.mean()) if len(known) else np.nan, low, high, len(known))
 
 
 def reliability_line(gate: str, required: float, claims: pd.DataFrame) -> dict[str, Any]:

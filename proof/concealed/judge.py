@@ -16,6 +16,7 @@ COLUMNS = (
     "detectable", "verdict", "named", "set", "probability", "outcome", "ports", "gain", "size_error_pct",
     "size_covered", "parameters_covered", "engine", "seconds", "onset_error_s", "port_truth", "ideal_name",
     "ideal_class", "inexact", "noisy_input", "left_sq",
+    "decoys_named",
 )  # fmt: skip
 """In ``truth``, ``class`` and ``port_truth`` effects are joined by ``+``, what is the same for one of them by ``|``.
 ``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``.
@@ -23,6 +24,7 @@ COLUMNS = (
 ``inexact`` holds where the equations are said to be inexact, joined by ``|``: a place, if no finding is one.
 ``left_sq`` is the squared distance, in sds of the noise, that the catalogue leaves of the effect: its own form of the
 name or, where the catalogue lacks the name, the nearest stand-in. Of two effects it is the larger.
+``decoys_named`` is the share of the effects which are certainly not there that would have been named.
 ``probability`` holds what the verdict states for each of them, in their order: single names, then sets."""
 PORTS = 2
 """So many ports a location may hold."""
@@ -81,6 +83,7 @@ def score(
         "size_covered": covered,
         "parameters_covered": parameters_covered(truth, verdict),
         "gain": gain(verdict, truth["held_out_floor"]) if found else np.nan,
+        "decoys_named": decoys_named(verdict),
         "engine": engine,
         "seconds": float(verdict.get("seconds", np.nan)),
     }
@@ -105,6 +108,12 @@ def claims(verdict: Mapping[str, Any]) -> list[Claim]:
 def inexact_at(verdict: Mapping[str, Any]) -> tuple[str, ...]:
     """Where a verdict says that the equations are inexact: a place, where no finding is one."""
     return tuple(str(one["port"]) for one in verdict.get("inexact", ()))
+
+
+def decoys_named(verdict: Mapping[str, Any]) -> float:
+    """Share of a verdict's decoys that would have been named; NaN if it tried none."""
+    check = verdict.get("self_check") or {}
+    return float(check["decoys_named"]) / float(check["decoys"]) if check.get("decoys") else float("nan")
 
 
 def parameters_covered(truth: Mapping[str, Any], verdict: Mapping[str, Any]) -> float:

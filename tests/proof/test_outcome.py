@@ -86,7 +86,7 @@ ROWS = pd.DataFrame(
         row(case="10", cell="sensor", outcome="located", ports="output:w|balance:w"),
         row(case="11", cell="sensor", named=RUB, outcome="name", ports="balance:w", size_covered=1.0),
         row(case="12", cell="two_effects", outcome="class", gain=0.97, parameters_covered=1.0),
-        row(case="13", cell="onset", outcome="abstained", onset_error_s=4.0),
+        row(case="13", cell="onset", outcome="abstained", onset_error_s=4.0, verdict="consistent", decoys_named=0.1),
     ]
 )
 
@@ -106,6 +106,9 @@ def test_gates_count_what_they_say() -> None:
     assert at("sound machine: false name") == (0.5, 2, False)
     assert at("sound machine: false name or set") == (0.5, 2, True)  # one case
     assert at("confidently wrong, of all verdicts") == (4 / 14, 14, False)
+    assert at("effects that are certainly not there, named") == (0.1, 1, False)
+    assert at("detectable effect or fault: called consistent or a parameter change") == (1 / 11, 11, None)
+    assert at("single names that are wrong, of all that are said") == (4 / 7, 7, None)
     assert at("both of two effects, by class") == (1.0, 1, True)
     assert at("not in the catalogue: no wrong name") == (0.5, 2, False)
     assert at("not in the catalogue: located within two ports") == (0.5, 2, False)

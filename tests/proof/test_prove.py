@@ -362,8 +362,11 @@ def test_a_right_name_is_right(dry: Case) -> None:
         {"channel": c, "held_out": True, "rmse_before": 2.0 * s, "rmse_after": math.sqrt(1.3) * s}
         for c, s in floor.items()
     ]
-    row = judged(dry, finding(parameters=fitted), fit=fit, seconds=4.0)
+    check = {"decoys_named": 1, "decoys": 20}
+    row = judged(dry, finding(parameters=fitted), fit=fit, seconds=4.0, self_check=check)
     assert tuple(row.index) == COLUMNS
+    assert row["decoys_named"] == 0.05
+    assert math.isnan(judged(dry)["decoys_named"])
     assert (row["named"], row["set"], row["truth"]) == (COULOMB, "", COULOMB)
     assert row["size_error_pct"] == pytest.approx(4.0)
     assert row["size_covered"] == 1.0
