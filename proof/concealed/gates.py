@@ -106,6 +106,7 @@ def _numbers(rows: pd.DataFrame, there: pd.DataFrame) -> list[dict[str, Any]]:
         # Who says nothing gains nothing.
         quantile("held-out gain of every detectable effect, median", "", np.nan, there["gain"].fillna(0.0)),
         quantile("onset error, median, s", "<=", 5.0, there["onset_error_s"]),
+        quantile("seconds of one core that a case takes, median", "<=", 5.0, rows["seconds"]),
     ]
 
 

@@ -24,6 +24,7 @@ COLUMNS = (
 ``inexact`` holds where the equations are said to be inexact, joined by ``|``: a place, if no finding is one.
 ``left_sq`` is the squared distance, in sds of the noise, that the catalogue leaves of the effect: its own form of the
 name or, where the catalogue lacks the name, the nearest stand-in. Of two effects it is the larger.
+``seconds`` are of one core's time.
 ``decoys_named`` is the share of the effects which are certainly not there that would have been named.
 ``probability`` holds what the verdict states for each of them, in their order: single names, then sets."""
 PORTS = 2

@@ -86,7 +86,15 @@ ROWS = pd.DataFrame(
         row(case="10", cell="sensor", outcome="located", ports="output:w|balance:w"),
         row(case="11", cell="sensor", named=RUB, outcome="name", ports="balance:w", size_covered=1.0),
         row(case="12", cell="two_effects", outcome="class", gain=0.97, parameters_covered=1.0),
-        row(case="13", cell="onset", outcome="abstained", onset_error_s=4.0, verdict="consistent", decoys_named=0.1),
+        row(
+            case="13",
+            cell="onset",
+            outcome="abstained",
+            onset_error_s=4.0,
+            verdict="consistent",
+            decoys_named=0.1,
+            seconds=6.0,
+        ),
     ]
 )
 
@@ -119,6 +127,7 @@ def test_gates_count_what_they_say() -> None:
     assert at("90 % intervals of parameters cover, beside an effect") == (1.0, 1, False)
     assert at("held-out gain of named effects, median") == (0.97, 1, True)
     assert at("onset error, median, s") == (4.0, 1, True)
+    assert at("seconds of one core that a case takes, median") == (6.0, 1, False)
     assert gates.loc["single effect: right name or class, tuned machines", "ideal"] == pytest.approx(0.95)
     said = as_markdown(gates.reset_index())
     assert (
