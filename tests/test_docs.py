@@ -242,7 +242,7 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
     sound = rows[rows["cell"].isin(["clean", "parameters", "poor_excitation"])]
     false = int((sound["outcome"] == "false").sum())
     holds, was = ("holds" if names == 1 else "hold"), ("were" if false > 1 else "was")
-    assert f"{_spelt(names)} of {len(rows)} verdicts {holds} a wrong name, and {_spelt(sets).lower()} a set" in page
+    assert f"{_spelt(names)} of {len(rows)} verdicts {holds} a wrong name, and {_spelt(sets).lower()} of the others a set" in page
     assert f"Of the {len(rows)} verdicts {names} {holds} a wrong name" in readme
     assert f"shows {len(rows)} such cases" in readme
     for text in (page, readme):
