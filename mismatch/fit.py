@@ -109,15 +109,6 @@ class Problem:
         """
         return self.machine.run(self.setting(r, z, self.tracks[r].fine))
 
-    def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Simulated block means (B, ny) of recording r before the sensors' faults.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
-        """
-        return self.machine.clean(self.setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
-
     def states(self, r: int, z: Array) -> Array:
         """Simulated states (B, nx) of recording r, candidates' own last.
 
@@ -126,16 +117,15 @@ class Problem:
         """
         return self.machine.clean(self.setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
-    def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
+    def residual(self, r: int, z: Array, theta: Array | None = None) -> Array:
         """Block means measured minus simulated, (B, ny).
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
-            clean: simulated block means before the sensors' faults, (B, ny), in the outputs' units, if they are known.
         """
-        track, at = self.tracks[r], self.setting(r, z, self.machine.grid(self.tracks[r]), theta)
-        y = self.machine.read(track, at.theta, self.clean(r, z, at.theta) if clean is None else clean, at.since_s)
+        track = self.tracks[r]
+        y = self.machine.run(self.setting(r, z, self.machine.grid(track), theta), blocks=True)
         y = np.where(np.abs(y) < ENDLESS, y, np.nan)  # as good as diverged: sums of its squares are no numbers
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 

@@ -21,17 +21,10 @@ PARAMETER = 3e-4
 
 @dataclass(frozen=True)
 class Scored:
-    """A set in a view: its evidence, its sizes, the discrepancy beside it.
-
-    Attributes:
-        sizes: (k,) standardised: in prior sds.
-        sds: (k,) their posterior sds, likewise.
-    """
+    """A set in a view: its evidence, and the discrepancy beside it."""
 
     key: Key
     log: float
-    sizes: Array
-    sds: Array
     learnt: Learnt
 
 
@@ -78,36 +71,24 @@ class Sets:
         return self.known[key]
 
     def _score(self, key: Key) -> Scored:
-        G, b, v = self.reduced.G, self.reduced.b, self.many
-        functions = v + np.arange(len(self.group))
-        some = np.array([*key, *functions], dtype=int)
-        k = len(key)
-        if k:
-            inner = eliminated(G[np.ix_(some, some)], b[some], np.arange(k), np.zeros(k), np.ones(k))
-        else:
-            inner = Reduced(G[np.ix_(some, some)], b[some], 0.0)
-        start = self.s if not k else np.maximum(0.5 * self.s, 1e-3)
-        learnt = learn(inner.G, inner.b, self.group, start, rounds=30 if not k else 8)
+        k, functions = len(key), np.arange(len(self.group))
+        some = np.array([*key, *(self.many + functions)], dtype=int)
+        G, b = self.reduced.G[np.ix_(some, some)], self.reduced.b[some]
+        if not k:
+            learnt = learn(G, b, self.group, self.s, rounds=30)
+            return Scored(key, learnt.log, learnt)
+        inner = eliminated(G, b, np.arange(k), np.zeros(k), np.ones(k))
+        learnt = learn(inner.G, inner.b, self.group, np.maximum(0.5 * self.s, 1e-3), rounds=8)
         log = inner.log + learnt.log + float(self.prior[list(key)].sum()) + self._odds(key)
-        sizes, sds = self._sizes(key, learnt)
-        log += float(one_sided(sizes, sds, self.bounded[list(key)]).sum())
-        return Scored(key, log, sizes, sds, learnt)
+        outer = eliminated(G, b, k + functions, np.zeros(len(functions)), 1.0 / learnt.s[self.group] ** 2)
+        cov = np.linalg.inv(outer.G + np.eye(k))
+        log += float(one_sided(cov @ outer.b, np.sqrt(np.diag(cov)), self.bounded[list(key)]).sum())
+        return Scored(key, log, learnt)
 
     def _odds(self, key: Key) -> float:
-        """Log prior odds of the set as a whole: when it begins, and how many it makes."""
-        late = self.late if key and self.since[key[0]] > -np.inf else 0.0
+        """Log prior odds of a set as a whole: when it begins, and how many it makes."""
+        late = self.late if self.since[key[0]] > -np.inf else 0.0
         return late + of_number(self.beside + len(key), self.candidates) - of_number(self.beside, self.candidates)
-
-    def _sizes(self, key: Key, learnt: Learnt) -> tuple[Array, Array]:
-        if not key:
-            return np.empty(0), np.empty(0)
-        G, b, v = self.reduced.G, self.reduced.b, self.many
-        functions = v + np.arange(len(self.group))
-        some = np.array([*key, *functions], dtype=int)
-        block = len(key) + np.arange(len(functions))
-        outer = eliminated(G[np.ix_(some, some)], b[some], block, np.zeros(len(block)), 1.0 / learnt.s[self.group] ** 2)
-        cov = np.linalg.inv(outer.G + np.eye(len(key)))
-        return cov @ outer.b, np.sqrt(np.diag(cov))
 
     def quick(self, key: Key, s: Array) -> Array:
         """(V,) log evidence that each variant would add to a set, the discrepancy's size as it is.
