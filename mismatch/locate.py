@@ -9,7 +9,6 @@ import numpy as np
 from twinbench.mismatch.course import together
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.naming.marginal import eliminated, learn
-from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View, scale_of
 from twinbench.physics.simulator import Array, Port
 
@@ -38,13 +37,8 @@ def locate(d: Diagnosis) -> Located | None:
     if not d.claims:
         return None
     claim = d.claims[0]
-    hypothesis = d.accepted if claim.found is None else d.answer.naming.null
-    return _located(d, hypothesis, claim.port)
-
-
-def _located(d: Diagnosis, hypothesis: Settled, port: Port) -> Located | None:
-    problem, z = hypothesis.problem, hypothesis.z
-    functions = d.answer.naming.ground.discrepancy
+    hypothesis, port = d.accepted if claim.found is None else d.answer.naming.null, claim.port
+    problem, z, functions = hypothesis.problem, hypothesis.z, d.answer.naming.ground.discrepancy
     if port not in functions.ports:
         return None
     view, p = View.around(problem, z), functions.ports.index(port)

@@ -208,7 +208,7 @@ def _self_check(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
     """What the answer is worth on these recordings, and what would have stayed hidden in them."""
     check = d.self_check
     if check.decoys:
-        yield from check.says[:2]
+        yield from check.says
     if not found and check.power:
         hidden = _hidden(d)
         looked = counted(len(check.power), "effect")

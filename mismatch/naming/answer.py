@@ -181,9 +181,9 @@ def _found(
             logs[other] = max(h.log, logs.get(other, -np.inf))
             if h.log > chosen.log - NEAR and reads_the_same(h):
                 same.add(other)
-    for other in _alike(shown, painter.cosines()):
+    for other, square in zip(shown.names, painter.cosines(), strict=True):
         # The same thing under another name; but what was settled and is far less likely is not.
-        if logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
+        if square > SAME and logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
             same.add(other)
     weights = dict(sorted(zip(logs, shares(logs.values()), strict=True), key=lambda t: -t[1]))
     none, unnamed = _instead(naming, chosen, i, shown)
@@ -237,10 +237,6 @@ def shares(logs: Collection[float]) -> list[float]:
 def name_of(machine: Machine, effect: Effect) -> str:
     """The candidate's name."""
     return machine.candidates[effect.variant.candidate].name
-
-
-def _alike(shown: Picture, cosines2: Array) -> list[str]:
-    return [name for name, c in zip(shown.names, cosines2, strict=True) if c > SAME]
 
 
 def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled], bool]:

@@ -14,7 +14,6 @@ from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, one_sided
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.sets import Sets
-from twinbench.mismatch.words import listed, number, with_unit
 from twinbench.physics.simulator import Array
 
 SHOWN = (0.1, 0.3, 1.0, 3.0)
@@ -50,15 +49,6 @@ class Power:
     size_90: float | None
     shows_90: float | None
     probabilities: tuple[float, ...]
-
-    @property
-    def says(self) -> str:
-        """One sentence."""
-        beside = f", together with {listed(self.alike)}," if self.alike else ""
-        if self.size_90 is None:
-            return f"{self.name} would not have been named{beside} at any size that it may have."
-        size = with_unit(self.size_90, self.unit, 2)
-        return f"{self.name} would have been named{beside} at {size} or more with probability {number(WANTED)}."
 
 
 def power(shown: Picture, rows: int, s: Array) -> tuple[Power, ...]:

@@ -64,13 +64,13 @@ class SelfCheck:
         return self.named_again / self.halves
 
     @property
-    def says(self) -> tuple[str, ...]:
+    def says(self) -> tuple[str, str]:
         """One sentence each."""
         named = count(self.decoys_named) if self.decoys_named else "none"
         decoys = f"Of {self.decoys} effects that are certainly not there, {named} would be named"
         decoys += ": the noise or the discrepancy is not right here." if self.decoys_named else "."
         again = f"The same is the likeliest in {self.named_again} of {self.halves} halves of the recordings."
-        return decoys, again, *(p.says for p in self.power)
+        return decoys, again
 
 
 class Rival(NamedTuple):
