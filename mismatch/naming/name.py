@@ -184,7 +184,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         if found.far and found.explained:
             break
         there, sizes = painter.start(shown, scored.key, scored.learnt.s)
-        effects = _effects(shown, scored.key, sizes)
+        effects = shown.effects(scored.key, sizes)
         found.settle(_since(problem, shown, scored), z if found.far else there, effects, scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
     if found.best.since_s > -np.inf or (found.far and not found.explained):
@@ -234,14 +234,6 @@ def _sharpened(found: Naming) -> bool:
     return found.best.log > best.log + SETTLED
 
 
-def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
-    """Variants of a picture, of some sizes (k,) from absence, each in its first parameter's unit."""
-    return [
-        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]), float(shown.least[i]))
-        for i, size in zip(key, sizes, strict=True)
-    ]
-
-
 def _one_is_not_enough(found: Naming) -> bool:
     """Is it several effects that are likeliest, and are those likelier that are left of all at once?"""
     best = found.best
@@ -279,7 +271,7 @@ def all_physics(found: Naming) -> list[Effect]:
         candidate = shown.candidates[i]
         if candidate.mechanism.kind == "physics" and candidate.family not in there:
             there.add(candidate.family)
-            effects += _effects(shown, [i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
+            effects += shown.effects([i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
     return effects
 
 
@@ -370,7 +362,7 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
         tried.add(candidate)
         there, sizes = painter.start(shown, [k], best.learnt.s)
         others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
-        effects = [*others, *_effects(shown, [k], sizes)]
+        effects = [*others, *shown.effects([k], sizes)]
         found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 

@@ -38,22 +38,15 @@ def with_late(painter: Painter) -> Picture:
 def likeliest_forms(shown: Picture) -> list[int]:
     """Of each candidate the variant, from the beginning on, that explains most: the others' shapes follow in a fit."""
     gains = np.where(shown.since == -np.inf, shown.sets.quick((), np.maximum(LEFT_SHARE * shown.sets.s, 1e-3)), -np.inf)
-    found: dict[str, int] = {}
-    for i in np.argsort(-gains):
-        if shown.since[i] == -np.inf:
-            found.setdefault(shown.names[i], int(i))
-    return list(found.values())
+    order = np.argsort(-gains)
+    return shown.firsts(order[shown.since[order] == -np.inf])
 
 
 def _likeliest(shown: Picture) -> list[int]:
     sets = shown.sets
     order = [i for s in sorted(sets.known.values(), key=lambda s: -s.log) for i in s.key]
     order += list(np.argsort(-sets.quick((), np.maximum(LEFT_SHARE * sets.s, 1e-3))))
-    found: dict[str, int] = {}
-    for i in order:
-        if len(found) < WATCHED:
-            found.setdefault(shown.names[i], int(i))
-    return list(found.values())
+    return shown.firsts(order)[:WATCHED]
 
 
 def _best_start(late: Picture, default: float = -np.inf) -> float:

@@ -61,12 +61,10 @@ def power(shown: Picture, rows: int, s: Array) -> tuple[Power, ...]:
     """
     always = np.flatnonzero(shown.since == -np.inf)
     gains = shown.sets.quick((), np.maximum(s, 1e-3))
-    best: dict[str, int] = {}
-    for i in always[np.argsort(-gains[always], kind="stable")]:
-        best.setdefault(shown.names[i], int(i))
+    best = shown.firsts(always[np.argsort(-gains[always], kind="stable")])
     usable = [int(i) for i in always if shown.sets.usable[i]]
     draws = Draws(shown.sets, usable, [shown.names[i] for i in usable], s)
-    return tuple(_power(shown, draws, best[name], rows) for name in sorted(best))
+    return tuple(_power(shown, draws, i, rows) for i in sorted(best, key=lambda i: shown.names[i]))
 
 
 def _power(shown: Picture, draws: Draws, i: int, rows: int) -> Power:

@@ -176,15 +176,12 @@ class Columns:
         """The chosen hypothesis with one effect more: those of a picture around it that add most."""
         names = tuple(name_of(self.chosen.problem.machine, e) for e in self.chosen.effects)
         gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_SEARCHED_PCT))
-        best: dict[str, int] = {}
-        for i in np.argsort(-gains):
-            if np.isfinite(gains[i]) and shown.since[i] == -np.inf and len(best) < SINGLES:
-                best.setdefault(shown.names[i], int(i))
-        odds, units = shown.odds, shown.units
-        effects = [Effect(shown.variants[i], float(units[i]), float(units[i]), float(odds[i])) for i in best.values()]
-        keys = self._of(effects, -np.inf)
-        s = self.chosen.learnt.s
-        return [Rival((*names, n), _joined([*own, (k,)]), s, np.nan) for n, k in zip(best, keys, strict=True)]
+        order = np.argsort(-gains)
+        best = shown.firsts(order[np.isfinite(gains[order]) & (shown.since[order] == -np.inf)])[:SINGLES]
+        keys, s = self._of(shown.effects(best, shown.units[best]), -np.inf), self.chosen.learnt.s
+        return [
+            Rival((*names, shown.names[i]), _joined([*own, (k,)]), s, np.nan) for i, k in zip(best, keys, strict=True)
+        ]
 
     def of_decoys(self, shown: Picture, probes: Mapping[Variant, float], rng: np.random.Generator) -> Key:
         """Twice as many as are wanted: columns of candidates, moved on by a quarter to three quarters of a recording.
