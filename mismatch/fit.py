@@ -52,6 +52,11 @@ class Unknown:
         step = NUDGED * self.scale
         return -step if value + step > self.high else step
 
+    @property
+    def spread(self) -> float:
+        """Its unit in columns: the prior standard deviation; a hundred scales where it has none."""
+        return float(self.sd) if np.isfinite(self.sd) else 100.0 * float(self.scale)
+
 
 @dataclass
 class Problem:
@@ -92,6 +97,11 @@ class Problem:
     @property
     def z0(self) -> Array:
         return np.array([u.mean for u in self.unknowns])
+
+    @property
+    def spreads(self) -> Array:
+        """(K,) of the unknowns, each in its own unit."""
+        return np.array([u.spread for u in self.unknowns])
 
     def white(self, values: Array) -> Array:
         """Residuals or columns in standard deviations.

@@ -25,7 +25,7 @@ from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
 from twinbench.mismatch.naming.pruned import ALIKE, BEGINNINGS, Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
-from twinbench.mismatch.naming.view import View, prior_mean, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.variants import typical
 
@@ -123,7 +123,7 @@ def test_a_set_less_an_effect_begins_near_where_it_comes_to_rest():
 
     def off(effects, own):
         sizes = [abs(a.size - b.size) / sd for a, b, sd in zip(effects, rest.now, rest.sds, strict=True)]
-        scales = np.array([scale_of(u) for u in rest.bare.unknowns])
+        scales = rest.bare.spreads
         return max(*sizes, *(abs(own - rest.own) / scales))
 
     assert off(begun.effects, begun.own) < 0.5 * off(stayed, found.own)
@@ -142,7 +142,7 @@ def test_an_effect_and_the_unknowns_begin_where_least_squares_puts_them():
     white = np.concatenate([exact.whitened(r, c, view.residuals[r]) for r, c in enumerate(columns)])
     many = len(mean) + 1
     left, right = np.vstack((white[:, :-1], np.eye(many))), np.concatenate((white[:, -1], mean, [0.0]))
-    unknowns, scales = view.problem.unknowns, np.array([scale_of(u) for u in view.problem.unknowns])
+    unknowns, scales = view.problem.unknowns, view.problem.spreads
     ends = np.array([[u.low, u.high] for u in unknowns]).T - view.z
     low, high = (np.append(side / scales, end) for side, end in zip(ends, (-np.inf, np.inf), strict=True))
     step = lsq_linear(left, right, (low, high), method="bvls").x
