@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -270,9 +270,7 @@ class Problem:
                 one = drifts[u.at, step].times(self._hat(r, k, course)[:, None])
             elif candidate is None:
                 one = course.of_always(theta, step)
-            elif candidate.acts_on_input:
-                one = course.of_input(theta, step)
-            elif course.setting.theta[candidate.at[0]] == candidate.null[0]:
+            elif candidate.acts_on_input or course.setting.theta[candidate.at[0]] == candidate.null[0]:
                 one = course.of_candidate(candidate, theta, step, self.begun_s(r, u))
             else:
                 one = course.of_parameters(theta, step, self.begun_s(r, u))
@@ -295,23 +293,39 @@ class Problem:
         n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.unknowns)
         return np.interp(course.grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
 
-    def normal(self, z: Array, residuals: Sequence[Array]) -> tuple[Array, Array, list[Array]]:
-        """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns.
+    @property
+    def _precision(self) -> Array:
+        return np.array([u.sd**-2 for u in self.unknowns])
+
+    def normal(self, z: Array) -> tuple[Array, list[Array]]:
+        """Normal matrix (K, K) with the prior in it, and the whitened columns, (B, ny, K) per recording.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
         """
-        whitened = [self.white(c) for c in self.columns(z)]
-        precision = np.array([u.sd**-2 for u in self.unknowns])
-        G, b = np.diag(precision), precision * (self.z0 - z)
-        for column, residual in zip(whitened, residuals, strict=True):
+        whitened, G = [self.white(c) for c in self.columns(z)], np.diag(self._precision)
+        for J, _ in self._seen(z, whitened):
+            G += J.T @ J
+        return G, whitened
+
+    def right_side(self, z: Array, whitened: Sequence[Array]) -> Array:
+        """Right-hand side (K,) with the prior in it.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            whitened: columns (B, ny, K) per recording as ``normal`` has them, from here or from nearby.
+        """
+        b = self._precision * (self.z0 - z)
+        for J, r in self._seen(z, whitened):
+            b += J.T @ r
+        return b
+
+    def _seen(self, z: Array, whitened: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+        """Whitened columns (n, K) and residuals (n,) of each recording where both are numbers."""
+        for column, residual in zip(whitened, self.residuals(z), strict=True):
             r = self.white(residual)
             seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
-            J = column[seen]
-            G += J.T @ J
-            b += J.T @ r[seen]
-        return G, b, whitened
+            yield column[seen], r[seen]
 
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]
