@@ -9,10 +9,10 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.series import held
 from twinbench.mismatch.spikes import Spike, find_spikes, is_followed
 from twinbench.physics.simulator import Array, Simulator
 
@@ -309,15 +309,6 @@ def lost(y: Array, n: int) -> Array:
         warnings.simplefilter("ignore", RuntimeWarning)  # an output that was not recorded
         whole, left = np.nanvar(y, axis=0), np.nanvar(_means(y, np.arange(0, len(y), n)), axis=0)
         return np.nan_to_num((whole - left - DOUBT * (1.0 - 1.0 / n) * noise) / whole)
-
-
-def held(values: Array) -> Array:
-    """Columns with the last value held over NaN; leading gaps take the first value there is.
-
-    Args:
-        values: (N, n) in any unit; NaN means missing.
-    """
-    return np.array(pd.DataFrame(values).ffill().bfill(), dtype=float, order="C")
 
 
 def _means(values: Array, starts: np.ndarray) -> Array:
