@@ -145,7 +145,7 @@ def inexact(d: Diagnosis) -> tuple[Unnamed, ...]:
     At most two ports are told, the likelier first.
     """
     answer = d.answer
-    if answer.left and answer.left[0].log > 0.0:
+    if answer.more:
         return ()
     return tuple(u for u in answer.inexact[:2] if u.log > max(INEXACT_NATS, answer.inexact[0].log - PLAIN))
 

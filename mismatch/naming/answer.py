@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
@@ -98,6 +97,11 @@ class Answer:
     coloured: Coloured
     inexact: tuple[Unnamed, ...]
 
+    @property
+    def more(self) -> bool:
+        """Is something unnamed beside it likelier than not?"""
+        return bool(self.left) and self.left[0].log > 0.0
+
 
 def answered(naming: Naming) -> Answer:
     """Read the findings off the hypotheses."""
@@ -120,7 +124,7 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
     """The hypothesis with the effects that the chosen one's contain in their place, if it is near too."""
     machine = chosen.problem.machine
     plain = {machine.candidates[e.variant.candidate].family for e in chosen.effects}
-    return next((h for h in near if {name_of(machine, e) for e in h.effects} == plain), chosen)
+    return next((h for h in near if set(h.names) == plain), chosen)
 
 
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
@@ -168,14 +172,12 @@ def _found(
     sets: Mapping[frozenset[str], float],
     left_over: Mapping[str, float],
 ) -> Found:
-    machine = chosen.problem.machine
-    name = name_of(machine, chosen.effects[i])
-    rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
+    name, rest = chosen.names[i], frozenset(n for k, n in enumerate(chosen.names) if k != i)
     painter = naming.without(chosen, i)
     shown = painter.picture()
     logs, same, reads_the_same = {name: chosen.log}, {name}, _same_readings(naming.ground, chosen, i)
     for h in naming.hypotheses:
-        names = frozenset(name_of(machine, e) for e in h.effects)
+        names = frozenset(h.names)
         if len(names) == len(rest) + 1 and rest < names:
             (other,) = names - rest
             logs[other] = max(h.log, logs.get(other, -np.inf))
@@ -220,10 +222,9 @@ def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[f
 
 def _sets(naming: Naming) -> dict[frozenset[str], float]:
     """Probability of each set of names that was weighed."""
-    machine = naming.best.problem.machine
     logs: dict[frozenset[str], float] = {}
     for h in naming.hypotheses:
-        names = frozenset(name_of(machine, e) for e in h.effects)
+        names = frozenset(h.names)
         logs[names] = max(h.log, logs.get(names, -np.inf))
     return dict(zip(logs, shares(logs.values()), strict=True))
 
@@ -232,11 +233,6 @@ def shares(logs: Collection[float]) -> list[float]:
     """Evidence in nats as probabilities that sum to one."""
     raw = np.exp(np.array([*logs]) - max(logs))
     return list((raw / raw.sum()).tolist())
-
-
-def name_of(machine: Machine, effect: Effect) -> str:
-    """The candidate's name."""
-    return machine.candidates[effect.variant.candidate].name
 
 
 def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled], bool]:
@@ -264,9 +260,7 @@ def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
 
 def _lingers(chosen: Settled, i: int, colour: Coloured) -> bool:
     """Is it a periodic force that leaves its period in the readings? The period is right then, and the place is not."""
-    effect = chosen.now[i]
-    periodic = name_of(chosen.problem.machine, effect).startswith(PERIODIC)
-    return periodic and colour.swings_with(effect.variant.shape[0])
+    return chosen.names[i].startswith(PERIODIC) and colour.swings_with(chosen.now[i].variant.shape[0])
 
 
 def _echoes(chosen: Settled, i: int) -> bool:

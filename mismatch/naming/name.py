@@ -67,7 +67,6 @@ class Naming:
     painter: Painter
     picture: Picture
     null: Settled
-    forms: list[Variant]
     hypotheses: list[Settled] = field(default_factory=list)
     reduced: list[Settled] = field(default_factory=list)
     rivalled: list[Settled] = field(default_factory=list)
@@ -175,7 +174,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     shown = with_late(painter)
     progress(0.4)
     null = settled(problem, z, (), ground, ground.s)
-    found = Naming(ground, painter, shown, null, [shown.variants[i] for i in likeliest_forms(shown)], [null])
+    found = Naming(ground, painter, shown, null, [null])
     found.far = shown.excess > FAR_OFF
     if len(shown.sets.best().key) == MOST:
         _thinned_out(found)

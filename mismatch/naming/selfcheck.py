@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.mismatch.naming.answer import PLAIN, Answer, name_of
+from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
@@ -91,10 +91,7 @@ class Rival(NamedTuple):
 def checked(answer: Answer) -> SelfCheck:
     """The decoys, the halves and the sizes of an answer; the same whenever it is asked."""
     naming, chosen, rng = answer.naming, answer.chosen, np.random.default_rng(0)
-    candidates = chosen.problem.machine.candidates
-    there = {candidates[e.variant.candidate].family for e in chosen.effects}
-    others = [v for v in naming.painter.listed if candidates[v.candidate].family not in there]
-    view = naming.around(chosen)
+    view, others = naming.around(chosen), naming.beside(chosen.problem.machine, chosen.candidates)
     shown = Painter(view, naming.ground, others, probes=naming.painter.probes).picture()
     columns = Columns(view, chosen)
     effects = [columns.of_effect(i) for i in range(len(chosen.effects))]
@@ -157,7 +154,7 @@ class Columns:
         Args:
             own: positions of the chosen hypothesis's effects.
         """
-        machine, since_s = self.chosen.problem.machine, self.chosen.since_s
+        since_s = self.chosen.since_s
         known = {(e.variant.candidate, since_s): key for e, key in zip(self.chosen.effects, own, strict=True)}
         new: dict[tuple[Variant, float], Effect] = {}
         for h in several:
@@ -169,19 +166,17 @@ class Columns:
         found = []
         for h in several:
             parts = [known.get((e.variant.candidate, h.since_s)) or made[e.variant, h.since_s] for e in h.now]
-            found.append(Rival(tuple(name_of(machine, e) for e in h.now), _joined(parts), h.learnt.s, h.log))
+            found.append(Rival(h.names, _joined(parts), h.learnt.s, h.log))
         return found
 
     def of_more(self, shown: Picture, own: Sequence[Key]) -> list[Rival]:
         """The chosen hypothesis with one effect more: those of a picture around it that add most."""
-        names = tuple(name_of(self.chosen.problem.machine, e) for e in self.chosen.effects)
         gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_SEARCHED_PCT))
         order = np.argsort(-gains)
         best = shown.firsts(order[np.isfinite(gains[order]) & (shown.since[order] == -np.inf)])[:SINGLES]
         keys, s = self._of(shown.effects(best, shown.units[best]), -np.inf), self.chosen.learnt.s
-        return [
-            Rival((*names, shown.names[i]), _joined([*own, (k,)]), s, np.nan) for i, k in zip(best, keys, strict=True)
-        ]
+        beside = zip(best, keys, strict=True)
+        return [Rival((*self.chosen.names, shown.names[i]), _joined([*own, (k,)]), s, np.nan) for i, k in beside]
 
     def of_decoys(self, shown: Picture, probes: Mapping[Variant, float], rng: np.random.Generator) -> Key:
         """Twice as many as are wanted: columns of candidates, moved on by a quarter to three quarters of a recording.
@@ -325,9 +320,7 @@ def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key, another: float
     for out in (None, *range(len(effects))):
         rest = sets.score(_joined(key for i, key in enumerate(effects) if i != out))
         wanted = best.log + (PLAIN - another if out is None else 0.0)
-        gains = np.maximum(
-            *(sets.quick(rest.key, np.maximum(rest.learnt.s * f, _LEAST_SEARCHED_PCT)) for f in (1.0, 0.15))
-        )
+        gains = sets.gains(rest)
         near = [d for d in decoys if rest.log + gains[d] > wanted - PLAIN]
         found |= {d for d in near if sets.score((*rest.key, d)).log > wanted}
     return found

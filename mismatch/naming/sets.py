@@ -112,6 +112,10 @@ class Sets:
         another = one_more(self.beside + len(key), self.candidates)
         return np.where(self.usable, gain + self.prior + start + another, -np.inf)
 
+    def gains(self, base: Scored) -> Array:
+        """(V,) as ``quick`` beside a set, with its discrepancy as it is or as an effect would leave it, nats."""
+        return np.maximum(*(self.quick(base.key, np.maximum(base.learnt.s * f, 1e-3)) for f in (1.0, 0.15)))
+
     def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
         """The likeliest set: all single ones, then a beam."""
         best = self.score(())
@@ -119,7 +123,7 @@ class Sets:
         for d in range(depth):
             fresh: dict[Key, Scored] = {}
             for base in beam:
-                gains = np.maximum(*(self.quick(base.key, np.maximum(base.learnt.s * f, 1e-3)) for f in (1.0, 0.15)))
+                gains = self.gains(base)
                 used = {self.family[i] for i in base.key}
                 gains[[f in used for f in self.family]] = -np.inf
                 if base.key:

@@ -19,7 +19,7 @@ from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming import pruned
-from twinbench.mismatch.naming.answer import name_of
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
@@ -58,7 +58,11 @@ def left_over() -> Settled:
 
 
 def names(found: Settled) -> list[str]:
-    return [name_of(found.problem.machine, e) for e in found.effects]
+    return list(found.names)
+
+
+def name_in(found: Settled, effect: Effect) -> str:
+    return found.problem.machine.candidates[effect.variant.candidate].name
 
 
 def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
@@ -89,7 +93,7 @@ def test_what_is_there_is_the_likeliest_of_all():
 def test_the_odds_of_an_effects_absence_are_the_evidence_without_it():
     exact = naming().ground.exact
     found = left_over()
-    more = [e for e in all_physics(naming()) if name_of(found.problem.machine, e) == "offset@omega_rad_s"]
+    more = [e for e in all_physics(naming()) if name_in(found, e) == "offset@omega_rad_s"]
     whole = settled(found.bare, found.own, [*found.now, *more], exact, exact.s)
     needless = names(whole).index("offset@omega_rad_s")
     fewer = settled(whole.bare, whole.own, whole.now[:needless], exact, exact.s)
@@ -106,7 +110,7 @@ def test_on_an_exact_ground_the_sizes_of_effects_are_the_same_everywhere():
 
 def test_beside_a_discrepancy_the_odds_are_those_with_it_learnt_anew():
     found, ground = left_over(), naming().ground
-    more = [e for e in all_physics(naming()) if name_of(found.problem.machine, e) == "offset@omega_rad_s"]
+    more = [e for e in all_physics(naming()) if name_in(found, e) == "offset@omega_rad_s"]
     whole = settled(found.bare, found.own, [*found.now, *more], ground, ground.s)
     fewer = settled(whole.bare, whole.own, whole.now[:-1], ground, whole.learnt.s)
     last = len(whole.effects) - 1
