@@ -14,9 +14,9 @@ from twinbench.mismatch.machine import WHISPER, Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
-BENT = 0.01
-"""Largest change of a reading, in scales of its output, by which is told how a faulty sensor reads a change: as small
-as steps of the unknowns are."""
+NUDGED = 0.01
+"""Step of a difference quotient in an unknown, in scales of it; and the largest change of a reading, in scales of its
+output, by which is told how a faulty sensor reads a change."""
 
 
 _Pair = tuple[Array, Array]
@@ -251,7 +251,7 @@ class Course:
         scales = np.array([v.scale for v in self.machine.simulator.outputs])
         out = np.empty_like(columns)
         for k in range(columns.shape[2]):
-            step = BENT / max(float((np.abs(columns[:, :, k]) / scales).max(initial=0.0)), 1e-300)
+            step = NUDGED / max(float((np.abs(columns[:, :, k]) / scales).max(initial=0.0)), 1e-300)
             ahead = self.machine.read(self.track, theta, self.clean + step * columns[:, :, k], since_s, rounding=False)
             out[:, :, k] = (ahead - base) / step
         return np.nan_to_num(out)

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from twinbench.common.jobs import cores
-from twinbench.mismatch.course import Acts, Course
+from twinbench.mismatch.course import NUDGED, Acts, Course
 from twinbench.mismatch.machine import Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
@@ -19,8 +19,6 @@ KNOTS_LEAST, KNOT_EVERY_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
 ENDLESS = 1e100
 """Of any reading, in any unit. Nothing depends on it but that its square is a number and no machine reads it."""
-NUDGED = 0.01
-"""Step of a difference quotient in an unknown, in scales of it."""
 
 
 @dataclass(frozen=True)

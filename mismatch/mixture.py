@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from twinbench.mismatch.naming.answer import shares
+from twinbench.mismatch.naming.name import NEAR
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.physics.simulator import Array
 
@@ -16,8 +17,6 @@ Z90 = 1.645
 """Standard deviations to either side that hold 90 % of a Gaussian."""
 INTERVAL = 0.9
 """Probability that every interval holds."""
-NEGLIGIBLE = 12.0
-"""Nats behind the likeliest from which a hypothesis adds nothing."""
 
 
 def interval_of(
@@ -41,6 +40,6 @@ def _quantile(p: float, weights: Array, means: Array, sds: Array) -> float:
 
 
 def near(hypotheses: Sequence[Settled]) -> list[Settled]:
-    """Those that are not far behind the likeliest of them."""
+    """Those that are not so far behind the likeliest of them that they add nothing."""
     best = max(h.log for h in hypotheses)
-    return [h for h in hypotheses if h.log > best - NEGLIGIBLE]
+    return [h for h in hypotheses if h.log > best - NEAR]

@@ -8,6 +8,8 @@ import numpy as np
 
 from twinbench.physics.simulator import Array
 
+BEYOND_DOUBT = 10.0
+"""Nats from which on something small is told from noise: twenty thousand to one."""
 WINDOW = 20
 """Blocks of a window: a step falls into one of them, and the median leaves it out."""
 

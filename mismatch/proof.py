@@ -29,7 +29,7 @@ NO_DIFFERENCE = 0.02
 BEYOND_CHANCE = 0.05
 """Probability (Holm over the outputs) below which a held-out output got worse by more than its pieces differ."""
 RESAMPLED_PIECES = 8
-"""Pieces of each recording that are resampled as wholes."""
+"""Pieces of each recording that are resampled, or dealt to two halves, as wholes."""
 
 
 class Held(NamedTuple):

@@ -10,7 +10,7 @@ import numpy as np
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_TRIED_PCT, Reduced, eliminated, learn
 from twinbench.mismatch.naming.misfit import squared
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
@@ -156,7 +156,7 @@ def _known(hypothesis: Settled) -> Reduced:
 def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) -> tuple[Unnamed, ...]:
     found = []
     for p, port in enumerate(ground.ports):
-        start = np.maximum(0.5 * ground.s, 1e-3)
+        start = np.maximum(0.5 * ground.s, LEAST_TRIED_PCT)
         start[p] = max(5.0, ground.s[p])
         learnt = learn(G, b, ground.group, start, free=p)
         log = base + learnt.log + np.log(SOMETHING / len(ground.ports)) - against
@@ -216,7 +216,7 @@ def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[f
     odds = odds_of(chosen.problem, [e for k, e in enumerate(chosen.effects) if k != i])
     base = sets.reduced.log + shown.log + odds
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
-    none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
+    none = base + learn(G, b, ground.group, np.maximum(ground.s, LEAST_TRIED_PCT)).log
     return none, _unnamed(ground, G, b, base, 0.0)
 
 

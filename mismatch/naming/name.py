@@ -14,10 +14,11 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.marginal import LEARNT
 from twinbench.mismatch.naming.misfit import misfit
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
-from twinbench.mismatch.naming.pruned import ALIKE, Whole, all_at_once, from_elsewhere
+from twinbench.mismatch.naming.pruned import Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.steady import squares_beside
@@ -30,7 +31,7 @@ SINGLES, SETS = 8, 4
 """Hypotheses of one effect, and of several, that are brought to their own fixed point: at a distance the picture is
 wrong by tens of nats."""
 NEAR = 12.0
-"""Nats that such a set may lie behind the best in the picture."""
+"""Nats that a set may lie behind the best, in the picture or at its own fixed point, and still count."""
 FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
@@ -246,7 +247,7 @@ def _thinned_out(found: Naming) -> None:
     null, shown, before = found.null, found.picture, found.best
     begun = _since(null.problem, shown, shown.sets.best()) if before is null else before.bare
     end = all_at_once(begun, null.z, all_physics(found), found.ground)
-    found.together, found.alone = end, begun if end.log > before.log + ALIKE else None
+    found.together, found.alone = end, begun if end.log > before.log + LEARNT else None
     found.keep(end)
 
 
@@ -347,7 +348,7 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
         out: position of that effect.
     """
     shown = painter.picture()
-    gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
+    gains = shown.sets.quick((), best.learnt.s)
     # What replaces an effect is measured by what that itself does in the picture, where it stands first.
     none, least = (best.log, 0.0) if out is None else (best.log - gains[0], gains.max() - NEAR)
     rest, tried = [c for i, c in enumerate(best.candidates) if i != out], set[int]()

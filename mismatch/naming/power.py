@@ -60,7 +60,7 @@ def power(shown: Picture, rows: int, s: Array) -> tuple[Power, ...]:
         s: (P,) size of the discrepancy beside that hypothesis, per cent.
     """
     always = np.flatnonzero(shown.since == -np.inf)
-    gains = shown.sets.quick((), np.maximum(s, 1e-3))
+    gains = shown.sets.quick((), s)
     best = shown.firsts(always[np.argsort(-gains[always], kind="stable")])
     usable = [int(i) for i in always if shown.sets.usable[i]]
     draws = Draws(shown.sets, usable, [shown.names[i] for i in usable], s)

@@ -13,14 +13,15 @@ from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_TRIED_PCT, UNTOLD, Reduced, eliminated, one_sided
 from twinbench.mismatch.naming.name import SINGLES
 from twinbench.mismatch.naming.odds import of_number, one_more
 from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
 from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
-from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.naming.settle import HOPELESS, Settled
 from twinbench.mismatch.naming.view import View, prior_mean
+from twinbench.mismatch.proof import RESAMPLED_PIECES
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.mismatch.words import count
 from twinbench.physics.simulator import Array
@@ -29,17 +30,13 @@ DECOYS = 20
 """Things that are certainly not there: one that is named stands for a rate of false names of 5 %."""
 ALIEN = 0.5
 """Squared cosine with what may be there from which a shifted column is no decoy."""
-SPLITS, HALVED_PIECES = 5, 8
-"""Times that the recordings are parted in two halves, each recording in so many pieces of time."""
+SPLITS = 5
+"""Times that the recordings are parted in two halves, each recording in pieces of time."""
 GROWN = 3.0
 """Times that the discrepancy may be larger than it is beside the answer, or beside nothing."""
-REACH = 30.0
-"""Nats behind on all pieces from which a hypothesis is no rival on half of them: by chance it is ahead there once in
-ten thousand halves."""
 BLURRED = 10.0
 """Nats by which a hypothesis may be likelier where it stands than it looks from the answer, or less likely: farther
 off, what it says of single pieces is not known."""
-_LEAST_SEARCHED_PCT = 1e-3  # a discrepancy is never smaller; as in the search
 
 
 @dataclass(frozen=True)
@@ -95,7 +92,8 @@ def checked(answer: Answer) -> SelfCheck:
     shown = Painter(view, naming.ground, others, probes=naming.painter.probes).picture()
     columns = Columns(view, chosen)
     effects = [columns.of_effect(i) for i in range(len(chosen.effects))]
-    several = [chosen, *(h for h in naming.hypotheses if h is not chosen and h.log > chosen.log - REACH)]
+    # By chance what is hopeless on all pieces is ahead on half of them once in ten thousand halves.
+    several = [chosen, *(h for h in naming.hypotheses if h is not chosen and h.log > chosen.log - HOPELESS)]
     rivals = [*columns.of_hypotheses(several, effects), *columns.of_more(shown, effects)]
     tried = columns.of_decoys(shown, naming.painter.probes, rng)
     pieces = Pieces.of(columns, naming.ground)
@@ -171,7 +169,7 @@ class Columns:
 
     def of_more(self, shown: Picture, own: Sequence[Key]) -> list[Rival]:
         """The chosen hypothesis with one effect more: those of a picture around it that add most."""
-        gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_SEARCHED_PCT))
+        gains = shown.sets.quick((), self.chosen.learnt.s)
         order = np.argsort(-gains)
         best = shown.firsts(order[np.isfinite(gains[order]) & (shown.since[order] == -np.inf)])[:SINGLES]
         keys, s = self._of(shown.effects(best, shown.units[best]), -np.inf), self.chosen.learnt.s
@@ -255,7 +253,7 @@ class Pieces:
         for r, residual in enumerate(columns.residuals):
             white = ground.whitened(r, columns.of(r), residual)
             white = np.concatenate((white[:, :-1], ground.white[r][:, some], white[:, -1:]), axis=1)
-            products.append([part.T @ part for part in np.array_split(white, HALVED_PIECES)])
+            products.append([part.T @ part for part in np.array_split(white, RESAMPLED_PIECES)])
         prior, bounded = np.array(columns.prior), np.array(columns.bounded, dtype=bool)
         many = len(columns.view.problem.machine.candidates)
         return cls(np.array(products), columns.mean, prior, bounded, ground.group[some], s, many)
@@ -274,7 +272,7 @@ class Pieces:
     def halves(self, rng: np.random.Generator) -> Iterator[np.ndarray]:
         """Halves (R, P) bool: half of each recording's pieces, then the other half."""
         for _ in range(SPLITS):
-            first = np.array([rng.permutation(HALVED_PIECES) < HALVED_PIECES // 2 for _ in self.products])
+            first = np.array([rng.permutation(RESAMPLED_PIECES) < RESAMPLED_PIECES // 2 for _ in self.products])
             yield first
             yield ~first
 
@@ -289,7 +287,7 @@ class Pieces:
 
     def _log(self, reduced: Reduced, rival: Rival) -> float:
         key, v = list(rival.key), len(self.prior)
-        precision = 1.0 / np.maximum(rival.s[self.group], _LEAST_SEARCHED_PCT) ** 2
+        precision = 1.0 / np.maximum(rival.s[self.group], LEAST_TRIED_PCT) ** 2
         telling = np.flatnonzero(np.diag(reduced.G)[v:] > UNTOLD * precision)
         some, k = np.array([*key, *(v + telling)], dtype=int), len(key)
         G, b = reduced.G[np.ix_(some, some)], reduced.b[some]

@@ -8,13 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.mismatch.naming.marginal import LEAST_TRIED_PCT, Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.odds import of_number, one_more
+from twinbench.mismatch.naming.settle import SETTLED
 from twinbench.physics.simulator import Array
 
 Key = tuple[int, ...]
 MOST = 3
 """Effects of a set that one view shows at most: with each more the machine is farther from where it was linearised."""
+BEAM, TRIED_FIRST, TRIED_LATER, OF_A_FAMILY = 5, 24, 10, 2
+"""Sets of a size that the search goes on with; single effects that it tries, and effects beside each set, those of one
+family so often at most."""
+LEFT_SHARE = 0.15
+"""Share of a discrepancy that is left beside an effect which explains most of it."""
 PARAMETER = 3e-4
 """Share of its square that a column must keep beside the unknowns: below it is a parameter under another name."""
 
@@ -78,7 +84,7 @@ class Sets:
             learnt = learn(G, b, self.group, self.s, rounds=30)
             return Scored(key, learnt.log, learnt)
         inner = eliminated(G, b, np.arange(k), np.zeros(k), np.ones(k))
-        learnt = learn(inner.G, inner.b, self.group, np.maximum(0.5 * self.s, 1e-3), rounds=8)
+        learnt = learn(inner.G, inner.b, self.group, np.maximum(0.5 * self.s, LEAST_TRIED_PCT), rounds=8)
         log = inner.log + learnt.log + float(self.prior[list(key)].sum()) + self._odds(key)
         outer = eliminated(G, b, k + functions, np.zeros(len(functions)), 1.0 / learnt.s[self.group] ** 2)
         cov = np.linalg.inv(outer.G + np.eye(k))
@@ -94,11 +100,11 @@ class Sets:
         """(V,) log evidence that each variant would add to a set, the discrepancy's size as it is.
 
         Args:
-            s: (P,) this size at each port, per cent.
+            s: (P,) this size at each port, per cent; ``LEAST_TRIED_PCT`` where it is less.
         """
         G, b, v = self.reduced.G, self.reduced.b, self.many
         block = np.array([*key, *(v + np.arange(len(self.group)))], dtype=int)
-        precision = np.concatenate((np.ones(len(key)), 1.0 / s[self.group] ** 2))
+        precision = np.concatenate((np.ones(len(key)), 1.0 / np.maximum(s, LEAST_TRIED_PCT)[self.group] ** 2))
         A = G[np.ix_(block, block)] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.diag(A))
         L = np.linalg.cholesky(A * np.outer(scale, scale) + 1e-10 * np.eye(len(A)))
@@ -114,9 +120,9 @@ class Sets:
 
     def gains(self, base: Scored) -> Array:
         """(V,) as ``quick`` beside a set, with its discrepancy as it is or as an effect would leave it, nats."""
-        return np.maximum(*(self.quick(base.key, np.maximum(base.learnt.s * f, 1e-3)) for f in (1.0, 0.15)))
+        return np.maximum(*(self.quick(base.key, base.learnt.s * share) for share in (1.0, LEFT_SHARE)))
 
-    def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
+    def search(self, depth: int = MOST) -> Scored:
         """The likeliest set: all single ones, then a beam."""
         best = self.score(())
         beam: Sequence[Scored] = [best]
@@ -131,15 +137,15 @@ class Sets:
                 count: dict[object, int] = {}
                 picked = 0
                 for i in np.argsort(-gains):
-                    if not np.isfinite(gains[i]) or picked == (first if d == 0 else later):
+                    if not np.isfinite(gains[i]) or picked == (TRIED_FIRST if d == 0 else TRIED_LATER):
                         break
-                    if count.get(self.family[i], 0) < 2:
+                    if count.get(self.family[i], 0) < OF_A_FAMILY:
                         count[self.family[i]] = count.get(self.family[i], 0) + 1
                         scored = self.score((*base.key, int(i)))
                         fresh[scored.key] = scored
                         picked += 1
-            beam = sorted(fresh.values(), key=lambda s: -s.log)[:width]
-            if not beam or beam[0].log < best.log + 1.0:
+            beam = sorted(fresh.values(), key=lambda s: -s.log)[:BEAM]
+            if not beam or beam[0].log < best.log + SETTLED:
                 break
             best = beam[0]
         return self.best()

@@ -14,7 +14,8 @@ from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
-WANDERS, HARDLY = 0.05, 0.005
+WANDERS = 0.05
+HARDLY = WANDERS / 10.0
 """Prior sd of how much an effect's size differs from place to place, as a share of it: either, as likely as not. Most
 forms of a catalogue are not exact; but where parameters hide most of a large effect, not even a hundredth goes unseen.
 """

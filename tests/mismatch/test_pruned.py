@@ -20,10 +20,11 @@ from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming import pruned
 from twinbench.mismatch.naming.effect import Effect
+from twinbench.mismatch.naming.marginal import LEARNT
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
-from twinbench.mismatch.naming.pruned import ALIKE, BEGINNINGS, Whole, all_at_once, from_elsewhere
+from twinbench.mismatch.naming.pruned import BEGINNINGS, Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.naming.weighed import weighed
@@ -73,7 +74,7 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
 
 @pytest.mark.parametrize(
     ("logs", "begun"),
-    [([5.0, 4.99], 2), ([1.0, 9.0, 5.0, 8.95], 4), ([1.0, 1.05], 2), (list(np.arange(10) * 2.0 * ALIKE), BEGINNINGS)],
+    [([5.0, 4.99], 2), ([1.0, 9.0, 5.0, 8.95], 4), ([1.0, 1.05], 2), (list(np.arange(10) * 2.0 * LEARNT), BEGINNINGS)],
 )
 def test_all_at_once_is_begun_elsewhere_until_the_two_likeliest_ends_are_one(monkeypatch, logs, begun):
     first, *left = (SimpleNamespace(log=log) for log in logs)
