@@ -311,7 +311,7 @@ class Problem:
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
-            whitened: columns (B, ny, K) per recording as ``normal`` has them, from here or from nearby.
+            whitened: columns (B, ny, K) per recording, dimensionless, as ``normal`` has them here or nearby.
         """
         b = self._precision * (self.z0 - z)
         for J, r in self._seen(z, whitened):

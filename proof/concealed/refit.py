@@ -92,7 +92,7 @@ class _Known(Problem):
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
-            whitened: columns (B, ny, K) per recording as ``normal`` has them.
+            whitened: columns (B, ny, K) per recording, dimensionless, as ``normal`` has them.
         """
         J = np.concatenate([w.reshape(-1, len(z)) for w in whitened])
         return self.inner(J, self.stacked(self.residuals(z)))[:, 0] + self._precision * (self.z0 - z)
