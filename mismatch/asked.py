@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.joining import AUTO
-from twinbench.mismatch.told import NOTHING, Told
+from twinbench.mismatch.told import Told
 from twinbench.physics.simulator import Mechanism, Series, Simulator
 
 Progress = Callable[[str, float], None]
@@ -24,7 +24,7 @@ class Asked:
     catalogue: Sequence[Mechanism] | None = None
     faults: Sequence[Series] = ()
     inputs: str = AUTO
-    told: Told = NOTHING
+    told: Told = field(default_factory=Told)
 
 
 def silent(stage: str, share: float) -> None:

@@ -20,8 +20,8 @@ PRIOR_SD = 4.0
 
 def calibrated(
     machine: Machine, tracks: Sequence[Track], floor: Array, advance: Callable[[float], None] = lambda share: None
-) -> tuple[Problem, Array, float]:
-    """The simulator as it came, fitted.
+) -> tuple[Problem, Array]:
+    """The simulator as it came, fitted; and where its unknowns stand, (K,), each in its own unit.
 
     Args:
         floor: (ny,) least noise of block means, in the outputs' units.
@@ -36,7 +36,7 @@ def calibrated(
     # What errors are to be expected is learnt last: an output that is far off must not decide for the others.
     problem = problem.refined(z)
     problem = replace(problem, sd=np.maximum(_rms(problem.residuals(z)), floor))
-    return problem, *solve(problem, z, 4, advance=lambda share: advance(0.8 + 0.2 * share))
+    return problem, solve(problem, z, 4, advance=lambda share: advance(0.8 + 0.2 * share))[0]
 
 
 def _rms(residuals: Sequence[Array]) -> Array:

@@ -147,9 +147,5 @@ def _by_nature(
     if moves:
         found.append(friction.stribeck(p))
         # The bounds of a speed may not say that it turns round, and a store of force works with one direction too.
-        found += [friction.hysteresis(p), friction.bouc_wen(p)] if _turns(v, turned) else []
+        found += [friction.hysteresis(p), friction.bouc_wen(p)] if turned is None or v.name in turned.crossed else []
     return found
-
-
-def _turns(v: Variable, turned: Turned | None) -> bool:
-    return turned is None or v.name in turned.crossed

@@ -14,9 +14,9 @@ from twinbench.mismatch.machine import WHISPER, Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
-BENT = 0.01
-"""Largest change of a reading, in scales of its output, by which is told how a faulty sensor reads a change: as small
-as steps of the unknowns are."""
+NUDGED = 0.01
+"""Step of a difference quotient in an unknown, in scales of it; and the largest change of a reading, in scales of its
+output, by which is told how a faulty sensor reads a change."""
 
 
 _Pair = tuple[Array, Array]
@@ -128,18 +128,38 @@ class Course:
         """
         if self._varying is self._plain[0]:  # nothing begins late
             return self.of_parameters(theta, step)
-        return self._change(theta, step, faded=True)
+        return self.of_parameters(theta, step, faded=True)
 
-    def of_parameters(self, theta: Array, step: float, since_s: float = -np.inf, read: bool = True) -> Acts:
-        """What other parameters do, per unit of a step; one change.
+    def of_parameters(
+        self,
+        theta: Array,
+        step: float,
+        since_s: float = -np.inf,
+        *,
+        u: Array | None = None,
+        middles: Array | None = None,
+        read: bool = True,
+        faded: bool = False,
+    ) -> Acts:
+        """What other parameters, inputs or states at the middles do, per unit of a step; one change.
 
         Args:
             theta: (n_theta,) the parameters after the step, each in its unit.
             step: in the changed parameter's unit.
             since_s: time from which they hold, on the recording's clock.
+            u: (S, nu) the inputs after the step, in their units.
+            middles: (S, nx) the states after the step, in their units.
             read: may they change what a sensor reads of a state?
+            faded: does what begins late do so?
         """
-        return self._change(theta, step, since_s, read=read)
+        base = self._faded_base if faded else self._base
+        weights = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u))) / step
+        u, middles = self.u if u is None else u, self.middles if middles is None else middles
+        found = self._compared(theta, u, middles, base, weights, read, faded)
+        for changes in found:
+            if not np.isfinite(changes.sum()):
+                np.nan_to_num(changes, copy=False)
+        return Acts(*(changes[:, :, None] for changes in found))
 
     def of_candidate(self, candidate: Candidate, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
         """As ``of_parameters``, for a candidate that is absent: its own states and faulty inputs follow the course.
@@ -151,8 +171,8 @@ class Course:
             return self.of_input(theta, step)
         read = candidate.mechanism.port.place not in ("balance", "flux")
         if not self.machine.own_states(candidate):
-            return self.of_parameters(theta, step, since_s, read)
-        return self._change(theta, step, since_s, middles=self._remembered(candidate, theta), read=read)
+            return self.of_parameters(theta, step, since_s, read=read)
+        return self.of_parameters(theta, step, since_s, middles=self._remembered(candidate, theta), read=read)
 
     def _remembered(self, candidate: Candidate, theta: Array) -> Array:
         """The middles with an absent candidate's own states as they go along the course; each is run once."""
@@ -198,7 +218,7 @@ class Course:
         Args:
             u: (S, nu) the inputs after the step, in their units.
         """
-        return self._change(self.setting.theta, step, u=np.ascontiguousarray(u))
+        return self.of_parameters(self.setting.theta, step, u=np.ascontiguousarray(u))
 
     @cached_property
     def clean(self) -> Array:
@@ -231,7 +251,7 @@ class Course:
         scales = np.array([v.scale for v in self.machine.simulator.outputs])
         out = np.empty_like(columns)
         for k in range(columns.shape[2]):
-            step = BENT / max(float((np.abs(columns[:, :, k]) / scales).max(initial=0.0)), 1e-300)
+            step = NUDGED / max(float((np.abs(columns[:, :, k]) / scales).max(initial=0.0)), 1e-300)
             ahead = self.machine.read(self.track, theta, self.clean + step * columns[:, :, k], since_s, rounding=False)
             out[:, :, k] = (ahead - base) / step
         return np.nan_to_num(out)
@@ -268,35 +288,6 @@ class Course:
         s, n, ny = self.sizes
         nothing = np.zeros((s, n)), np.zeros((s, ny))
         return self._compared(self.setting.theta, self.u, self.middles, nothing, np.ones(s), True, faded)
-
-    def _change(
-        self,
-        theta: Array,
-        step: float,
-        since_s: float = -np.inf,
-        *,
-        u: Array | None = None,
-        middles: Array | None = None,
-        read: bool = True,
-        faded: bool = False,
-    ) -> Acts:
-        """What other parameters, inputs or states at the middles do, per unit of a step; one change.
-
-        Args:
-            theta: (n_theta,) the parameters after the step, each in its unit.
-            u: (S, nu) the inputs after the step, in their units.
-            middles: (S, nx) the states after the step, in their units.
-            read: may they change what a sensor reads of a state?
-            faded: does what begins late do so?
-        """
-        base = self._faded_base if faded else self._base
-        weights = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u))) / step
-        u, middles = self.u if u is None else u, self.middles if middles is None else middles
-        found = self._compared(theta, u, middles, base, weights, read, faded)
-        for changes in found:
-            if not np.isfinite(changes.sum()):
-                np.nan_to_num(changes, copy=False)
-        return Acts(*(changes[:, :, None] for changes in found))
 
     def _compared(
         self, theta: Array, u: Array, middles: Array, base: _Pair, weights: Array, read: bool, faded: bool

@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from twinbench.mismatch.limits import OUTERMOST
-from twinbench.mismatch.place import CLOCK, TYPICAL_SHARE, Memory, Place, Range, bracketed
+from twinbench.mismatch.place import CLOCK, TYPICAL_SHARE, Place, Range, bracketed
 from twinbench.physics.simulator import Array, Term, Variable
 
 RIM = 1000.0
@@ -130,7 +129,7 @@ def time_constant(p: Place) -> Term:
 
     says = f"{p.name} moves faster or slower than its balance says: an inertia, a capacity or a time constant is wrong"
     size = Variable(f"time_constant_{p.name}", "1", SLOWEST, FASTEST, TYPICAL_SHARE, TYPICAL_SHARE, "part of its rate")
-    return replace(p.add("time_constant", says, "{0} d({x})/dt", term, size), sees_own=True)
+    return p.add("time_constant", says, "{0} d({x})/dt", term, size, sees_own=True)
 
 
 def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
@@ -148,8 +147,8 @@ def periodic(p: Place, periods_s: tuple[float, float, float] | None) -> Term:
     period = p.shape("periodic", "period_s", "s", Range(least, greatest, typical), "period")
     phase = p.shape("periodic", "phase", "rad", Range(-math.pi, math.pi, 0.0), "phase when the recordings' clock began")
     clock = Variable(f"{CLOCK}_{p.name}", "s", -math.inf, math.inf, 0.0, p.tau_s, "time by the recordings' clock")
-    memory = Memory((clock,), derivative)
-    return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, memory=memory)
+    memory = {"states": (clock,), "derivative": derivative}
+    return p.add("periodic", says, "{0} sin(2 pi t/{1} + {2})", term, size, period, phase, **memory)
 
 
 def _above(p: Place, effect: str, of: Place) -> tuple[Variable, Variable]:

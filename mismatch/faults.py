@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from twinbench.mismatch.limits import knees, upper_limit
+from twinbench.mismatch.limits import knee, knees, upper_limit
 from twinbench.mismatch.place import bracketed
 from twinbench.mismatch.reversal import Turned
 from twinbench.mismatch.series import delay_reading, delay_steps, held, lag_reading, lag_steps, stuck_from
@@ -86,7 +86,9 @@ class _Channel:
         says = f"{name.removesuffix('_s')} of {self.name}"
         return Variable(f"{name}_{self.name}", unit, low, high, typical, typical, says)
 
-    def _fault(self, name: str, says: str, formula: str, series: Change, *parameters: Variable) -> Series:
+    def _fault(
+        self, name: str, says: str, formula: str, series: Change, *parameters: Variable, contains: str = ""
+    ) -> Series:
         def over_gaps(time_s: Array, values: Array, theta: Array) -> Array:
             return series(time_s, held(np.asarray(values, dtype=np.float64)), theta)
 
@@ -101,6 +103,7 @@ class _Channel:
             series=over_gaps,
             formula=formula,
             kind=kind,
+            contains=contains,
         )
 
     def _bias(self) -> Series:
@@ -140,7 +143,8 @@ class _Channel:
         def series(t: Array, y: Array, p: Array) -> Array:
             return y - p[0] * np.maximum(0.0, y - p[1])
 
-        return self._fault("saturation", "does not go above a limit", formula, series, size, _limit(self.variable))
+        limit = knee(self.variable, "limit", upper_limit(self.variable), f"highest value of {n}")
+        return self._fault("saturation", "does not go above a limit", formula, series, size, limit)
 
     def _saturation_both(self) -> Series:
         """An input may be limited on both sides, as a valve, a pump or an amplifier is."""
@@ -155,8 +159,7 @@ class _Channel:
             return y - p[0] * (y - np.clip(y, low, max(low, p[-1])))
 
         says = "does not go beyond its limits, above or below"
-        found = self._fault("saturation_both", says, formula, series, size, *limits)
-        return replace(found, contains=f"input_saturation@{n}")
+        return self._fault("saturation_both", says, formula, series, size, *limits, contains=f"input_saturation@{n}")
 
     def _quantisation(self) -> Series:
         size = self._size("quantisation", self.variable.unit, 0.0, self.span, 0.5 * self.variable.scale)
@@ -172,11 +175,6 @@ class _Channel:
         formula = f"{self.name} constant over the last {{stuck_{self.name}}} of the record"
         says = "stands still from some time on"
         return self._fault("stuck", says, formula, lambda t, y, p: stuck_from(t, y, p[0]), size)
-
-
-def _limit(v: Variable) -> Variable:
-    low, high, typical = upper_limit(v)
-    return Variable(f"limit_{v.name}", v.unit, low, high, typical, v.scale, f"highest value of {v.name}")
 
 
 def channel_of(simulator: Simulator, fault: Series) -> tuple[str, int]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Self
@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 
 from twinbench.common.jobs import cores
-from twinbench.mismatch.course import Acts, Course
+from twinbench.mismatch.course import NUDGED, Acts, Course
 from twinbench.mismatch.machine import Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
@@ -19,8 +19,6 @@ KNOTS_LEAST, KNOT_EVERY_S = 5, 180.0
 """Knots of a parameter that drifts, per recording: at least so many, and one every three minutes."""
 ENDLESS = 1e100
 """Of any reading, in any unit. Nothing depends on it but that its square is a number and no machine reads it."""
-NUDGED = 0.01
-"""Step of a difference quotient in an unknown, in scales of it."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +49,11 @@ class Unknown:
         """Step of a difference quotient from a value, in its unit; down where up leaves the bounds."""
         step = NUDGED * self.scale
         return -step if value + step > self.high else step
+
+    @property
+    def spread(self) -> float:
+        """Its unit in columns: the prior standard deviation; a hundred scales where it has none."""
+        return float(self.sd) if np.isfinite(self.sd) else 100.0 * float(self.scale)
 
 
 @dataclass
@@ -93,6 +96,11 @@ class Problem:
     def z0(self) -> Array:
         return np.array([u.mean for u in self.unknowns])
 
+    @property
+    def spreads(self) -> Array:
+        """(K,) of the unknowns, each in its own unit."""
+        return np.array([u.spread for u in self.unknowns])
+
     def white(self, values: Array) -> Array:
         """Residuals or columns in standard deviations.
 
@@ -109,15 +117,6 @@ class Problem:
         """
         return self.machine.run(self.setting(r, z, self.tracks[r].fine))
 
-    def clean(self, r: int, z: Array, theta: Array | None = None) -> Array:
-        """Simulated block means (B, ny) of recording r before the sensors' faults.
-
-        Args:
-            z: (K,) where the problem's unknowns stand, each in its own unit.
-            theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
-        """
-        return self.machine.clean(self.setting(r, z, self.machine.grid(self.tracks[r]), theta), blocks=True)
-
     def states(self, r: int, z: Array) -> Array:
         """Simulated states (B, nx) of recording r, candidates' own last.
 
@@ -126,16 +125,15 @@ class Problem:
         """
         return self.machine.clean(self.setting(r, z, self.machine.grid(self.tracks[r])), blocks=True, states=True)
 
-    def residual(self, r: int, z: Array, theta: Array | None = None, clean: Array | None = None) -> Array:
+    def residual(self, r: int, z: Array, theta: Array | None = None) -> Array:
         """Block means measured minus simulated, (B, ny).
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             theta: (n_theta,) in place of the problem's own, each in its parameter's unit.
-            clean: simulated block means before the sensors' faults, (B, ny), in the outputs' units, if they are known.
         """
-        track, at = self.tracks[r], self.setting(r, z, self.machine.grid(self.tracks[r]), theta)
-        y = self.machine.read(track, at.theta, self.clean(r, z, at.theta) if clean is None else clean, at.since_s)
+        track = self.tracks[r]
+        y = self.machine.run(self.setting(r, z, self.machine.grid(track), theta), blocks=True)
         y = np.where(np.abs(y) < ENDLESS, y, np.nan)  # as good as diverged: sums of its squares are no numbers
         return track.means - y - (self.offsets[r] if len(self.offsets) else 0.0)
 
@@ -270,9 +268,7 @@ class Problem:
                 one = drifts[u.at, step].times(self._hat(r, k, course)[:, None])
             elif candidate is None:
                 one = course.of_always(theta, step)
-            elif candidate.acts_on_input:
-                one = course.of_input(theta, step)
-            elif course.setting.theta[candidate.at[0]] == candidate.null[0]:
+            elif candidate.acts_on_input or course.setting.theta[candidate.at[0]] == candidate.null[0]:
                 one = course.of_candidate(candidate, theta, step, self.begun_s(r, u))
             else:
                 one = course.of_parameters(theta, step, self.begun_s(r, u))
@@ -295,23 +291,39 @@ class Problem:
         n = sum(v.kind == "drift" and v.at == u.at and v.recording == r for v in self.unknowns)
         return np.interp(course.grid.time_s, np.linspace(time_s[0], time_s[-1], n), np.eye(n)[u.knot])
 
-    def normal(self, z: Array, residuals: Sequence[Array]) -> tuple[Array, Array, list[Array]]:
-        """Normal matrix (K, K) and right-hand side (K,) with the prior in them, and the whitened columns.
+    @property
+    def _precision(self) -> Array:
+        return np.array([u.sd**-2 for u in self.unknowns])
+
+    def normal(self, z: Array) -> tuple[Array, list[Array]]:
+        """Normal matrix (K, K) with the prior in it, and the whitened columns, (B, ny, K) per recording.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
         """
-        whitened = [self.white(c) for c in self.columns(z)]
-        precision = np.array([u.sd**-2 for u in self.unknowns])
-        G, b = np.diag(precision), precision * (self.z0 - z)
-        for column, residual in zip(whitened, residuals, strict=True):
+        whitened, G = [self.white(c) for c in self.columns(z)], np.diag(self._precision)
+        for J, _ in self._seen(z, whitened):
+            G += J.T @ J
+        return G, whitened
+
+    def right_side(self, z: Array, whitened: Sequence[Array]) -> Array:
+        """Right-hand side (K,) with the prior in it.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            whitened: columns (B, ny, K) per recording, dimensionless, as ``normal`` has them here or nearby.
+        """
+        b = self._precision * (self.z0 - z)
+        for J, r in self._seen(z, whitened):
+            b += J.T @ r
+        return b
+
+    def _seen(self, z: Array, whitened: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+        """Whitened columns (n, K) and residuals (n,) of each recording where both are numbers."""
+        for column, residual in zip(whitened, self.residuals(z), strict=True):
             r = self.white(residual)
             seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
-            J = column[seen]
-            G += J.T @ J
-            b += J.T @ r[seen]
-        return G, b, whitened
+            yield column[seen], r[seen]
 
 
 def parallel(tasks: Sequence) -> list:  # type: ignore[type-arg]

@@ -16,7 +16,7 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.data.units import convert
 from twinbench.mismatch.natures import SPEEDS, TEMPERATURES
-from twinbench.mismatch.structure import scattered
+from twinbench.mismatch.structure import at_points, scattered
 from twinbench.physics.compose import plain_rhs
 from twinbench.physics.simulator import Simulator, Variable
 
@@ -102,14 +102,12 @@ def _multiplied(unit: str) -> str:
 
 def _divides(simulator: Simulator, state: int, parameter: int) -> bool:
     """Is a state's rate a constant plus something over the parameter, everywhere?"""
-    rhs, rng = plain_rhs(simulator), np.random.default_rng(0)
-    x, u = (scattered(group, rng) for group in (simulator.states, simulator.inputs))
+    rhs, (x, u) = plain_rhs(simulator), scattered(simulator)
     rates = []
     for times in (1.0, 2.0, 4.0):
         theta = simulator.theta()
         theta[parameter] *= times
-        with np.errstate(all="ignore"):
-            rates.append(np.array([rhs(*point, theta)[state] for point in zip(x, u, strict=True)], dtype=np.float64))
+        rates.append(at_points(rhs, x.shape[1], x, u, theta)[:, state])
     first, second = rates[0] - rates[1], rates[1] - rates[2]
     size = np.abs(np.array(rates)).max()
     return bool(

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
-from twinbench.mismatch.place import Memory, Place, Range
+from twinbench.mismatch.place import Place, Range
 from twinbench.physics.simulator import Array, Term, Variable
 
+DRY = "coulomb_friction"
+"""What the others are where they are plainest."""
 SMOOTH = 0.05
 """Dry friction turns round within this many scales of standstill, so that it can be integrated."""
 TURN_ROUND = 0.1
@@ -37,7 +38,7 @@ def coulomb_unequal(p: Place, effect: str, words: str) -> Term:
     size = p.size(effect, f"{p.unit}/s")
     ratio = p.shape(effect, "backward", "1", Range(0.0, 3.0, 0.5), "size backward over size forward")
     simpler = f"{effect.removesuffix('_unequal')}@{p.name}"
-    return replace(p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio), contains=simpler)
+    return p.add(effect, says, "-{0} ({x} > 0), +{0} {1} ({x} < 0)", term, size, ratio, contains=simpler)
 
 
 def hysteresis(p: Place) -> Term:
@@ -55,10 +56,9 @@ def hysteresis(p: Place) -> Term:
     size = p.size("hysteresis", f"{p.unit}/s")
     reach = p.shape("hysteresis", "travel", _travelled(p), _travel(p), "travel to full force")
     formula = "-{0} z, z' = ({x} - |{x}| z)/{1}"
-    memory = Memory((_force_of(p, "hysteresis"),), derivative)
-    found = p.add("hysteresis", says, formula, term, size, reach, memory=memory)
     # Over a short travel it is dry friction.
-    return replace(found, contains=f"coulomb_friction@{p.name}")
+    more = {"states": (_force_of(p, "hysteresis"),), "derivative": derivative, "contains": f"{DRY}@{p.name}"}
+    return p.add("hysteresis", says, formula, term, size, reach, **more)
 
 
 def bouc_wen(p: Place) -> Term:
@@ -83,8 +83,8 @@ def bouc_wen(p: Place) -> Term:
         p.shape(effect, "gamma", "1", Range(-0.5, 0.5, 0.25), "gamma over beta + gamma: at 0.5 it unloads straight"),
     )
     formula = "-{0} z, z' = ({x} - (1 - {3}) |{x}| |z|^({2} - 1) z - {3} {x} |z|^{2})/{1}"
-    found = p.add(effect, says, formula, term, *parameters, memory=Memory((_force_of(p, effect),), derivative))
-    return replace(found, contains=f"coulomb_friction@{p.name}")
+    more = {"states": (_force_of(p, effect),), "derivative": derivative, "contains": f"{DRY}@{p.name}"}
+    return p.add(effect, says, formula, term, *parameters, **more)
 
 
 def stribeck(p: Place) -> Term:
@@ -103,7 +103,7 @@ def stribeck(p: Place) -> Term:
         p.shape(effect, "speed", p.variable.unit, Range(0.1 * scale, scale, 0.3 * scale), "how far the bump reaches"),
     )
     formula = "-{0} (1 + {1} exp(-({x}/{2})^2)) sign({x})"
-    return replace(p.add(effect, says, formula, term, *parameters), contains=f"coulomb_friction@{p.name}")
+    return p.add(effect, says, formula, term, *parameters, contains=f"{DRY}@{p.name}")
 
 
 def _travelled(p: Place) -> str:

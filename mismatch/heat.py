@@ -12,17 +12,25 @@ import numpy as np
 
 from twinbench.mismatch.force import inertia
 from twinbench.mismatch.natures import AMBIENT, TEMPERATURES, Thermometer
-from twinbench.mismatch.place import Memory, Place, Range, Rate
+from twinbench.mismatch.place import Place, Range
 from twinbench.mismatch.structure import depends
 from twinbench.physics.simulator import Array, Port, Simulator, Term, Variable
 
 
 class Ambient(NamedTuple):
-    """The machine's own ambient temperature: an input or a parameter, and where it stands among those."""
+    """An ambient temperature: the machine's own, an input or a parameter, or one that is fitted.
 
-    kind: str
+    Attributes:
+        at: where it stands among the inputs, or in theta.
+        size_at: where the size of what goes to it stands in theta.
+        name: in a formula; ``says`` in words.
+    """
+
     at: int
+    from_input: bool
+    size_at: int
     name: str
+    says: str
 
 
 def thermal(p: Place, simulator: Simulator) -> list[Term]:
@@ -31,68 +39,50 @@ def thermal(p: Place, simulator: Simulator) -> list[Term]:
     return [loss_to_ambient(p, ambient, scale), radiation(p, ambient, scale), second_thermal_mass(p)]
 
 
-def _ambient(p: Place, simulator: Simulator) -> Ambient | None:
-    """Known by its name and the temperature's own unit."""
-    for kind, variables in (("input", simulator.inputs), ("parameter", simulator.parameters)):
+def _ambient(p: Place, simulator: Simulator) -> Ambient:
+    """The machine's own is known by its name and the temperature's own unit."""
+    for from_input, variables in ((True, simulator.inputs), (False, simulator.parameters)):
         for at, v in enumerate(variables):
             if AMBIENT.search(v.name.lower()) and v.unit == p.variable.unit:
-                return Ambient(kind, at, v.name)
-    return None
+                return Ambient(at, from_input, -1, v.name, "the surroundings")
+    return Ambient(-1, False, -2, "{1}", "surroundings of constant temperature")
 
 
-def loss_to_ambient(p: Place, ambient: Ambient | None, scale: Thermometer) -> Term:
+def loss_to_ambient(p: Place, ambient: Ambient, scale: Thermometer) -> Term:
     """Heat lost in proportion to the excess over the ambient; a constant one is fitted where the machine has none."""
-    i = p.index
-    at = ambient.at if ambient else -1
+    i, (at, from_input, size_at, name, where) = p.index, ambient
 
-    def to_input(x: Array, u: Array, theta: Array) -> float:
-        return -theta[-1] * (x[i] - u[at])
-
-    def to_parameter(x: Array, u: Array, theta: Array) -> float:
-        return -theta[-1] * (x[i] - theta[at])
-
-    def to_unknown(x: Array, u: Array, theta: Array) -> float:
-        return -theta[-2] * (x[i] - theta[-1])
+    def term(x: Array, u: Array, theta: Array) -> float:
+        outside = u[at] if from_input else theta[at]
+        return -theta[size_at] * (x[i] - outside)
 
     effect = "loss_to_ambient"
-    term, formula, says, shape = _towards(p, effect, ambient, scale, (to_input, to_parameter, to_unknown))
-    size = p.size(effect, "1/s", p.variable.scale)
-    return p.add(effect, f"{p.name} loses heat to {says}", f"-{{0}} ({{x}} - {formula})", term, size, *shape)
+    parameters = p.size(effect, "1/s", p.variable.scale), *_fitted(p, effect, ambient, scale)
+    return p.add(effect, f"{p.name} loses heat to {where}", f"-{{0}} ({{x}} - {name})", term, *parameters)
 
 
-def radiation(p: Place, ambient: Ambient | None, scale: Thermometer) -> Term:
+def radiation(p: Place, ambient: Ambient, scale: Thermometer) -> Term:
     """Heat radiated to the ambient: the difference of the fourth powers in kelvin (Stefan-Boltzmann)."""
     i, per_unit, zero_K = p.index, scale.per_unit, scale.zero_K
-    at = ambient.at if ambient else -1
+    at, from_input, size_at, name, where = ambient
 
-    def to_input(x: Array, u: Array, theta: Array) -> float:
-        return -theta[-1] * ((per_unit * x[i] + zero_K) ** 4 - (per_unit * u[at] + zero_K) ** 4)
-
-    def to_parameter(x: Array, u: Array, theta: Array) -> float:
-        return -theta[-1] * ((per_unit * x[i] + zero_K) ** 4 - (per_unit * theta[at] + zero_K) ** 4)
-
-    def to_unknown(x: Array, u: Array, theta: Array) -> float:
-        return -theta[-2] * ((per_unit * x[i] + zero_K) ** 4 - (per_unit * theta[-1] + zero_K) ** 4)
+    def term(x: Array, u: Array, theta: Array) -> float:
+        outside = u[at] if from_input else theta[at]
+        return -theta[size_at] * ((per_unit * x[i] + zero_K) ** 4 - (per_unit * outside + zero_K) ** 4)
 
     effect = "radiation"
-    term, formula, says, shape = _towards(p, effect, ambient, scale, (to_input, to_parameter, to_unknown))
     # What one scale of the temperature does to its fourth power.
     step = 4.0 * (per_unit * p.variable.nominal + zero_K) ** 3 * per_unit * p.variable.scale
-    size = p.size(effect, f"{p.unit}/s/K^4", step)
-    return p.add(
-        effect, f"{p.name} radiates heat to {says}", f"-{{0}} ({{x}}^4 - {formula}^4, in K)", term, size, *shape
-    )
+    parameters = p.size(effect, f"{p.unit}/s/K^4", step), *_fitted(p, effect, ambient, scale)
+    return p.add(effect, f"{p.name} radiates heat to {where}", f"-{{0}} ({{x}}^4 - {name}^4, in K)", term, *parameters)
 
 
-def _towards(
-    p: Place, effect: str, ambient: Ambient | None, scale: Thermometer, terms: tuple[Rate, Rate, Rate]
-) -> tuple[Rate, str, str, tuple[Variable, ...]]:
-    """The term of ``terms`` for this ambient, its name in formula and in words, and its temperature if it is fitted."""
-    if ambient is not None:
-        return terms[0 if ambient.kind == "input" else 1], ambient.name, "the surroundings", ()
+def _fitted(p: Place, effect: str, ambient: Ambient, scale: Thermometer) -> tuple[Variable, ...]:
+    """The ambient temperature, where the machine has none of its own."""
+    if ambient.size_at == -1:
+        return ()
     within = Range(scale.cold, scale.hot, scale.common)
-    shape = p.shape(effect, "temperature", p.variable.unit, within, "ambient temperature")
-    return terms[2], "{1}", "surroundings of constant temperature", (shape,)
+    return (p.shape(effect, "temperature", p.variable.unit, within, "ambient temperature"),)
 
 
 def second_thermal_mass(p: Place) -> Term:
@@ -114,8 +104,8 @@ def second_thermal_mass(p: Place) -> Term:
     )
     own = Variable(f"second_mass_{p.name}", v.unit, v.low, v.high, v.nominal, v.scale, "temperature of the second mass")
     formula = "-{0} ({x} - T_2), T_2' = ({x} - T_2)/{1}"
-    memory = Memory((own,), derivative, initial)
-    return p.add("second_thermal_mass", says, formula, term, size, tau, memory=memory)
+    memory = {"states": (own,), "derivative": derivative, "initial": initial}
+    return p.add("second_thermal_mass", says, formula, term, size, tau, **memory)
 
 
 def exchanges(simulator: Simulator, places: list[Place]) -> list[Term]:

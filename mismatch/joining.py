@@ -59,7 +59,7 @@ def how_joined(
         def half(share: float, place: int = place) -> None:
             advance(0.5 * (place + share))
 
-        problem, z, _ = calibrated(machine, [track], floor, half)
+        problem, z = calibrated(machine, [track], floor, half)
         errors.append(track.y - problem.readings(0, z))
     seen = np.flatnonzero(np.isfinite(errors[0] + errors[1]).sum(axis=0) >= RESAMPLED_PIECES)
     if not len(seen):

@@ -144,14 +144,14 @@ def knees(v: Variable, effect: str, lower: bool) -> tuple[Variable, ...]:
         reach = abs(v.nominal)
         least = max(reach - OFTEN * v.scale, OFTEN * half)
         within = Range(min(least, v.high), min(v.high, reach + OUTERMOST * v.scale), reach + half)
-        return (_knee(v, f"{effect}_limit", within, f"largest magnitude of {v.name}"),)
+        return (knee(v, f"{effect}_limit", within, f"largest magnitude of {v.name}"),)
     within = upper_limit(v)
-    above = _knee(v, f"{effect}_limit", within, f"highest value of {v.name}")
+    above = knee(v, f"{effect}_limit", within, f"highest value of {v.name}")
     if not lower:
         return (above,)
     most = min(v.high, v.nominal + OFTEN * v.scale)
     below = Range(max(v.low, v.nominal - OUTERMOST * v.scale), most, max(v.low, v.nominal - half))
-    return (_knee(v, f"{effect}_lower_limit", below, f"lowest value of {v.name}"), above)
+    return (knee(v, f"{effect}_lower_limit", below, f"lowest value of {v.name}"), above)
 
 
 def upper_limit(v: Variable) -> Range:
@@ -160,7 +160,8 @@ def upper_limit(v: Variable) -> Range:
     return Range(low, high, min(v.nominal + 0.5 * v.scale, high))
 
 
-def _knee(v: Variable, what: str, within: Range, says: str) -> Variable:
+def knee(v: Variable, what: str, within: Range, says: str) -> Variable:
+    """One of a channel's limits."""
     typical = min(max(within.typical, within.low), within.high)
     return Variable(f"{what}_{v.name}", v.unit, within.low, within.high, typical, v.scale, says)
 

@@ -9,8 +9,7 @@ import numpy as np
 from twinbench.mismatch.course import together
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.naming.marginal import eliminated, learn
-from twinbench.mismatch.naming.settle import Settled
-from twinbench.mismatch.naming.view import View, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.physics.simulator import Array, Port
 
 FIRST_FORCE_PCT = 5.0
@@ -38,13 +37,8 @@ def locate(d: Diagnosis) -> Located | None:
     if not d.claims:
         return None
     claim = d.claims[0]
-    hypothesis = d.accepted if claim.found is None else d.answer.naming.null
-    return _located(d, hypothesis, claim.port)
-
-
-def _located(d: Diagnosis, hypothesis: Settled, port: Port) -> Located | None:
-    problem, z = hypothesis.problem, hypothesis.z
-    functions = d.answer.naming.ground.discrepancy
+    hypothesis, port = d.accepted if claim.found is None else d.answer.naming.null, claim.port
+    problem, z, functions = hypothesis.problem, hypothesis.z, d.answer.naming.ground.discrepancy
     if port not in functions.ports:
         return None
     view, p = View.around(problem, z), functions.ports.index(port)
@@ -55,8 +49,7 @@ def _located(d: Diagnosis, hypothesis: Settled, port: Port) -> Located | None:
     ]
     n, many = len(z), columns[0].shape[2]
     G, b, _ = d.answer.naming.ground.products(view, columns).over()
-    mean = (problem.z0 - z) / np.array([scale_of(u) for u in problem.unknowns])
-    inner = eliminated(G[:many, :many], b[:many], np.arange(n), mean, np.ones(n))
+    inner = eliminated(G[:many, :many], b[:many], np.arange(n), prior_mean(view), np.ones(n))
     learnt = learn(inner.G, inner.b, np.zeros(many - n, dtype=int), np.array([FIRST_FORCE_PCT]), free=0)
     force = tuple(
         (course.grid.time_s, functions.units[p] * (f @ learnt.weights))

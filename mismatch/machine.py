@@ -101,6 +101,10 @@ class Machine:
     The parameter vector ``theta`` holds the simulator's own parameters, then one per force, then those of term
     mechanisms, then those of faults (series). Mechanisms' clocks show time since ``epoch_s``. ``known`` faults are
     there for good, at their nominal sizes. ``input_sds`` (nu,) is the noise of a sample of each input, in its unit.
+
+    Attributes:
+        equations: ``rhs`` and ``output`` of the whole, as arguments of compiled loops.
+        limit: (nx,) beyond which a run has diverged, in the states' units.
     """
 
     def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> None:
@@ -108,8 +112,8 @@ class Machine:
         self.simulator = simulator
         self.ports = _ports(simulator)
         self.whole = compose(simulator, (*map(_force, self.ports), *terms))
-        self._equations = compiled(self.whole)
-        self._rhs, self._output = as_argument(self._equations.rhs), as_argument(self._equations.output)
+        made = compiled(self.whole)
+        self.equations, self._native = (as_argument(made.rhs), as_argument(made.output)), made.native
         n_own, n_forces = len(simulator.parameters), len(self.ports)
         self.force_at = {port: n_own + i for i, port in enumerate(self.ports)}
         theta = self.whole.theta()
@@ -147,6 +151,7 @@ class Machine:
                 self._faults.append((candidate, mechanism, *channel_of(simulator, mechanism)))
         self.theta = np.concatenate((theta, extra))
         self.states = self.whole.states
+        self.limit = _DIVERGED * np.array([v.scale for v in self.states])
         self._n_ode = len(theta)
         self.step_s = self.block_step_s = np.inf
         self.parts, self.scheme = 1, RUNGE_KUTTA
@@ -160,19 +165,9 @@ class Machine:
         sizes = np.array([v.nominal for v in fault.parameters])
         self._known.append((sizes, fault, *channel_of(self.simulator, fault)))
 
-    @property
-    def equations(self) -> tuple[Any, Any]:
-        """``rhs`` and ``output`` of the whole, as arguments of compiled loops."""
-        return self._rhs, self._output
-
-    @property
-    def limit(self) -> Array:
-        """(nx,) beyond which a run has diverged, in the states' units."""
-        return _DIVERGED * np.array([v.scale for v in self.states])
-
     def loop(self, compiled_loop: Any) -> Any:
         """A loop over the equations: itself, or its plain Python where numba could not compile those."""
-        return compiled_loop if self._equations.native else compiled_loop.py_func
+        return compiled_loop if self._native else compiled_loop.py_func
 
     def ode(self, theta: Array) -> Array:
         """Those of the parameters that the equations hold; faults' own stand behind them.
@@ -209,11 +204,13 @@ class Machine:
         grid = self.driven(setting, blocks)
         varying, values = self.fading(setting, grid, blocks)
         y = np.full((len(grid.u), len(self.states if states else self.simulator.outputs)), np.nan)
-        state = as_argument(_state) if self._equations.native else _state
+        rhs, output = self.equations
+        if states:
+            output = as_argument(_state) if self._native else _state
         with np.errstate(all="ignore"):  # as in the compiled loop: a stretch without samples has no mean
             self.loop(march)(
-                self._rhs,
-                state if states else self._output,
+                rhs,
+                output,
                 grid.u,
                 grid.seconds,
                 grid.samples,

@@ -3,70 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from twinbench.mismatch.naming.answer import shares
+from twinbench.mismatch.naming.name import NEAR
 from twinbench.mismatch.naming.settle import Settled
-from twinbench.mismatch.naming.view import scale_of
 from twinbench.physics.simulator import Array
 
 Z90 = 1.645
 """Standard deviations to either side that hold 90 % of a Gaussian."""
 INTERVAL = 0.9
 """Probability that every interval holds."""
-NEGLIGIBLE = 12.0
-"""Nats behind the likeliest from which a hypothesis adds nothing."""
 
 
-@dataclass(frozen=True)
-class Mixture:
-    """A number under several hypotheses.
+def interval_of(
+    hypotheses: Sequence[Settled], numbers: Sequence[tuple[float, float]], low: float = -np.inf, high: float = np.inf
+) -> tuple[float, float]:
+    """The middle 90 % of a number under several hypotheses, within what it can be.
 
-    Attributes:
-        weights: (H,) dimensionless, they sum to one.
-        means: (H,) of the number, in its unit.
-        sds: (H,) its standard deviations, in its unit.
+    Args:
+        numbers: its mean and its standard deviation under each.
     """
-
-    weights: Array
-    means: Array
-    sds: Array
-
-    @classmethod
-    def of(cls, hypotheses: Sequence[Settled], numbers: Sequence[tuple[float, float]]) -> Mixture:
-        """From the mean and the standard deviation of the number under each hypothesis."""
-        means, sds = np.array(numbers).T
-        return cls(weights(hypotheses), means, np.maximum(sds, 1e-300))
-
-    def interval(self, low: float = -np.inf, high: float = np.inf) -> tuple[float, float]:
-        """The middle 90 %, within what the number can be."""
-        tail = (1.0 - INTERVAL) / 2.0
-        ends = (self._quantile(tail), self._quantile(1.0 - tail))
-        return max(ends[0], low), min(ends[1], high)
-
-    def _quantile(self, p: float) -> float:
-        reach = 8.0 * self.sds + np.spacing(np.abs(self.means))  # so that what is certain has two sides too
-        low, high = float((self.means - reach).min()), float((self.means + reach).max())
-        return float(brentq(lambda v: float(self.weights @ ndtr((v - self.means) / self.sds)) - p, low, high))
+    means, sds = np.array(numbers).T
+    weights, sds, tail = np.array(shares([h.log for h in hypotheses])), np.maximum(sds, 1e-300), (1.0 - INTERVAL) / 2.0
+    ends = (_quantile(tail, weights, means, sds), _quantile(1.0 - tail, weights, means, sds))
+    return max(ends[0], low), min(ends[1], high)
 
 
-def weights(hypotheses: Sequence[Settled]) -> Array:
-    """(H,) probabilities of hypotheses, were there no others."""
-    logs = np.array([h.log for h in hypotheses])
-    raw = np.exp(logs - logs.max())
-    return np.asarray(raw / raw.sum())
+def _quantile(p: float, weights: Array, means: Array, sds: Array) -> float:
+    reach = 8.0 * sds + np.spacing(np.abs(means))  # so that what is certain has two sides too
+    low, high = float((means - reach).min()), float((means + reach).max())
+    return float(brentq(lambda v: float(weights @ ndtr((v - means) / sds)) - p, low, high))
 
 
 def near(hypotheses: Sequence[Settled]) -> list[Settled]:
-    """Those that are not far behind the likeliest of them."""
+    """Those that are not so far behind the likeliest of them that they add nothing."""
     best = max(h.log for h in hypotheses)
-    return [h for h in hypotheses if h.log > best - NEGLIGIBLE]
-
-
-def covariance(hypothesis: Settled) -> Array:
-    """(K, K) posterior covariance of a hypothesis' unknowns, each in its own unit."""
-    scale = np.array([scale_of(u) for u in hypothesis.problem.unknowns])
-    return np.asarray(hypothesis.cov * np.outer(scale, scale))
+    return [h for h in hypotheses if h.log > best - NEAR]

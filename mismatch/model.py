@@ -42,6 +42,8 @@ from twinbench.physics.simulator import Mechanism, Series, Simulator, Term, Vari
 
 MOST_BASES = 20
 """Bases of bases. Each round of mending adds one; what is deeper was not made by mending."""
+MOST_LISTED = 12
+"""Mechanisms that a message names."""
 LONGEST_PERIOD_S = 86400.0
 """Between samples. Lags and delays are bounded by so many samples, and a model.toml does not say how far those lie
 apart: with longer ones it would be refused what it may hold."""
@@ -303,7 +305,7 @@ def _content(path: Path) -> dict[str, Any]:
     if inputs not in ("", "held", "linear"):
         raise ValueError(f'{path}: inputs is {shown(inputs)}, must be "held" or "linear"')
     for entry in mechanisms if isinstance(mechanisms, list) else [None]:
-        if not isinstance(entry, dict) or set(entry) != {"name", "from"} or not all(map(_is_text, entry.values())):
+        if not isinstance(entry, dict) or set(entry) != {"name", "from"} or {*map(type, entry.values())} != {str}:
             raise ValueError(f"{path}: each of [[mechanisms]] must hold two texts, name and from")
     names = [entry["name"] for entry in mechanisms]
     if twice := [name for name in names if names.count(name) > 1]:
@@ -350,13 +352,9 @@ def _quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False)  # a basic string of TOML is written like one of JSON
 
 
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
-
-
-def _some(names: Mapping[str, object], most: int = 12) -> str:
+def _some(names: Mapping[str, object]) -> str:
     listed = list(names)
-    return (", ".join(listed[:most]) or "none") + (", ..." if len(listed) > most else "")
+    return (", ".join(listed[:MOST_LISTED]) or "none") + (", ..." if len(listed) > MOST_LISTED else "")
 
 
 @contextlib.contextmanager

@@ -8,7 +8,9 @@ import numpy as np
 
 from twinbench.physics.simulator import Array
 
-WINDOW = 20
+BEYOND_DOUBT = 10.0
+"""Nats from which on something small is told from noise: twenty thousand to one."""
+FLOOR_WINDOW = 20
 """Blocks of a window: a step falls into one of them, and the median leaves it out."""
 
 
@@ -34,7 +36,7 @@ def _windowed(squares: Array) -> Array:
     """
     if not len(squares):
         return squares
-    many = max(1, len(squares) // WINDOW)
+    many = max(1, len(squares) // FLOOR_WINDOW)
     starts = np.arange(many) * (len(squares) // many) + np.minimum(np.arange(many), len(squares) % many)
     seen = np.isfinite(squares)
     counts = np.add.reduceat(seen, starts, axis=0, dtype=float)

@@ -16,7 +16,7 @@ from scipy.stats import kurtosis
 
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import IMPLAUSIBLE
-from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.noise import BEYOND_DOUBT, noise_floor
 from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.series import steadied
 from twinbench.mismatch.solve import NEARLY, solve
@@ -31,8 +31,6 @@ WHITE = 0.2
 """Correlation, from each of three samples to the next, up to which what is taken away is white."""
 HEAVY_TAILED = 3.0
 """Excess kurtosis from which what is taken away is no noise: steps have more by far."""
-PLAINLY = 10.0
-"""Nats that the readings must be likelier by."""
 JACOBIANS = 4
 """Of a fit to recordings without the noise, from where it was with it. What other numbers change was not measured."""
 
@@ -111,13 +109,13 @@ def _wanted(problem: Problem, z: Array, found: list[_Either]) -> list[_Either]:
     """Those that make the readings plainly likelier, alone and beside the others; what does least goes first."""
     if found:
         recorded = _log(*_without(problem, z, []))
-        found = [one for one in found if _log(*_without(problem, z, [one])) >= recorded + PLAINLY]
+        found = [one for one in found if _log(*_without(problem, z, [one])) >= recorded + BEYOND_DOUBT]
     while found:
         best = _log(*_without(problem, z, found))
         rests = [[o for o in found if o is not one] for one in found]
         gains = [best - _log(*_without(problem, z, rest)) for rest in rests]
         least = int(np.argmin(gains))
-        if gains[least] >= PLAINLY:
+        if gains[least] >= BEYOND_DOUBT:
             return [one._replace(nats=gain) for one, gain in zip(found, gains, strict=True)]
         found = rests[least]
     return []

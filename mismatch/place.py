@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from twinbench.physics.simulator import Equation, Port, Term, Variable
+from twinbench.physics.simulator import Port, Term, Variable
 
 Rate = Callable[..., float]
 """What a term adds to a balance: ``rate(x, u, theta)``, or ``rate(x, u, theta, own)`` if it sees the balance itself."""
@@ -26,14 +26,6 @@ class Range(NamedTuple):
     low: float
     high: float
     typical: float
-
-
-class Memory(NamedTuple):
-    """What a mechanism remembers: its own states, how they go, and where they begin; fields as of ``Term``."""
-
-    states: tuple[Variable, ...] = ()
-    derivative: Equation | None = None
-    initial: Equation | None = None
 
 
 @dataclass(frozen=True)
@@ -78,22 +70,15 @@ class Place:
         name, (low, high, typical) = f"{effect}_{what}_{self.name}", within
         return Variable(name, unit, low, high, min(max(typical, low), high), (high - low) / 6.0, says)
 
-    def add(
-        self, effect: str, says: str, formula: str, term: Rate, *parameters: Variable, memory: Memory = Memory()
-    ) -> Term:
-        """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's."""
+    def add(self, effect: str, says: str, formula: str, term: Rate, *parameters: Variable, **more: Any) -> Term:
+        """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's.
+
+        Args:
+            more: fields of the ``Term`` by name.
+        """
         names = ["{" + v.name + "}" for v in parameters]
-        return Term(
-            f"{effect}@{self.name}",
-            says,
-            Port("balance", self.name),
-            parameters,
-            term=term,
-            formula=formula.format(*names, x=self.name),
-            states=memory.states,
-            derivative=memory.derivative,
-            initial=memory.initial,
-        )
+        name, port = f"{effect}@{self.name}", Port("balance", self.name)
+        return Term(name, says, port, parameters, term=term, formula=formula.format(*names, x=self.name), **more)
 
 
 def bracketed(unit: str) -> str:

@@ -29,7 +29,7 @@ NO_DIFFERENCE = 0.02
 BEYOND_CHANCE = 0.05
 """Probability (Holm over the outputs) below which a held-out output got worse by more than its pieces differ."""
 RESAMPLED_PIECES = 8
-"""Pieces of each recording that are resampled as wholes."""
+"""Pieces of each recording that are resampled, or dealt to two halves, as wholes."""
 
 
 class Held(NamedTuple):
@@ -121,12 +121,8 @@ def piece_squares(residuals: Sequence[Array], channel: int) -> Array:
         residuals: block means measured minus simulated, (B, ny) per recording, in the outputs' units.
         channel: position of the output.
     """
-    pieces = _cut([residual[:, channel] for residual in residuals])
+    pieces = [piece for residual in residuals for piece in np.array_split(residual[:, channel], RESAMPLED_PIECES)]
     return np.array([np.nanmean(piece**2) for piece in pieces if np.isfinite(piece).any()])
-
-
-def _cut(residuals: Sequence[Array]) -> list[Array]:
-    return [piece for residual in residuals for piece in np.array_split(residual, RESAMPLED_PIECES)]
 
 
 def resamples(n: int) -> np.ndarray:

@@ -13,10 +13,9 @@ from twinbench.common.shown import bare
 from twinbench.data.recording import A_THOUSAND, Recording, read_recording
 from twinbench.data.units import Limits
 from twinbench.mismatch.series import held
+from twinbench.mismatch.tracks import FEWEST_SAMPLES
 from twinbench.physics.simulator import Simulator, Variable
 
-FEWEST_SAMPLES = 30
-"""Samples that a recording needs at least."""
 LONGEST_RECORDING_S = 10 * 365.25 * 86400.0
 _RANGE_SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
 

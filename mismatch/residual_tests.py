@@ -20,7 +20,6 @@ LAGS = 20
 class Test(NamedTuple):
     """One test of whitened residuals; ``p`` after Holm's correction over its family."""
 
-    what: str  # "level", "whiteness" or "input"
     recording: str
     channel: str
     statistic: float
@@ -51,7 +50,6 @@ def residual_tests(
             box = float(len(e) * np.sum(rho**2))
             found.append(
                 Test(
-                    "whiteness",
                     track.name,
                     variable.name,
                     box,
@@ -66,6 +64,6 @@ def residual_tests(
                 r = float(np.corrcoef(u, e)[0, 1])
                 p = float(2.0 * norm.sf(abs(r) * np.sqrt(len(e))))
                 found.append(
-                    Test("input", track.name, variable.name, r, p, f"residual of {variable.name} follows {source.name}")
+                    Test(track.name, variable.name, r, p, f"residual of {variable.name} follows {source.name}")
                 )
     return [test._replace(p=p) for test, p in zip(found, holm([t.p for t in found]), strict=True)]

@@ -80,15 +80,14 @@ class SensorNoise(NamedTuple):
             series: that, (B, ny) per recording, in the outputs' units.
             floor: (ny,) least noise of block means, in the outputs' units.
         """
-        found = [_most_likely([s[:, c] for s in series], floor[c], _of(self, c)) for c in range(len(self.white))]
+        found = [
+            _most_likely([s[:, c] for s in series], floor[c], tuple(float(p[c]) for p in self))
+            for c in range(len(self.white))
+        ]
         return SensorNoise(*(np.array(part) for part in zip(*found, strict=True)))
 
 
-def _of(noise: SensorNoise, channel: int) -> tuple[float, float, float]:
-    return float(noise.white[channel]), float(noise.coloured[channel]), float(noise.memory[channel])
-
-
-def _most_likely(series: Sequence[Array], floor: float, start: tuple[float, float, float]) -> Array:
+def _most_likely(series: Sequence[Array], floor: float, start: tuple[float, ...]) -> Array:
     columns = [np.ascontiguousarray(s[:, None]) for s in series]
 
     def minus_log_likelihood(v: Array) -> float:

@@ -17,11 +17,16 @@ NOISES_APART = 3.0
 
 
 def held(values: Array) -> Array:
-    """(N,) with the last value held over NaN; a leading gap takes the first value there is.
+    """Values with the last one held over NaN; a leading gap takes the first value there is.
 
     Args:
-        values: (N,) in the channel's unit; NaN means missing.
+        values: (N,) in the channel's unit, or (N, C) columns in their units; NaN means missing.
     """
+    if values.ndim == 2:
+        out = np.array(values, dtype=float, order="C")
+        for column in out.T:
+            column[:] = held(column)
+        return out
     seen = np.flatnonzero(~np.isnan(values))
     if len(seen) in (0, len(values)):
         return values

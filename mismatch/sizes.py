@@ -10,9 +10,8 @@ import numpy as np
 
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.force import as_force, inertia
-from twinbench.mismatch.mixture import Z90, Mixture, covariance, near
+from twinbench.mismatch.mixture import Z90, interval_of, near
 from twinbench.mismatch.naming.settle import Settled
-from twinbench.mismatch.naming.view import scale_of
 from twinbench.mismatch.variants import is_amplitude, per_size
 from twinbench.mismatch.words import digits_worth, interval, number, spoken, with_unit
 from twinbench.physics.simulator import Mechanism, Term
@@ -54,7 +53,7 @@ def sizes(d: Diagnosis, place: int) -> tuple[Value, ...]:
     numbers = [_numbers(h, h.candidates.index(which)) for h in having]
     found = []
     for k, (v, (value, _)) in enumerate(zip(mechanism.parameters, _numbers(chosen, place), strict=True)):
-        low, high = Mixture.of(having, [n[k] for n in numbers]).interval(v.low, v.high)
+        low, high = interval_of(having, [n[k] for n in numbers], v.low, v.high)
         found.append(Value(v.name, value, min(low, value), max(high, value), v.unit, says=v.says))
     return tuple(found)
 
@@ -67,9 +66,9 @@ def parameters(d: Diagnosis) -> tuple[Value, ...]:
     found = []
     for k, u in enumerate(accepted.problem.unknowns):
         if u.kind == "parameter":
-            v, value, sd = d.simulator.parameters[u.at], float(accepted.at[k]), _scale(accepted, k)
+            v, value, sd = d.simulator.parameters[u.at], float(accepted.at[k]), u.spread
             numbers = [(float(h.at[k]), float(s[k] * sd)) for h, s in zip(every, spreads, strict=True)]
-            low, high = Mixture.of(every, numbers).interval(v.low, v.high)
+            low, high = interval_of(every, numbers, v.low, v.high)
             found.append(Value(v.name, value, min(low, value), max(high, value), v.unit, v.nominal, v.says))
     return tuple(found)
 
@@ -91,7 +90,8 @@ def force(d: Diagnosis, place: int) -> Value | None:
     unit = as_force(size.unit, d.simulator, mechanism.port.index(d.simulator), of) if of else None
     if of is None or unit is None:
         return None
-    at, cov = chosen.entries(place)[0], covariance(chosen)
+    at, spreads = chosen.entries(place)[0], chosen.problem.spreads
+    cov = chosen.cov * np.outer(spreads, spreads)  # each unknown in its own unit
     x, mass = float(chosen.at[at]), of.parameter.nominal
     variance = mass**2 * cov[at, at]
     for k, u in enumerate(chosen.problem.unknowns):
@@ -115,13 +115,9 @@ def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
     at, n = hypothesis.entries(place)[0], len(candidate.at)
     if not is_amplitude(candidate):
         return [
-            (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * _scale(hypothesis, k))
+            (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * hypothesis.problem.unknowns[k].spread)
             for k in range(at, at + n)
         ]
     size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
     moves = per_size(candidate)
     return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, moves, strict=True)]
-
-
-def _scale(hypothesis: Settled, k: int) -> float:
-    return scale_of(hypothesis.problem.unknowns[k])

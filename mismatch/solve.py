@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -65,27 +65,17 @@ def solve(
     damping = LEAST_DAMPING
     for k in range(rounds):
         advance(k / rounds)
-        G, b, whitened = problem.normal(z, problem.residuals(z))
+        G, whitened = problem.normal(z)
         before = cost
         for _ in range(chords + 1):
-            last = cost
+            last, b = cost, problem.right_side(z, whitened)
             z, cost, damping = _step(problem, _At(z, cost, damping), G, b, limits)
             if last - cost < ENOUGH:
                 break
-            b = _right_side(problem, z, whitened)
         if before - cost < max(ENOUGH, share * before):
             break
     advance(1.0)
     return z, cost
-
-
-def _right_side(problem: Problem, z: Array, whitened: Sequence[Array]) -> Array:
-    b = np.array([u.sd**-2 * (u.mean - v) for u, v in zip(problem.unknowns, z, strict=True)])
-    for column, residual in zip(whitened, problem.residuals(z), strict=True):
-        r = problem.white(residual)
-        seen = np.isfinite(r) & np.isfinite(column).all(axis=-1)
-        b += column[seen].T @ r[seen]
-    return b
 
 
 def _step(problem: Problem, at: _At, G: Array, b: Array, limits: _Limits) -> _At:

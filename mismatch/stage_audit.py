@@ -16,7 +16,7 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.rounded import ROUNDS
 from twinbench.mismatch.stuck import STANDS_STILL
-from twinbench.mismatch.tracks import SHORTEST_BLOCKS, Track, prepare
+from twinbench.mismatch.tracks import FEWEST_SAMPLES, Track, prepare
 from twinbench.mismatch.unbroken import unbroken
 from twinbench.physics.simulator import Array, Mechanism
 
@@ -111,10 +111,10 @@ def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
 
 def _check_length(tracks: Sequence[Track]) -> None:
     for track in tracks:
-        if len(track.starts) < SHORTEST_BLOCKS:
+        if len(track.starts) < FEWEST_SAMPLES:
             raise BadInput(
                 f"recording {track.name}: {len(track.time_s)} samples are too few to learn from; record at least "
-                f"{SHORTEST_BLOCKS}"
+                f"{FEWEST_SAMPLES}"
             )
 
 

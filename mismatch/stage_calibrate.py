@@ -23,7 +23,7 @@ class Calibration:
     """The calibrated simulator.
 
     Attributes:
-        problem, cost: the fit.
+        problem: the fit.
         z: (K,) where the problem's unknowns stand, each in its own unit.
         tracks: the recordings without the readings of sensors that stand still.
         held: the held-out recordings, with the readings of sensors that stand still in them.
@@ -36,7 +36,6 @@ class Calibration:
 
     problem: Problem
     z: Array
-    cost: float
     tracks: list[Track]
     held: list[Track]
     own: tuple[Unknown, ...]
@@ -53,11 +52,11 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
     """
     progress("calibrate", 0.0)
     machine, tracks, floor = audited.machine, audited.tracks, audited.floor
-    problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 * share))
+    problem, z = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 * share))
     followed = _with_followed_spikes(problem, z)
     if any(a is not b for a, b in zip(followed, tracks, strict=True)):
         tracks = followed
-        problem, z, cost = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 + 0.2 * share))
+        problem, z = calibrated(machine, tracks, floor, lambda share: progress("calibrate", 0.5 + 0.2 * share))
     held = audited.held
     noisy = find_noisy_inputs(problem, z, machine.input_sds)
     if noisy:
@@ -65,26 +64,26 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
             tracks, held = ([one.off(t) for t in some] for some in (tracks, held))
             if isinstance(one, NoisyInput):
                 machine.input_sds[one.column] = one.sd
-        problem, z, cost = calibrated(machine, tracks, floor)
+        problem, z = calibrated(machine, tracks, floor)
     stuck: list[Stuck] = []
     if found := find_stuck(tracks, problem.residuals(z), floor):
-        problem, z, cost = calibrated(machine, without(tracks, found), floor)
+        problem, z = calibrated(machine, without(tracks, found), floor)
         # Where it begins shows best against a fit that has not seen it.
         whole = replace(problem, tracks=tracks, offsets=()).refined(z)
         stuck = find_stuck(tracks, whole.residuals(z), floor) or found
         tracks = without(tracks, stuck)
-        problem, z, cost = calibrated(machine, tracks, floor)
+        problem, z = calibrated(machine, tracks, floor)
     rounded = _rounded(audited, tracks, problem, z)
     if rounded:
         for fault in rounded:
             machine.take_for_granted(fault)
-        problem, z, cost = calibrated(machine, tracks, floor)
+        problem, z = calibrated(machine, tracks, floor)
     progress("calibrate", 0.8)
     own = own_unknowns(machine.simulator, held)
     held_first = held_out(problem, z, held, own) if held else None
     if held_first is not None:
         held = [t.followed(readings) for t, readings in zip(held, held_first.readings, strict=True)]
-    return Calibration(problem, z, cost, tracks, held, own, held_first, stuck, rounded, noisy)
+    return Calibration(problem, z, tracks, held, own, held_first, stuck, rounded, noisy)
 
 
 def _rounded(audited: Audited, tracks: Sequence[Track], problem: Problem, z: Array) -> list[Series]:

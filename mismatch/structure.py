@@ -32,19 +32,21 @@ def positions_of(simulator: Simulator) -> dict[int, int]:
 
 def _rates_of_others(simulator: Simulator) -> dict[int, int]:
     """States that the equations take for another's rate as they are, and that other, wherever the machine is."""
-    rhs, theta, rng = plain_rhs(simulator), simulator.theta(), np.random.default_rng(0)
-    x, u = (scattered(group, rng) for group in (simulator.states, simulator.inputs))
-    with np.errstate(all="ignore"):
-        rates = np.array([rhs(*point, theta) for point in zip(x, u, strict=True)], dtype=np.float64)
-    pairs = ((i, j) for j in range(x.shape[1]) for i in range(x.shape[1]) if i != j)
-    return {i: j for i, j in pairs if np.array_equal(rates[:, j], x[:, i])}
+    n, (x, u) = len(simulator.states), scattered(simulator)
+    rates = at_points(plain_rhs(simulator), n, x, u, simulator.theta())
+    return {i: j for j in range(n) for i in range(n) if i != j and np.array_equal(rates[:, j], x[:, i])}
 
 
-def scattered(variables: tuple[Variable, ...], rng: np.random.Generator) -> Array:
-    """Points (5, n) within a scale of the nominal ones."""
-    nominal, scale = (np.array([getattr(v, name) for v in variables], dtype=float) for name in ("nominal", "scale"))
-    low, high = ([getattr(v, name) for v in variables] for name in ("low", "high"))
-    return np.clip(nominal + scale * rng.uniform(-1.0, 1.0, (STRUCTURE_POINTS, len(variables))), low, high)
+def scattered(simulator: Simulator) -> tuple[Array, Array]:
+    """Points within a scale of the nominal one, always the same: states (5, nx) and inputs (5, nu), in their units."""
+    rng = np.random.default_rng(0)
+
+    def of(variables: tuple[Variable, ...]) -> Array:
+        nominal, scale = (np.array([getattr(v, name) for v in variables], dtype=float) for name in ("nominal", "scale"))
+        low, high = ([getattr(v, name) for v in variables] for name in ("low", "high"))
+        return np.clip(nominal + scale * rng.uniform(-1.0, 1.0, (STRUCTURE_POINTS, len(variables))), low, high)
+
+    return of(simulator.states), of(simulator.inputs)
 
 
 def typical_rates(simulator: Simulator) -> Array:
@@ -67,22 +69,22 @@ def typical_rates(simulator: Simulator) -> Array:
 
 def depends(simulator: Simulator, rate: int, state: int) -> bool:
     """Does the rate of one state depend on another state anywhere near the nominal point?"""
-    rhs, rng, n = plain_rhs(simulator), np.random.default_rng(0), len(simulator.states)
-    x, u = (scattered(group, rng) for group in (simulator.states, simulator.inputs))
+    rhs, theta, (x, u) = plain_rhs(simulator), simulator.theta(), scattered(simulator)
     moved = x.copy()
     moved[:, state] += _MOVED_SCALES * simulator.states[state].scale
-    before, after = (at_points(rhs, n, at, u, simulator)[:, rate] for at in (x, moved))
+    before, after = (at_points(rhs, x.shape[1], at, u, theta)[:, rate] for at in (x, moved))
     return not np.array_equal(before, after, equal_nan=True)
 
 
-def at_points(function: Equation, n: int, x: Array, u: Array, simulator: Simulator) -> Array:
+def at_points(function: Equation, n: int, x: Array, u: Array, theta: Array) -> Array:
     """What an equation gives (N, n) at some points; NaN where it fails, in plain Python.
 
     Args:
         x: (N, nx) each state in its unit.
         u: (N, nu) inputs in their units.
+        theta: (np,) parameters, each in its unit.
     """
-    out, theta = np.full((len(x), n), np.nan), simulator.theta()
+    out = np.full((len(x), n), np.nan)
     for k, point in enumerate(zip(x, u, strict=True)):
         # A root of a negative number, a division by zero: in machine code they are NaN too.
         with np.errstate(all="ignore"), contextlib.suppress(ValueError, ArithmeticError):
@@ -128,9 +130,8 @@ def chokes(simulator: Simulator, flux: int) -> list[tuple[Pressure, Pressure]]:
 
 def _flows(simulator: Simulator, flux: int, doubled: Pressure | None) -> Array:
     """A flux (5,) at points near the nominal one, in its unit; with one pressure twice as high."""
-    rng = np.random.default_rng(0)
-    x, u = (scattered(group, rng) for group in (simulator.states, simulator.inputs))
+    x, u = scattered(simulator)
     if doubled is not None:
         (u if doubled.is_input else x)[:, doubled.at] *= 2.0
     assert simulator.flux is not None
-    return at_points(simulator.flux, len(simulator.fluxes), x, u, simulator)[:, flux]
+    return at_points(simulator.flux, len(simulator.fluxes), x, u, simulator.theta())[:, flux]

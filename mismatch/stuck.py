@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.mismatch.tracks import Track
+from twinbench.mismatch.tracks import FEWEST_SAMPLES, Track
 from twinbench.physics.simulator import Array
 
 STANDS_STILL = "sensor_stuck@"
@@ -27,7 +27,6 @@ BELOW = 0.3
 """Share of the time that the simulator may be below a sensor that only does not go higher."""
 STUCK_SHARE, _EDGES = 0.1, 61
 """Share of a recording that it must stand still; where that may begin and end, in one recording."""
-_FEWEST_READINGS = 30  # readings without which there is no variance
 
 
 class Stuck(NamedTuple):
@@ -118,14 +117,14 @@ def _stillest(y: Array, simulated: Array) -> tuple[int, int]:
     i, j = edges[i], edges[j]
     n, total, squares, missed = (s[j] - s[i] for s in sums)
     around_mean = squares - total**2 / np.maximum(n, 1.0)
-    better = np.where(n >= max(STUCK_SHARE * len(y), _FEWEST_READINGS), missed - around_mean, -np.inf)
+    better = np.where(n >= max(STUCK_SHARE * len(y), FEWEST_SAMPLES), missed - around_mean, -np.inf)
     best = int(np.argmax(better))
     return int(i[best]), int(j[best])
 
 
 def _variance(values: Array) -> float:
     values = values[np.isfinite(values)]
-    return float(np.var(values)) if len(values) >= _FEWEST_READINGS else 0.0
+    return float(np.var(values)) if len(values) >= FEWEST_SAMPLES else 0.0
 
 
 def _rms(values: Array) -> float:

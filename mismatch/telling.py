@@ -11,6 +11,7 @@ from twinbench.mismatch.errors import OutputError
 from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, acts_at, none_of_them, probable, variable_names
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.naming.answer import PLAIN, Unnamed
+from twinbench.mismatch.noise import BEYOND_DOUBT
 from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.unbroken import whole
@@ -19,8 +20,6 @@ from twinbench.mismatch.words import count, counted, interval, listed, number, s
 AGREES = "the simulator agrees with the recordings"
 MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
-INEXACT_NATS = 10.0
-"""Nats from which on it is told where the equations are inexact: twenty thousand to one, since every simulator is."""
 ONE_PERIOD = 1.2
 """Longest over shortest period of a band that is told as one period: periods of a machine lie further apart."""
 NAMED_IN_ONE = 3
@@ -145,9 +144,9 @@ def inexact(d: Diagnosis) -> tuple[Unnamed, ...]:
     At most two ports are told, the likelier first.
     """
     answer = d.answer
-    if answer.left and answer.left[0].log > 0.0:
+    if answer.more:
         return ()
-    return tuple(u for u in answer.inexact[:2] if u.log > max(INEXACT_NATS, answer.inexact[0].log - PLAIN))
+    return tuple(u for u in answer.inexact[:2] if u.log > max(BEYOND_DOUBT, answer.inexact[0].log - PLAIN))
 
 
 def _inexact(d: Diagnosis) -> Iterator[str]:
@@ -208,7 +207,7 @@ def _self_check(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:
     """What the answer is worth on these recordings, and what would have stayed hidden in them."""
     check = d.self_check
     if check.decoys:
-        yield from check.says[:2]
+        yield from check.says
     if not found and check.power:
         hidden = _hidden(d)
         looked = counted(len(check.power), "effect")

@@ -84,10 +84,6 @@ class Told:
         return any(fnmatchcase(name, pattern) for pattern in self.leave_out)
 
 
-NOTHING = Told()
-"""Nothing was told."""
-
-
 def read_told(leave_out: Sequence[str], prior: Sequence[str], measured: Sequence[str], simulator: Simulator) -> Told:
     """What the command line says.
 

@@ -9,18 +9,18 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 
 from twinbench.data.recording import Recording
 from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.series import held
 from twinbench.mismatch.spikes import Spike, find_spikes, is_followed
 from twinbench.physics.simulator import Array, Simulator
 
 BLOCKS = 1000
 """Blocks that a long recording is averaged into, or up to twice as many: what a fit sees, whatever the sample rate. Of
 recordings of several lengths the mean one is. Their blocks last equally long, so that their noise is the same."""
-SHORTEST_BLOCKS = 30
-"""Blocks of the shortest recording at least."""
+FEWEST_SAMPLES = 30
+"""Samples that a recording has at least, and blocks of the shortest one; of fewer readings there is no variance."""
 LOST = 0.05
 """Share of an output's variance that averaging may take away; what is faster than blocks needs shorter ones."""
 MOST_BLOCKS, SHORTER = 20_000, 0.8
@@ -270,7 +270,7 @@ def block_seconds(
     """How long a block lasts, the same in all recordings.
 
     The mean recording has so many blocks, or more: so many that what the outputs do is still seen in the means, and
-    that the shortest recording has ``SHORTEST_BLOCKS``. No block is shorter than a sample of the slowest clock.
+    that the shortest recording has ``FEWEST_SAMPLES``. No block is shorter than a sample of the slowest clock.
 
     Args:
         series: (N, ny) readings of each, in the outputs' units; NaN means missing.
@@ -279,7 +279,7 @@ def block_seconds(
     """
     slowest, lengths_s = max(periods_s), [len(y) * p for y, p in zip(series, periods_s, strict=True)]
     mean_s = float(np.mean(lengths_s))
-    longest = _samples(min(mean_s / blocks, min(shortest_s, *lengths_s) / SHORTEST_BLOCKS), slowest, np.floor)
+    longest = _samples(min(mean_s / blocks, min(shortest_s, *lengths_s) / FEWEST_SAMPLES), slowest, np.floor)
     n, least = longest, min(longest, _samples(mean_s / MOST_BLOCKS, slowest, np.floor))
     while n > least and any(
         (lost(y, _samples(n * slowest, p)) > LOST).any() for y, p in zip(series, periods_s, strict=True)
@@ -309,15 +309,6 @@ def lost(y: Array, n: int) -> Array:
         warnings.simplefilter("ignore", RuntimeWarning)  # an output that was not recorded
         whole, left = np.nanvar(y, axis=0), np.nanvar(_means(y, np.arange(0, len(y), n)), axis=0)
         return np.nan_to_num((whole - left - DOUBT * (1.0 - 1.0 / n) * noise) / whole)
-
-
-def held(values: Array) -> Array:
-    """Columns with the last value held over NaN; leading gaps take the first value there is.
-
-    Args:
-        values: (N, n) in any unit; NaN means missing.
-    """
-    return np.array(pd.DataFrame(values).ffill().bfill(), dtype=float, order="C")
 
 
 def _means(values: Array, starts: np.ndarray) -> Array:

@@ -11,8 +11,8 @@ from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError, output_errors
 from twinbench.mismatch.findings import PHYSICS, SENSOR, UNEXPLAINED, Finding, findings
 from twinbench.mismatch.locate import Located, locate
-from twinbench.mismatch.mixture import Z90, weights
-from twinbench.mismatch.naming.answer import name_of
+from twinbench.mismatch.mixture import Z90
+from twinbench.mismatch.naming.answer import shares
 from twinbench.mismatch.sizes import Value, all_values, parameters
 from twinbench.physics.simulator import Mechanism
 
@@ -86,9 +86,9 @@ def weighed(d: Diagnosis) -> dict[frozenset[str], float]:
     """Probability of each set of effects among all that were weighed, likeliest first; no effect at all is a set."""
     every = d.answer.naming.hypotheses
     found: dict[frozenset[str], float] = {}
-    for h, p in zip(every, weights(every), strict=True):
-        names = frozenset(name_of(d.machine, e) for e in h.effects)
-        found[names] = max(found.get(names, 0.0), float(p))
+    for h, p in zip(every, shares([h.log for h in every]), strict=True):
+        names = frozenset(h.names)
+        found[names] = max(found.get(names, 0.0), p)
     total = sum(found.values())
     return {names: p / total for names, p in found.items()}
 

@@ -126,7 +126,7 @@ def _fluxes(problem: Problem, z: Array, states: Sequence[Array]) -> list[Array]:
     for x, track in zip(states, problem.tracks, strict=True):
         rows = slice(None, None, max(1, len(x) // FLUX_BLOCKS))
         u = np.add.reduceat(track.u, track.starts) / track.coarse.samples[:, None]
-        out.append(at_points(simulator.flux, len(simulator.fluxes), x[rows], u[rows], simulator))
+        out.append(at_points(simulator.flux, len(simulator.fluxes), x[rows], u[rows], simulator.theta()))
     return out
 
 

@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_TRIED_PCT, Reduced, eliminated, learn
 from twinbench.mismatch.naming.misfit import squared
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.picture import Picture
@@ -98,6 +97,11 @@ class Answer:
     coloured: Coloured
     inexact: tuple[Unnamed, ...]
 
+    @property
+    def more(self) -> bool:
+        """Is something unnamed beside it likelier than not?"""
+        return bool(self.left) and self.left[0].log > 0.0
+
 
 def answered(naming: Naming) -> Answer:
     """Read the findings off the hypotheses."""
@@ -120,7 +124,7 @@ def _plainer(near: Sequence[Settled], chosen: Settled) -> Settled:
     """The hypothesis with the effects that the chosen one's contain in their place, if it is near too."""
     machine = chosen.problem.machine
     plain = {machine.candidates[e.variant.candidate].family for e in chosen.effects}
-    return next((h for h in near if {name_of(machine, e) for e in h.effects} == plain), chosen)
+    return next((h for h in near if set(h.names) == plain), chosen)
 
 
 def unnamed_beside(ground: Ground, hypothesis: Settled) -> tuple[Unnamed, ...]:
@@ -152,7 +156,7 @@ def _known(hypothesis: Settled) -> Reduced:
 def _unnamed(ground: Ground, G: Array, b: Array, base: float, against: float) -> tuple[Unnamed, ...]:
     found = []
     for p, port in enumerate(ground.ports):
-        start = np.maximum(0.5 * ground.s, 1e-3)
+        start = np.maximum(0.5 * ground.s, LEAST_TRIED_PCT)
         start[p] = max(5.0, ground.s[p])
         learnt = learn(G, b, ground.group, start, free=p)
         log = base + learnt.log + np.log(SOMETHING / len(ground.ports)) - against
@@ -168,22 +172,20 @@ def _found(
     sets: Mapping[frozenset[str], float],
     left_over: Mapping[str, float],
 ) -> Found:
-    machine = chosen.problem.machine
-    name = name_of(machine, chosen.effects[i])
-    rest = frozenset(name_of(machine, e) for k, e in enumerate(chosen.effects) if k != i)
+    name, rest = chosen.names[i], frozenset(n for k, n in enumerate(chosen.names) if k != i)
     painter = naming.without(chosen, i)
     shown = painter.picture()
     logs, same, reads_the_same = {name: chosen.log}, {name}, _same_readings(naming.ground, chosen, i)
     for h in naming.hypotheses:
-        names = frozenset(name_of(machine, e) for e in h.effects)
+        names = frozenset(h.names)
         if len(names) == len(rest) + 1 and rest < names:
             (other,) = names - rest
             logs[other] = max(h.log, logs.get(other, -np.inf))
             if h.log > chosen.log - NEAR and reads_the_same(h):
                 same.add(other)
-    for other in _alike(shown, painter.cosines()):
+    for other, square in zip(shown.names, painter.cosines(), strict=True):
         # The same thing under another name; but what was settled and is far less likely is not.
-        if logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
+        if square > SAME and logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
             same.add(other)
     weights = dict(sorted(zip(logs, shares(logs.values()), strict=True), key=lambda t: -t[1]))
     none, unnamed = _instead(naming, chosen, i, shown)
@@ -214,16 +216,15 @@ def _instead(naming: Naming, chosen: Settled, i: int, shown: Picture) -> tuple[f
     odds = odds_of(chosen.problem, [e for k, e in enumerate(chosen.effects) if k != i])
     base = sets.reduced.log + shown.log + odds
     G, b = sets.reduced.G[v:, v:], sets.reduced.b[v:]
-    none = base + learn(G, b, ground.group, np.maximum(ground.s, 1e-3)).log
+    none = base + learn(G, b, ground.group, np.maximum(ground.s, LEAST_TRIED_PCT)).log
     return none, _unnamed(ground, G, b, base, 0.0)
 
 
 def _sets(naming: Naming) -> dict[frozenset[str], float]:
     """Probability of each set of names that was weighed."""
-    machine = naming.best.problem.machine
     logs: dict[frozenset[str], float] = {}
     for h in naming.hypotheses:
-        names = frozenset(name_of(machine, e) for e in h.effects)
+        names = frozenset(h.names)
         logs[names] = max(h.log, logs.get(names, -np.inf))
     return dict(zip(logs, shares(logs.values()), strict=True))
 
@@ -232,15 +233,6 @@ def shares(logs: Collection[float]) -> list[float]:
     """Evidence in nats as probabilities that sum to one."""
     raw = np.exp(np.array([*logs]) - max(logs))
     return list((raw / raw.sum()).tolist())
-
-
-def name_of(machine: Machine, effect: Effect) -> str:
-    """The candidate's name."""
-    return machine.candidates[effect.variant.candidate].name
-
-
-def _alike(shown: Picture, cosines2: Array) -> list[str]:
-    return [name for name, c in zip(shown.names, cosines2, strict=True) if c > SAME]
 
 
 def _same_readings(ground: Ground, chosen: Settled, i: int) -> Callable[[Settled], bool]:
@@ -268,9 +260,7 @@ def _evidence(ground: Ground, chosen: Settled, i: int) -> dict[str, float]:
 
 def _lingers(chosen: Settled, i: int, colour: Coloured) -> bool:
     """Is it a periodic force that leaves its period in the readings? The period is right then, and the place is not."""
-    effect = chosen.now[i]
-    periodic = name_of(chosen.problem.machine, effect).startswith(PERIODIC)
-    return periodic and colour.swings_with(effect.variant.shape[0])
+    return chosen.names[i].startswith(PERIODIC) and colour.swings_with(chosen.now[i].variant.shape[0])
 
 
 def _echoes(chosen: Settled, i: int) -> bool:

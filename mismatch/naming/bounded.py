@@ -8,7 +8,6 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from twinbench.mismatch.fit import Problem
-from twinbench.mismatch.naming.view import scale_of
 from twinbench.physics.simulator import Array
 
 
@@ -32,7 +31,7 @@ class Bounds:
     def of(cls, problem: Problem) -> Bounds:
         u = problem.unknowns
         one_way = np.array([v.mean in (v.low, v.high) for v in u], dtype=bool)
-        return cls(np.array([v.low for v in u]), np.array([v.high for v in u]), np.array([*map(scale_of, u)]), one_way)
+        return cls(np.array([v.low for v in u]), np.array([v.high for v in u]), problem.spreads, one_way)
 
     def around(self, z: Array) -> tuple[Array, Array]:
         """The lower and the upper ones (K,) from somewhere, dimensionless: in prior sds.

@@ -135,7 +135,7 @@ def decided(answer: Answer, again: float, rule: Rule | None = None) -> tuple[Cla
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
     contains = {c.name: c.mechanism.contains for c in machine.candidates}
     claims = [_claim(found, port_of, rule, contains) for found in answer.found]
-    if _more(answer):
+    if answer.more:
         claims.append(Claim((), False, float(expit(answer.left[0].log)), _likeliest(_where(answer.left)), None))
     return tuple(claims)
 
@@ -148,12 +148,7 @@ def astray(answer: Answer, again: float) -> bool:
     Args:
         again: as of ``decided``.
     """
-    return answer.naming.far and (_more(answer) or again < AGAIN)
-
-
-def _more(answer: Answer) -> bool:
-    """Is something unnamed beside it likelier than not?"""
-    return bool(answer.left) and answer.left[0].log > 0.0
+    return answer.naming.far and (answer.more or again < AGAIN)
 
 
 def _claim(found: Found, port_of: Mapping[str, Port], rule: Rule, contains: Mapping[str, str]) -> Claim:

@@ -18,7 +18,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.input_noise import moved_by
 from twinbench.mismatch.naming.marginal import LEAST_PCT, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
-from twinbench.mismatch.naming.view import WANDERS, View, prior_mean, scale_of
+from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
@@ -61,10 +61,8 @@ def _posterior(hypothesis: Settled, ground: Ground) -> tuple[Array, Array]:
     mean, precision = hypothesis.prior(ground)
     A, slope = G + np.diag(precision), b + precision * mean
     scale, L = factored(A)
-    unknowns = hypothesis.problem.unknowns
-    x = np.zeros(len(slope))
-    x[: len(unknowns)] = (hypothesis.at - hypothesis.z) / np.array([scale_of(u) for u in unknowns])
-    rest = slice(len(unknowns), None)
+    x, rest = np.zeros(len(slope)), slice(len(hypothesis.z), None)
+    x[: len(hypothesis.z)] = (hypothesis.at - hypothesis.z) / hypothesis.problem.spreads
     own, factor = factored(A[rest, rest])
     x[rest] = own * cho_solve((factor, True), own * (slope - A @ x)[rest])
     return x, scale[:, None] * np.linalg.inv(L).T

@@ -16,7 +16,7 @@ from scipy.linalg import cho_solve, solve_triangular
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, eliminated, factored, learn
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, Reduced, eliminated, factored, learn
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.sensors import SensorNoise
 from twinbench.physics.simulator import Array, Port
@@ -67,10 +67,9 @@ class Products(NamedTuple):
         turn = np.delete(turn, out, axis=1)
         return Products(turn.T @ self.own @ turn, turn.T @ self.cross, self.FF)
 
-    def over(self, which: Sequence[int] | None = None) -> tuple[Array, Array, float]:
-        """Over some of the recordings, or all: G (K + F, K + F), b (K + F,), and of residuals with themselves."""
-        some = list(range(len(self.own))) if which is None else list(which)
-        own, cross, FF = (part[some].sum(axis=0) for part in self)
+    def over(self) -> tuple[Array, Array, float]:
+        """Over all recordings: G (K + F, K + F), b (K + F,), and of residuals with themselves."""
+        own, cross, FF = (part.sum(axis=0) for part in self)
         G = np.block([[own[:-1, :-1], cross[:-1]], [cross[:-1].T, FF]])
         return G, np.concatenate((own[:-1, -1], cross[-1])), float(own[-1, -1])
 
@@ -177,10 +176,7 @@ class Ground:
 
     def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
-        G, b, _ = self.products(view, own).over()
-        n = own[0].shape[2]
-        inner = eliminated(G, b, np.arange(n), prior_mean(view), np.ones(n))
-        s = learn(inner.G, inner.b, self.group, self.s).s
+        inner, s = self._beside(*self.products(view, own).over()[:2], prior_mean(view))
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
         whole: list[list[Array]] = [[] for _ in self.whole]
         kept = []
@@ -198,11 +194,18 @@ class Ground:
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
         G, b, _ = self.products(view, own).over()
-        n, mean = own[0].shape[2], prior_mean(view)
-        inner = eliminated(G, b, np.arange(n), mean, np.ones(n))
-        s = learn(inner.G, inner.b, self.group, self.s).s
-        prior = np.concatenate((mean, np.zeros(len(self.group)))), np.concatenate((np.ones(n), self.precision(s)))
+        mean = prior_mean(view)
+        _, s = self._beside(G, b, mean)
+        prior = (
+            np.concatenate((mean, np.zeros(len(self.group)))),
+            np.concatenate((np.ones(len(mean)), self.precision(s))),
+        )
         return self.noise_drawn(G, b, prior, view.residuals, own, rng), s
+
+    def _beside(self, G: Array, b: Array, mean: Array) -> tuple[Reduced, Array]:
+        """The discrepancy's functions with the unknowns integrated out, and its size (P,) at each port, per cent."""
+        inner = eliminated(G, b, np.arange(len(mean)), mean, np.ones(len(mean)))
+        return inner, learn(inner.G, inner.b, self.group, self.s).s
 
     def noise_drawn(
         self,

@@ -14,12 +14,13 @@ from twinbench.physics.simulator import Array
 DISCREPANCY_PCT = 0.7
 """Prior sd of the discrepancy, in per cent of what commonly acts at its port."""
 LEARNT = 0.1
-"""Nats that a round of learning must gain to be followed by another."""
+"""Nats that a round of learning must gain to be followed by another, and by which two ends differ that are one."""
 LEARNING_ROUNDS = 15
 UNTOLD = 1e-3
 """Information (prior variance over noise variance) below which a function is left out: half of it in nats is lost."""
-LEAST_PCT = 1e-4
-"""Size of a discrepancy that is none, per cent: a size of nothing could not be divided by."""
+LEAST_PCT, LEAST_TRIED_PCT = 1e-4, 1e-3
+"""Size of a discrepancy that is none, per cent: a size of nothing could not be divided by. Where effects are tried
+beside one, it is never smaller than the other."""
 HAIR = 1e-10
 """Share of its diagonal that is added to a matrix before it is factored. Evidence changes by less than that in nats."""
 

@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import UNTOLD
-from twinbench.mismatch.naming.view import WANDERS, scale_of
+from twinbench.mismatch.naming.view import WANDERS
 from twinbench.physics.simulator import Array
 
 
@@ -52,14 +52,13 @@ def misfit(
         s: (P,) size of the discrepancy at each port, per cent.
         wandering: what else is integrated out.
     """
-    square = squared(ground, s, wandering)
-    scale = np.array([scale_of(u) for u in problem.unknowns])
+    square, spreads = squared(ground, s, wandering), problem.spreads
 
     def of(z: Array, problem: Problem) -> float:
         residuals = problem.residuals(z)
         if diverged(problem, residuals):
             return np.inf
-        return float(np.sum(((z - problem.z0) / scale) ** 2)) + square(residuals)
+        return float(np.sum(((z - problem.z0) / spreads) ** 2)) + square(residuals)
 
     return of
 

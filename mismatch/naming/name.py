@@ -14,10 +14,11 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.marginal import LEARNT
 from twinbench.mismatch.naming.misfit import misfit
 from twinbench.mismatch.naming.onset import likeliest_forms, with_late
 from twinbench.mismatch.naming.picture import LEAST_PROBE, MOST_PROBE, Painter, Picture
-from twinbench.mismatch.naming.pruned import ALIKE, Whole, all_at_once, from_elsewhere
+from twinbench.mismatch.naming.pruned import Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.sets import MOST, Scored
 from twinbench.mismatch.naming.settle import HOPELESS, SETTLED, Settled, columns_of, misfit_around, settled
 from twinbench.mismatch.naming.steady import squares_beside
@@ -30,7 +31,7 @@ SINGLES, SETS = 8, 4
 """Hypotheses of one effect, and of several, that are brought to their own fixed point: at a distance the picture is
 wrong by tens of nats."""
 NEAR = 12.0
-"""Nats that such a set may lie behind the best in the picture."""
+"""Nats that a set may lie behind the best, in the picture or at its own fixed point, and still count."""
 FAR_OFF, FAR_SINGLES = 3.0, 16
 """Mean square beyond the noise's, in noise variances, from which the calibrated machine is far off: the picture says
 little then, and so many single effects are fitted."""
@@ -67,7 +68,6 @@ class Naming:
     painter: Painter
     picture: Picture
     null: Settled
-    forms: list[Variant]
     hypotheses: list[Settled] = field(default_factory=list)
     reduced: list[Settled] = field(default_factory=list)
     rivalled: list[Settled] = field(default_factory=list)
@@ -175,7 +175,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
     shown = with_late(painter)
     progress(0.4)
     null = settled(problem, z, (), ground, ground.s)
-    found = Naming(ground, painter, shown, null, [shown.variants[i] for i in likeliest_forms(shown)], [null])
+    found = Naming(ground, painter, shown, null, [null])
     found.far = shown.excess > FAR_OFF
     if len(shown.sets.best().key) == MOST:
         _thinned_out(found)
@@ -184,7 +184,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         if found.far and found.explained:
             break
         there, sizes = painter.start(shown, scored.key, scored.learnt.s)
-        effects = _effects(shown, scored.key, sizes)
+        effects = shown.effects(scored.key, sizes)
         found.settle(_since(problem, shown, scored), z if found.far else there, effects, scored.learnt.s)
         progress(0.4 + 0.5 * k / len(contenders))
     if found.best.since_s > -np.inf or (found.far and not found.explained):
@@ -234,14 +234,6 @@ def _sharpened(found: Naming) -> bool:
     return found.best.log > best.log + SETTLED
 
 
-def _effects(shown: Picture, key: Sequence[int], sizes: Sequence[float] | Array) -> list[Effect]:
-    """Variants of a picture, of some sizes (k,) from absence, each in its first parameter's unit."""
-    return [
-        Effect(shown.variants[i], float(size), float(shown.units[i]), float(shown.odds[i]), float(shown.least[i]))
-        for i, size in zip(key, sizes, strict=True)
-    ]
-
-
 def _one_is_not_enough(found: Naming) -> bool:
     """Is it several effects that are likeliest, and are those likelier that are left of all at once?"""
     best = found.best
@@ -255,7 +247,7 @@ def _thinned_out(found: Naming) -> None:
     null, shown, before = found.null, found.picture, found.best
     begun = _since(null.problem, shown, shown.sets.best()) if before is null else before.bare
     end = all_at_once(begun, null.z, all_physics(found), found.ground)
-    found.together, found.alone = end, begun if end.log > before.log + ALIKE else None
+    found.together, found.alone = end, begun if end.log > before.log + LEARNT else None
     found.keep(end)
 
 
@@ -279,7 +271,7 @@ def all_physics(found: Naming) -> list[Effect]:
         candidate = shown.candidates[i]
         if candidate.mechanism.kind == "physics" and candidate.family not in there:
             there.add(candidate.family)
-            effects += _effects(shown, [i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
+            effects += shown.effects([i], [found.painter.probes[shown.variants[i]] * typical(candidate)])
     return effects
 
 
@@ -356,7 +348,7 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
         out: position of that effect.
     """
     shown = painter.picture()
-    gains = shown.sets.quick((), np.maximum(best.learnt.s, 1e-3))
+    gains = shown.sets.quick((), best.learnt.s)
     # What replaces an effect is measured by what that itself does in the picture, where it stands first.
     none, least = (best.log, 0.0) if out is None else (best.log - gains[0], gains.max() - NEAR)
     rest, tried = [c for i, c in enumerate(best.candidates) if i != out], set[int]()
@@ -370,7 +362,7 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
         tried.add(candidate)
         there, sizes = painter.start(shown, [k], best.learnt.s)
         others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
-        effects = [*others, *_effects(shown, [k], sizes)]
+        effects = [*others, *shown.effects([k], sizes)]
         found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 

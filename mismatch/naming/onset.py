@@ -6,11 +6,10 @@ import numpy as np
 
 from twinbench.mismatch.began import STARTS, starts
 from twinbench.mismatch.naming.picture import Painter, Picture
+from twinbench.mismatch.naming.sets import LEFT_SHARE
 
 WATCHED = 6
 """Effects that are tried for a later beginning: the likeliest from the beginning on, then those that show most."""
-LEFT_SHARE = 0.15
-"""Share of the discrepancy with nothing named that is left beside an effect which explains most of it."""
 FINER, CLOSER = 12, 9.0
 """Times tried to either side of the best one; the second time so many times closer together."""
 
@@ -37,23 +36,16 @@ def with_late(painter: Painter) -> Picture:
 
 def likeliest_forms(shown: Picture) -> list[int]:
     """Of each candidate the variant, from the beginning on, that explains most: the others' shapes follow in a fit."""
-    gains = np.where(shown.since == -np.inf, shown.sets.quick((), np.maximum(LEFT_SHARE * shown.sets.s, 1e-3)), -np.inf)
-    found: dict[str, int] = {}
-    for i in np.argsort(-gains):
-        if shown.since[i] == -np.inf:
-            found.setdefault(shown.names[i], int(i))
-    return list(found.values())
+    gains = np.where(shown.since == -np.inf, shown.sets.quick((), LEFT_SHARE * shown.sets.s), -np.inf)
+    order = np.argsort(-gains)
+    return shown.firsts(order[shown.since[order] == -np.inf])
 
 
 def _likeliest(shown: Picture) -> list[int]:
     sets = shown.sets
     order = [i for s in sorted(sets.known.values(), key=lambda s: -s.log) for i in s.key]
-    order += list(np.argsort(-sets.quick((), np.maximum(LEFT_SHARE * sets.s, 1e-3))))
-    found: dict[str, int] = {}
-    for i in order:
-        if len(found) < WATCHED:
-            found.setdefault(shown.names[i], int(i))
-    return list(found.values())
+    order += list(np.argsort(-sets.quick((), LEFT_SHARE * sets.s)))
+    return shown.firsts(order)[:WATCHED]
 
 
 def _best_start(late: Picture, default: float = -np.inf) -> float:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.bounded import Bounds
+from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import Reduced, eliminated
 from twinbench.mismatch.naming.odds import log_odds
@@ -56,10 +58,24 @@ class Picture:
     log: float
     excess: float
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """(V,) names of the candidates."""
         return [c.name for c in self.candidates]
+
+    def firsts(self, order: Iterable[int]) -> list[int]:
+        """Of positions in an order the first of each name."""
+        found: dict[str, int] = {}
+        for i in order:
+            found.setdefault(self.names[i], int(i))
+        return list(found.values())
+
+    def effects(self, key: Iterable[int], sizes: Iterable[float]) -> list[Effect]:
+        """Variants of some sizes from absence, each in its first parameter's unit."""
+        return [
+            Effect(self.variants[i], float(size), float(self.units[i]), float(self.odds[i]), float(self.least[i]))
+            for i, size in zip(key, sizes, strict=True)
+        ]
 
 
 class Painter:

@@ -14,7 +14,6 @@ from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, one_sided
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.sets import Sets
-from twinbench.mismatch.words import listed, number, with_unit
 from twinbench.physics.simulator import Array
 
 SHOWN = (0.1, 0.3, 1.0, 3.0)
@@ -51,15 +50,6 @@ class Power:
     shows_90: float | None
     probabilities: tuple[float, ...]
 
-    @property
-    def says(self) -> str:
-        """One sentence."""
-        beside = f", together with {listed(self.alike)}," if self.alike else ""
-        if self.size_90 is None:
-            return f"{self.name} would not have been named{beside} at any size that it may have."
-        size = with_unit(self.size_90, self.unit, 2)
-        return f"{self.name} would have been named{beside} at {size} or more with probability {number(WANTED)}."
-
 
 def power(shown: Picture, rows: int, s: Array) -> tuple[Power, ...]:
     """One for each candidate in a picture, by name, in the shape that the readings speak for most.
@@ -70,13 +60,11 @@ def power(shown: Picture, rows: int, s: Array) -> tuple[Power, ...]:
         s: (P,) size of the discrepancy beside that hypothesis, per cent.
     """
     always = np.flatnonzero(shown.since == -np.inf)
-    gains = shown.sets.quick((), np.maximum(s, 1e-3))
-    best: dict[str, int] = {}
-    for i in always[np.argsort(-gains[always], kind="stable")]:
-        best.setdefault(shown.names[i], int(i))
+    gains = shown.sets.quick((), s)
+    best = shown.firsts(always[np.argsort(-gains[always], kind="stable")])
     usable = [int(i) for i in always if shown.sets.usable[i]]
     draws = Draws(shown.sets, usable, [shown.names[i] for i in usable], s)
-    return tuple(_power(shown, draws, best[name], rows) for name in sorted(best))
+    return tuple(_power(shown, draws, i, rows) for i in sorted(best, key=lambda i: shown.names[i]))
 
 
 def _power(shown: Picture, draws: Draws, i: int, rows: int) -> Power:

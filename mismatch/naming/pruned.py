@@ -11,16 +11,16 @@ from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground, Products
-from twinbench.mismatch.naming.marginal import one_sided
+from twinbench.mismatch.naming.marginal import LEARNT, one_sided
 from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.settle import Settled, odds_of, settled
 from twinbench.mismatch.solve import HOP
 from twinbench.physics.simulator import Array
 
-BEGINNINGS, ALIKE = 6, 0.1
-"""Places at most from which all physics at once is thinned out, and nats by which two ends differ that are one, of the
-same effects or of effects that do the same. On the Cascaded Tanks six beginnings end at 223 to 431 nats, of which two
-differ by 1.4; with three nats the search ended there."""
+BEGINNINGS = 6
+"""Places at most from which all physics at once is thinned out, until two ends are one: of the same effects or of
+effects that do the same. On the Cascaded Tanks six beginnings end at 223 to 431 nats, of which two differ by 1.4; with
+three nats the search ended there."""
 
 
 def all_at_once(problem: Problem, z: Array, effects: Sequence[Effect], ground: Ground) -> Settled:
@@ -51,7 +51,7 @@ def from_elsewhere(
     """
     rng, scale = np.random.default_rng(0), np.array([u.scale for u in problem.unknowns])
     ends = [first]
-    while len(ends) < BEGINNINGS and (len(ends) < 2 or ends[0].log - ends[1].log >= ALIKE):
+    while len(ends) < BEGINNINGS and (len(ends) < 2 or ends[0].log - ends[1].log >= LEARNT):
         hop = HOP * scale * rng.standard_normal(len(scale))
         ends.append(all_at_once(problem, z + hop, effects, ground))
         ends.sort(key=lambda h: -h.log)

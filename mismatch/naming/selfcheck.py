@@ -9,18 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.mismatch.naming.answer import PLAIN, Answer, name_of
+from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, Reduced, eliminated, one_sided
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_TRIED_PCT, UNTOLD, Reduced, eliminated, one_sided
 from twinbench.mismatch.naming.name import SINGLES
 from twinbench.mismatch.naming.odds import of_number, one_more
 from twinbench.mismatch.naming.picture import LEAST_PROBE, Painter, Picture, one_way
 from twinbench.mismatch.naming.power import Power, power
 from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
-from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.naming.settle import HOPELESS, Settled
 from twinbench.mismatch.naming.view import View, prior_mean
+from twinbench.mismatch.proof import RESAMPLED_PIECES
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.mismatch.words import count
 from twinbench.physics.simulator import Array
@@ -29,17 +30,13 @@ DECOYS = 20
 """Things that are certainly not there: one that is named stands for a rate of false names of 5 %."""
 ALIEN = 0.5
 """Squared cosine with what may be there from which a shifted column is no decoy."""
-SPLITS, HALVED_PIECES = 5, 8
-"""Times that the recordings are parted in two halves, each recording in so many pieces of time."""
+SPLITS = 5
+"""Times that the recordings are parted in two halves, each recording in pieces of time."""
 GROWN = 3.0
 """Times that the discrepancy may be larger than it is beside the answer, or beside nothing."""
-REACH = 30.0
-"""Nats behind on all pieces from which a hypothesis is no rival on half of them: by chance it is ahead there once in
-ten thousand halves."""
 BLURRED = 10.0
 """Nats by which a hypothesis may be likelier where it stands than it looks from the answer, or less likely: farther
 off, what it says of single pieces is not known."""
-_LEAST_SEARCHED_PCT = 1e-3  # a discrepancy is never smaller; as in the search
 
 
 @dataclass(frozen=True)
@@ -64,13 +61,13 @@ class SelfCheck:
         return self.named_again / self.halves
 
     @property
-    def says(self) -> tuple[str, ...]:
+    def says(self) -> tuple[str, str]:
         """One sentence each."""
         named = count(self.decoys_named) if self.decoys_named else "none"
         decoys = f"Of {self.decoys} effects that are certainly not there, {named} would be named"
         decoys += ": the noise or the discrepancy is not right here." if self.decoys_named else "."
         again = f"The same is the likeliest in {self.named_again} of {self.halves} halves of the recordings."
-        return decoys, again, *(p.says for p in self.power)
+        return decoys, again
 
 
 class Rival(NamedTuple):
@@ -91,14 +88,12 @@ class Rival(NamedTuple):
 def checked(answer: Answer) -> SelfCheck:
     """The decoys, the halves and the sizes of an answer; the same whenever it is asked."""
     naming, chosen, rng = answer.naming, answer.chosen, np.random.default_rng(0)
-    candidates = chosen.problem.machine.candidates
-    there = {candidates[e.variant.candidate].family for e in chosen.effects}
-    others = [v for v in naming.painter.listed if candidates[v.candidate].family not in there]
-    view = naming.around(chosen)
+    view, others = naming.around(chosen), naming.beside(chosen.problem.machine, chosen.candidates)
     shown = Painter(view, naming.ground, others, probes=naming.painter.probes).picture()
     columns = Columns(view, chosen)
     effects = [columns.of_effect(i) for i in range(len(chosen.effects))]
-    several = [chosen, *(h for h in naming.hypotheses if h is not chosen and h.log > chosen.log - REACH)]
+    # By chance what is hopeless on all pieces is ahead on half of them once in ten thousand halves.
+    several = [chosen, *(h for h in naming.hypotheses if h is not chosen and h.log > chosen.log - HOPELESS)]
     rivals = [*columns.of_hypotheses(several, effects), *columns.of_more(shown, effects)]
     tried = columns.of_decoys(shown, naming.painter.probes, rng)
     pieces = Pieces.of(columns, naming.ground)
@@ -157,7 +152,7 @@ class Columns:
         Args:
             own: positions of the chosen hypothesis's effects.
         """
-        machine, since_s = self.chosen.problem.machine, self.chosen.since_s
+        since_s = self.chosen.since_s
         known = {(e.variant.candidate, since_s): key for e, key in zip(self.chosen.effects, own, strict=True)}
         new: dict[tuple[Variant, float], Effect] = {}
         for h in several:
@@ -169,22 +164,17 @@ class Columns:
         found = []
         for h in several:
             parts = [known.get((e.variant.candidate, h.since_s)) or made[e.variant, h.since_s] for e in h.now]
-            found.append(Rival(tuple(name_of(machine, e) for e in h.now), _joined(parts), h.learnt.s, h.log))
+            found.append(Rival(h.names, _joined(parts), h.learnt.s, h.log))
         return found
 
     def of_more(self, shown: Picture, own: Sequence[Key]) -> list[Rival]:
         """The chosen hypothesis with one effect more: those of a picture around it that add most."""
-        names = tuple(name_of(self.chosen.problem.machine, e) for e in self.chosen.effects)
-        gains = shown.sets.quick((), np.maximum(self.chosen.learnt.s, _LEAST_SEARCHED_PCT))
-        best: dict[str, int] = {}
-        for i in np.argsort(-gains):
-            if np.isfinite(gains[i]) and shown.since[i] == -np.inf and len(best) < SINGLES:
-                best.setdefault(shown.names[i], int(i))
-        odds, units = shown.odds, shown.units
-        effects = [Effect(shown.variants[i], float(units[i]), float(units[i]), float(odds[i])) for i in best.values()]
-        keys = self._of(effects, -np.inf)
-        s = self.chosen.learnt.s
-        return [Rival((*names, n), _joined([*own, (k,)]), s, np.nan) for n, k in zip(best, keys, strict=True)]
+        gains = shown.sets.quick((), self.chosen.learnt.s)
+        order = np.argsort(-gains)
+        best = shown.firsts(order[np.isfinite(gains[order]) & (shown.since[order] == -np.inf)])[:SINGLES]
+        keys, s = self._of(shown.effects(best, shown.units[best]), -np.inf), self.chosen.learnt.s
+        beside = zip(best, keys, strict=True)
+        return [Rival((*self.chosen.names, shown.names[i]), _joined([*own, (k,)]), s, np.nan) for i, k in beside]
 
     def of_decoys(self, shown: Picture, probes: Mapping[Variant, float], rng: np.random.Generator) -> Key:
         """Twice as many as are wanted: columns of candidates, moved on by a quarter to three quarters of a recording.
@@ -263,7 +253,7 @@ class Pieces:
         for r, residual in enumerate(columns.residuals):
             white = ground.whitened(r, columns.of(r), residual)
             white = np.concatenate((white[:, :-1], ground.white[r][:, some], white[:, -1:]), axis=1)
-            products.append([part.T @ part for part in np.array_split(white, HALVED_PIECES)])
+            products.append([part.T @ part for part in np.array_split(white, RESAMPLED_PIECES)])
         prior, bounded = np.array(columns.prior), np.array(columns.bounded, dtype=bool)
         many = len(columns.view.problem.machine.candidates)
         return cls(np.array(products), columns.mean, prior, bounded, ground.group[some], s, many)
@@ -282,7 +272,7 @@ class Pieces:
     def halves(self, rng: np.random.Generator) -> Iterator[np.ndarray]:
         """Halves (R, P) bool: half of each recording's pieces, then the other half."""
         for _ in range(SPLITS):
-            first = np.array([rng.permutation(HALVED_PIECES) < HALVED_PIECES // 2 for _ in self.products])
+            first = np.array([rng.permutation(RESAMPLED_PIECES) < RESAMPLED_PIECES // 2 for _ in self.products])
             yield first
             yield ~first
 
@@ -297,7 +287,7 @@ class Pieces:
 
     def _log(self, reduced: Reduced, rival: Rival) -> float:
         key, v = list(rival.key), len(self.prior)
-        precision = 1.0 / np.maximum(rival.s[self.group], _LEAST_SEARCHED_PCT) ** 2
+        precision = 1.0 / np.maximum(rival.s[self.group], LEAST_TRIED_PCT) ** 2
         telling = np.flatnonzero(np.diag(reduced.G)[v:] > UNTOLD * precision)
         some, k = np.array([*key, *(v + telling)], dtype=int), len(key)
         G, b = reduced.G[np.ix_(some, some)], reduced.b[some]
@@ -328,9 +318,7 @@ def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key, another: float
     for out in (None, *range(len(effects))):
         rest = sets.score(_joined(key for i, key in enumerate(effects) if i != out))
         wanted = best.log + (PLAIN - another if out is None else 0.0)
-        gains = np.maximum(
-            *(sets.quick(rest.key, np.maximum(rest.learnt.s * f, _LEAST_SEARCHED_PCT)) for f in (1.0, 0.15))
-        )
+        gains = sets.gains(rest)
         near = [d for d in decoys if rest.log + gains[d] > wanted - PLAIN]
         found |= {d for d in near if sets.score((*rest.key, d)).log > wanted}
     return found

@@ -8,30 +8,29 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from twinbench.mismatch.naming.marginal import Learnt, Reduced, eliminated, learn, one_sided
+from twinbench.mismatch.naming.marginal import LEAST_TRIED_PCT, Learnt, Reduced, eliminated, learn, one_sided
 from twinbench.mismatch.naming.odds import of_number, one_more
+from twinbench.mismatch.naming.settle import SETTLED
 from twinbench.physics.simulator import Array
 
 Key = tuple[int, ...]
 MOST = 3
 """Effects of a set that one view shows at most: with each more the machine is farther from where it was linearised."""
+BEAM, TRIED_FIRST, TRIED_LATER, OF_A_FAMILY = 5, 24, 10, 2
+"""Sets of a size that the search goes on with; single effects that it tries, and effects beside each set, those of one
+family so often at most."""
+LEFT_SHARE = 0.15
+"""Share of a discrepancy that is left beside an effect which explains most of it."""
 PARAMETER = 3e-4
 """Share of its square that a column must keep beside the unknowns: below it is a parameter under another name."""
 
 
 @dataclass(frozen=True)
 class Scored:
-    """A set in a view: its evidence, its sizes, the discrepancy beside it.
-
-    Attributes:
-        sizes: (k,) standardised: in prior sds.
-        sds: (k,) their posterior sds, likewise.
-    """
+    """A set in a view: its evidence, and the discrepancy beside it."""
 
     key: Key
     log: float
-    sizes: Array
-    sds: Array
     learnt: Learnt
 
 
@@ -78,46 +77,34 @@ class Sets:
         return self.known[key]
 
     def _score(self, key: Key) -> Scored:
-        G, b, v = self.reduced.G, self.reduced.b, self.many
-        functions = v + np.arange(len(self.group))
-        some = np.array([*key, *functions], dtype=int)
-        k = len(key)
-        if k:
-            inner = eliminated(G[np.ix_(some, some)], b[some], np.arange(k), np.zeros(k), np.ones(k))
-        else:
-            inner = Reduced(G[np.ix_(some, some)], b[some], 0.0)
-        start = self.s if not k else np.maximum(0.5 * self.s, 1e-3)
-        learnt = learn(inner.G, inner.b, self.group, start, rounds=30 if not k else 8)
+        k, functions = len(key), np.arange(len(self.group))
+        some = np.array([*key, *(self.many + functions)], dtype=int)
+        G, b = self.reduced.G[np.ix_(some, some)], self.reduced.b[some]
+        if not k:
+            learnt = learn(G, b, self.group, self.s, rounds=30)
+            return Scored(key, learnt.log, learnt)
+        inner = eliminated(G, b, np.arange(k), np.zeros(k), np.ones(k))
+        learnt = learn(inner.G, inner.b, self.group, np.maximum(0.5 * self.s, LEAST_TRIED_PCT), rounds=8)
         log = inner.log + learnt.log + float(self.prior[list(key)].sum()) + self._odds(key)
-        sizes, sds = self._sizes(key, learnt)
-        log += float(one_sided(sizes, sds, self.bounded[list(key)]).sum())
-        return Scored(key, log, sizes, sds, learnt)
+        outer = eliminated(G, b, k + functions, np.zeros(len(functions)), 1.0 / learnt.s[self.group] ** 2)
+        cov = np.linalg.inv(outer.G + np.eye(k))
+        log += float(one_sided(cov @ outer.b, np.sqrt(np.diag(cov)), self.bounded[list(key)]).sum())
+        return Scored(key, log, learnt)
 
     def _odds(self, key: Key) -> float:
-        """Log prior odds of the set as a whole: when it begins, and how many it makes."""
-        late = self.late if key and self.since[key[0]] > -np.inf else 0.0
+        """Log prior odds of a set as a whole: when it begins, and how many it makes."""
+        late = self.late if self.since[key[0]] > -np.inf else 0.0
         return late + of_number(self.beside + len(key), self.candidates) - of_number(self.beside, self.candidates)
-
-    def _sizes(self, key: Key, learnt: Learnt) -> tuple[Array, Array]:
-        if not key:
-            return np.empty(0), np.empty(0)
-        G, b, v = self.reduced.G, self.reduced.b, self.many
-        functions = v + np.arange(len(self.group))
-        some = np.array([*key, *functions], dtype=int)
-        block = len(key) + np.arange(len(functions))
-        outer = eliminated(G[np.ix_(some, some)], b[some], block, np.zeros(len(block)), 1.0 / learnt.s[self.group] ** 2)
-        cov = np.linalg.inv(outer.G + np.eye(len(key)))
-        return cov @ outer.b, np.sqrt(np.diag(cov))
 
     def quick(self, key: Key, s: Array) -> Array:
         """(V,) log evidence that each variant would add to a set, the discrepancy's size as it is.
 
         Args:
-            s: (P,) this size at each port, per cent.
+            s: (P,) this size at each port, per cent; ``LEAST_TRIED_PCT`` where it is less.
         """
         G, b, v = self.reduced.G, self.reduced.b, self.many
         block = np.array([*key, *(v + np.arange(len(self.group)))], dtype=int)
-        precision = np.concatenate((np.ones(len(key)), 1.0 / s[self.group] ** 2))
+        precision = np.concatenate((np.ones(len(key)), 1.0 / np.maximum(s, LEAST_TRIED_PCT)[self.group] ** 2))
         A = G[np.ix_(block, block)] + np.diag(precision)
         scale = 1.0 / np.sqrt(np.diag(A))
         L = np.linalg.cholesky(A * np.outer(scale, scale) + 1e-10 * np.eye(len(A)))
@@ -131,14 +118,18 @@ class Sets:
         another = one_more(self.beside + len(key), self.candidates)
         return np.where(self.usable, gain + self.prior + start + another, -np.inf)
 
-    def search(self, depth: int = MOST, width: int = 5, first: int = 24, later: int = 10) -> Scored:
+    def gains(self, base: Scored) -> Array:
+        """(V,) as ``quick`` beside a set, with its discrepancy as it is or as an effect would leave it, nats."""
+        return np.maximum(*(self.quick(base.key, base.learnt.s * share) for share in (1.0, LEFT_SHARE)))
+
+    def search(self, depth: int = MOST) -> Scored:
         """The likeliest set: all single ones, then a beam."""
         best = self.score(())
         beam: Sequence[Scored] = [best]
         for d in range(depth):
             fresh: dict[Key, Scored] = {}
             for base in beam:
-                gains = np.maximum(*(self.quick(base.key, np.maximum(base.learnt.s * f, 1e-3)) for f in (1.0, 0.15)))
+                gains = self.gains(base)
                 used = {self.family[i] for i in base.key}
                 gains[[f in used for f in self.family]] = -np.inf
                 if base.key:
@@ -146,15 +137,15 @@ class Sets:
                 count: dict[object, int] = {}
                 picked = 0
                 for i in np.argsort(-gains):
-                    if not np.isfinite(gains[i]) or picked == (first if d == 0 else later):
+                    if not np.isfinite(gains[i]) or picked == (TRIED_FIRST if d == 0 else TRIED_LATER):
                         break
-                    if count.get(self.family[i], 0) < 2:
+                    if count.get(self.family[i], 0) < OF_A_FAMILY:
                         count[self.family[i]] = count.get(self.family[i], 0) + 1
                         scored = self.score((*base.key, int(i)))
                         fresh[scored.key] = scored
                         picked += 1
-            beam = sorted(fresh.values(), key=lambda s: -s.log)[:width]
-            if not beam or beam[0].log < best.log + 1.0:
+            beam = sorted(fresh.values(), key=lambda s: -s.log)[:BEAM]
+            if not beam or beam[0].log < best.log + SETTLED:
                 break
             best = beam[0]
         return self.best()

@@ -93,6 +93,11 @@ class Settled:
         return [e.variant.candidate for e in self.effects]
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of its effects' candidates."""
+        return tuple(self.problem.machine.candidates[c].name for c in self.candidates)
+
+    @property
     def bare(self) -> Problem:
         """The problem without its effects."""
         return replace(self.problem, unknowns=self.problem.unknowns[: self.first])

@@ -14,7 +14,8 @@ from twinbench.mismatch.naming.discrepancy import Discrepancy
 from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.simulator import Array
 
-WANDERS, HARDLY = 0.05, 0.005
+WANDERS = 0.05
+HARDLY = WANDERS / 10.0
 """Prior sd of how much an effect's size differs from place to place, as a share of it: either, as likely as not. Most
 forms of a catalogue are not exact; but where parameters hide most of a large effect, not even a hundredth goes unseen.
 """
@@ -50,8 +51,8 @@ class View:
 
     def unknowns(self) -> list[Array]:
         """Columns of the problem's unknowns, (B, ny, K) per recording, per prior sd."""
-        scales = np.array([scale_of(u) for u in self.problem.unknowns])
-        return [c * scales for c in self.problem.columns(self.z, self.courses)]
+        spreads = self.problem.spreads
+        return [c * spreads for c in self.problem.columns(self.z, self.courses)]
 
     def wandering(self, d: Discrepancy, sizes: Sequence[int], share: float) -> list[Array]:
         """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.
@@ -126,10 +127,4 @@ class View:
 
 def prior_mean(view: View) -> Array:
     """(K,) prior mean of a view's unknowns from where they stand, in prior sds."""
-    return np.array([(u.mean - z) / scale_of(u) for u, z in zip(view.problem.unknowns, view.z, strict=True)])
-
-
-def scale_of(unknown: object) -> float:
-    """Prior standard deviation of an unknown, its unit of columns; a hundred scales where it has none."""
-    sd = getattr(unknown, "sd")  # noqa: B009
-    return float(sd) if np.isfinite(sd) else 100.0 * float(getattr(unknown, "scale"))  # noqa: B009
+    return (view.problem.z0 - view.z) / view.problem.spreads

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from twinbench.mismatch.diagnosis import Diagnosis
-from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.verdict import weighed
 
 CHOSEN, REFUSED, ABSENT, TRIED = "told", "chosen, not told", "nothing is missing", "also weighed"
@@ -29,12 +28,11 @@ class Hypothesis(NamedTuple):
 
 def hypotheses(d: Diagnosis) -> list[Hypothesis]:
     """Each set of names once, at its best; likeliest first."""
-    chosen = frozenset(name_of(d.machine, e) for e in d.answer.chosen.effects)
+    chosen = frozenset(d.answer.chosen.names)
     nothing, probabilities = d.answer.naming.null.log, weighed(d)
     found: dict[frozenset[str], Hypothesis] = {}
     for h in d.answer.naming.hypotheses:
-        names = tuple(name_of(d.machine, e) for e in h.effects)
-        key = frozenset(names)
+        names, key = h.names, frozenset(h.names)
         if not names:
             standing = ABSENT
         elif key == chosen:

@@ -77,18 +77,25 @@ class _Known(Problem):
         left = self.stacked(residuals)
         return float(self.inner(left, left)[0, 0] + np.sum(self._prior(z) ** 2))
 
-    def normal(self, z: Array, residuals: Sequence[Array]) -> tuple[Array, Array, list[Array]]:
+    def normal(self, z: Array) -> tuple[Array, list[Array]]:
         """As in ``Problem``.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
-            residuals: at z, (B, ny) per recording, in the outputs' units.
         """
         whitened = [self.white(c) for c in self.columns(z)]
-        precision = np.array([u.sd**-2 for u in self.unknowns])
         J = np.concatenate([w.reshape(-1, len(z)) for w in whitened])
-        b = self.inner(J, self.stacked(residuals))[:, 0] + precision * (self.z0 - z)
-        return self.inner(J, J) + np.diag(precision), b, whitened
+        return self.inner(J, J) + np.diag(self._precision), whitened
+
+    def right_side(self, z: Array, whitened: Sequence[Array]) -> Array:
+        """As in ``Problem``.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            whitened: columns (B, ny, K) per recording, dimensionless, as ``normal`` has them.
+        """
+        J = np.concatenate([w.reshape(-1, len(z)) for w in whitened])
+        return self.inner(J, self.stacked(self.residuals(z)))[:, 0] + self._precision * (self.z0 - z)
 
     def stacked(self, values: Sequence[Array]) -> Array:
         """Whitened readings (B, ny) or columns (B, ny, K) of all recordings, (S, K)."""
@@ -127,9 +134,9 @@ def refitted(
         names: of the catalogue, or ``NOTHING``. What the twin has no small size of is left out.
     """
     problem = _problem(run, change, others, background_pct)
-    residuals = problem.residuals(problem.z0)
-    G, b, whitened = problem.normal(problem.z0, residuals)
-    at = _At(G, b, np.concatenate([w.reshape(-1, len(b)) for w in whitened]), problem.stacked(residuals))
+    G, whitened = problem.normal(problem.z0)
+    b, left = problem.right_side(problem.z0, whitened), problem.stacked(problem.residuals(problem.z0))
+    at = _At(G, b, np.concatenate([w.reshape(-1, len(b)) for w in whitened]), left)
     names, found = list(names), {}
 
     def name_of(variant: Variant) -> str:

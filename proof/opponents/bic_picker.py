@@ -143,7 +143,7 @@ def _with(best: Picked, variant: Variant, size: float) -> Picked:
 
 
 def _findings(best: Picked) -> list[dict[str, Any]]:
-    G, _, _ = best.problem.normal(best.z, best.problem.residuals(best.z))
+    G, _ = best.problem.normal(best.z)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
     sd = scale * np.sqrt(np.diag(np.linalg.pinv(G * np.outer(scale, scale), hermitian=True, rcond=1e-12)))
     at, found = len(best.z) - sum(len(c.at) for c in best.listed), []

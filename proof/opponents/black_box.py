@@ -17,7 +17,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from twinbench.data.recording import Recording
-from twinbench.mismatch.tracks import Track, held
+from twinbench.mismatch.series import held
+from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array, Mechanism, Simulator
 from twinbench.proof.opponents.base import Progress, calibrate, check_folds, quiet, told
 

@@ -38,7 +38,7 @@ def fitted(recordings: Sequence[Recording]) -> tuple[Problem, Array]:
     machine, tracks = Machine(MOTOR, []), prepare(recordings, MOTOR)
     floor = block_noise(tracks, MOTOR)
     machine.settle_step(tracks, floor)
-    problem, z, _ = calibrated(machine, tracks, floor)
+    problem, z = calibrated(machine, tracks, floor)
     return problem, z
 
 
@@ -221,5 +221,5 @@ def test_what_the_noise_of_an_input_does_to_the_readings_is_what_runs_say():
     u = problem.tracks[0].u.copy()
     u[:, 0] += sds[0]
     moved = replace(problem, tracks=[replace(problem.tracks[0], u=u)], offsets=())
-    by_runs = moved.clean(0, z) - replace(problem, offsets=()).clean(0, z)
+    by_runs = moved.course(0, z).clean - course.clean
     np.testing.assert_allclose(summed, by_runs, atol=0.02 * np.abs(by_runs).max())

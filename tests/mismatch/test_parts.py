@@ -14,8 +14,9 @@ from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.series import held
 from twinbench.mismatch.solve import solve
-from twinbench.mismatch.tracks import held, prepare
+from twinbench.mismatch.tracks import prepare
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
 from twinbench.physics.simulator import Port

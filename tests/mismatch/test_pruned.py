@@ -19,13 +19,14 @@ from twinbench.mismatch.asked import Asked
 from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.catalogue import generic
 from twinbench.mismatch.naming import pruned
-from twinbench.mismatch.naming.answer import name_of
+from twinbench.mismatch.naming.effect import Effect
+from twinbench.mismatch.naming.marginal import LEARNT
 from twinbench.mismatch.naming.name import Naming, all_physics
 from twinbench.mismatch.naming.odds import of_number
 from twinbench.mismatch.naming.picture import Painter
-from twinbench.mismatch.naming.pruned import ALIKE, BEGINNINGS, Whole, all_at_once, from_elsewhere
+from twinbench.mismatch.naming.pruned import BEGINNINGS, Whole, all_at_once, from_elsewhere
 from twinbench.mismatch.naming.settle import AS_WIDE, Settled, settled
-from twinbench.mismatch.naming.view import View, prior_mean, scale_of
+from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.variants import typical
 
@@ -58,7 +59,11 @@ def left_over() -> Settled:
 
 
 def names(found: Settled) -> list[str]:
-    return [name_of(found.problem.machine, e) for e in found.effects]
+    return list(found.names)
+
+
+def name_in(found: Settled, effect: Effect) -> str:
+    return found.problem.machine.candidates[effect.variant.candidate].name
 
 
 def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
@@ -69,7 +74,7 @@ def test_what_is_left_of_all_at_once_is_what_is_there_or_contains_it():
 
 @pytest.mark.parametrize(
     ("logs", "begun"),
-    [([5.0, 4.99], 2), ([1.0, 9.0, 5.0, 8.95], 4), ([1.0, 1.05], 2), (list(np.arange(10) * 2.0 * ALIKE), BEGINNINGS)],
+    [([5.0, 4.99], 2), ([1.0, 9.0, 5.0, 8.95], 4), ([1.0, 1.05], 2), (list(np.arange(10) * 2.0 * LEARNT), BEGINNINGS)],
 )
 def test_all_at_once_is_begun_elsewhere_until_the_two_likeliest_ends_are_one(monkeypatch, logs, begun):
     first, *left = (SimpleNamespace(log=log) for log in logs)
@@ -89,7 +94,7 @@ def test_what_is_there_is_the_likeliest_of_all():
 def test_the_odds_of_an_effects_absence_are_the_evidence_without_it():
     exact = naming().ground.exact
     found = left_over()
-    more = [e for e in all_physics(naming()) if name_of(found.problem.machine, e) == "offset@omega_rad_s"]
+    more = [e for e in all_physics(naming()) if name_in(found, e) == "offset@omega_rad_s"]
     whole = settled(found.bare, found.own, [*found.now, *more], exact, exact.s)
     needless = names(whole).index("offset@omega_rad_s")
     fewer = settled(whole.bare, whole.own, whole.now[:needless], exact, exact.s)
@@ -106,7 +111,7 @@ def test_on_an_exact_ground_the_sizes_of_effects_are_the_same_everywhere():
 
 def test_beside_a_discrepancy_the_odds_are_those_with_it_learnt_anew():
     found, ground = left_over(), naming().ground
-    more = [e for e in all_physics(naming()) if name_of(found.problem.machine, e) == "offset@omega_rad_s"]
+    more = [e for e in all_physics(naming()) if name_in(found, e) == "offset@omega_rad_s"]
     whole = settled(found.bare, found.own, [*found.now, *more], ground, ground.s)
     fewer = settled(whole.bare, whole.own, whole.now[:-1], ground, whole.learnt.s)
     last = len(whole.effects) - 1
@@ -123,7 +128,7 @@ def test_a_set_less_an_effect_begins_near_where_it_comes_to_rest():
 
     def off(effects, own):
         sizes = [abs(a.size - b.size) / sd for a, b, sd in zip(effects, rest.now, rest.sds, strict=True)]
-        scales = np.array([scale_of(u) for u in rest.bare.unknowns])
+        scales = rest.bare.spreads
         return max(*sizes, *(abs(own - rest.own) / scales))
 
     assert off(begun.effects, begun.own) < 0.5 * off(stayed, found.own)
@@ -142,7 +147,7 @@ def test_an_effect_and_the_unknowns_begin_where_least_squares_puts_them():
     white = np.concatenate([exact.whitened(r, c, view.residuals[r]) for r, c in enumerate(columns)])
     many = len(mean) + 1
     left, right = np.vstack((white[:, :-1], np.eye(many))), np.concatenate((white[:, -1], mean, [0.0]))
-    unknowns, scales = view.problem.unknowns, np.array([scale_of(u) for u in view.problem.unknowns])
+    unknowns, scales = view.problem.unknowns, view.problem.spreads
     ends = np.array([[u.low, u.high] for u in unknowns]).T - view.z
     low, high = (np.append(side / scales, end) for side, end in zip(ends, (-np.inf, np.inf), strict=True))
     step = lsq_linear(left, right, (low, high), method="bvls").x

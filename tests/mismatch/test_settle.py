@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from motor import MOTOR
 from motor_friction import friction_found
 from scipy.optimize import lsq_linear
 
-from twinbench.mismatch.mixture import Mixture
+from twinbench.mismatch.mixture import interval_of
 from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Products
@@ -130,22 +131,27 @@ def _with(problem, k, value):
     return theta
 
 
+def likely(*probabilities: float) -> list[SimpleNamespace]:
+    """Hypotheses with such probabilities."""
+    return [SimpleNamespace(log=np.log(p)) for p in probabilities]
+
+
 def test_an_interval_of_a_mixture_holds_nine_tenths():
     rng = np.random.default_rng(0)
-    mixture = Mixture(np.array([0.7, 0.3]), np.array([0.0, 5.0]), np.array([1.0, 0.2]))
+    mixture = likely(0.7, 0.3), [(0.0, 1.0), (5.0, 0.2)]
     which = rng.random(200_000) < 0.7
     drawn = np.where(which, rng.normal(0.0, 1.0, 200_000), rng.normal(5.0, 0.2, 200_000))
-    low, high = mixture.interval()
+    low, high = interval_of(*mixture)
     assert (low, high) == pytest.approx(np.quantile(drawn, (0.05, 0.95)), abs=0.02)
-    assert mixture.interval(0.0, 4.0) == (0.0, 4.0)
+    assert interval_of(*mixture, 0.0, 4.0) == (0.0, 4.0)
 
 
 def test_an_interval_of_what_is_certain_is_that_number():
     for number in (1.0, 0.0, -3e8):
-        sure = Mixture(np.array([0.9, 0.1]), np.full(2, number), np.full(2, 1e-300))
-        assert sure.interval() == pytest.approx((number, number), rel=1e-12)
-    apart = Mixture(np.array([0.9, 0.1]), np.array([1.0, 2.0]), np.full(2, 1e-300))
-    assert apart.interval() == pytest.approx((1.0, 2.0), rel=1e-12)
+        sure = interval_of(likely(0.9, 0.1), [(number, 0.0)] * 2)
+        assert sure == pytest.approx((number, number), rel=1e-12)
+    apart = interval_of(likely(0.9, 0.1), [(1.0, 0.0), (2.0, 0.0)])
+    assert apart == pytest.approx((1.0, 2.0), rel=1e-12)
 
 
 def test_a_step_promises_what_it_gains_with_all_that_wanders_integrated_out():

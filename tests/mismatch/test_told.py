@@ -16,7 +16,6 @@ from twinbench.common.errors import BadInput
 from twinbench.mismatch import diagnose
 from twinbench.mismatch.asked import Asked, silent
 from twinbench.mismatch.model import whole_catalogue
-from twinbench.mismatch.naming.answer import name_of
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.stage_audit import audited
 from twinbench.mismatch.told import Told, read_told
@@ -103,8 +102,7 @@ def test_told_odds_take_the_place_of_even_ones():
 
     def gain(prior: dict[str, float]) -> float:
         naming = weighed(Asked(MOTOR, drawn, (), CATALOGUE, told=Told(prior=prior))).answer.naming
-        machine = naming.null.problem.machine
-        alone = next(h for h in naming.hypotheses if [name_of(machine, e) for e in h.effects] == [DRY])
+        alone = next(h for h in naming.hypotheses if h.names == (DRY,))
         return alone.log - naming.null.log
 
     assert gain({DRY: 0.005}) - gain({}) == pytest.approx(np.log(0.005 * len(CATALOGUE)), abs=1e-6)

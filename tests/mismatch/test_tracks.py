@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from motor import MOTOR
 from motor_case import record
 
-from twinbench.mismatch.tracks import SHORTEST_BLOCKS, block_seconds, prepare
+from twinbench.mismatch.tracks import FEWEST_SAMPLES, block_seconds, prepare
 
 
 def slow(n: int, period_s: float) -> np.ndarray:
@@ -29,7 +29,7 @@ def test_blocks_last_equally_long_in_recordings_of_any_length():
     long, short = record("long", 1, seconds=400.0), record("short", 2, seconds=20.0)
     tracks = prepare([long, short], MOTOR)
     assert tracks[0].block_s == pytest.approx(tracks[1].block_s)
-    assert all(len(t.starts) >= SHORTEST_BLOCKS for t in tracks)
+    assert all(len(t.starts) >= FEWEST_SAMPLES for t in tracks)
     assert len(tracks[0].starts) == pytest.approx(20 * len(tracks[1].starts), abs=20)
 
 
@@ -43,7 +43,7 @@ def test_what_is_held_back_has_the_blocks_of_what_is_learnt_from_and_enough_of_t
     learnt = prepare([record("learnt", 1, seconds=400.0)], MOTOR, shortest_s=6.0)
     (held,) = prepare([record("held", 2, seconds=6.0)], MOTOR, like=learnt)
     assert held.block_s == pytest.approx(learnt[0].block_s)
-    assert len(held.starts) >= SHORTEST_BLOCKS
+    assert len(held.starts) >= FEWEST_SAMPLES
 
 
 def test_noise_of_block_means_is_the_same_in_all_recordings():
