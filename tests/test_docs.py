@@ -242,7 +242,8 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
     sound = rows[rows["cell"].isin(["clean", "parameters", "poor_excitation"])]
     false = int((sound["outcome"] == "false").sum())
     holds, was = ("holds" if names == 1 else "hold"), ("were" if false > 1 else "was")
-    assert f"{_spelt(names)} of {len(rows)} verdicts {holds} a wrong name, and {_spelt(sets).lower()} of the others a set" in page
+    others = f"and {_spelt(sets).lower()} of the others a set"
+    assert f"{_spelt(names)} of {len(rows)} verdicts {holds} a wrong name, {others}" in page
     assert f"Of the {len(rows)} verdicts {names} {holds} a wrong name" in readme
     assert f"shows {len(rows)} such cases" in readme
     for text in (page, readme):
