@@ -305,7 +305,11 @@ def _content(path: Path) -> dict[str, Any]:
     if inputs not in ("", "held", "linear"):
         raise ValueError(f'{path}: inputs is {shown(inputs)}, must be "held" or "linear"')
     for entry in mechanisms if isinstance(mechanisms, list) else [None]:
-        if not isinstance(entry, dict) or set(entry) != {"name", "from"} or {*map(type, entry.values())} != {str}:
+        if (
+            not isinstance(entry, dict)
+            or set(entry) != {"name", "from"}
+            or not all(isinstance(value, str) for value in entry.values())
+        ):
             raise ValueError(f"{path}: each of [[mechanisms]] must hold two texts, name and from")
     names = [entry["name"] for entry in mechanisms]
     if twice := [name for name in names if names.count(name) > 1]:

@@ -15,8 +15,7 @@ COLUMNS = (
     "case", "seed", "machine", "kind", "cell", "severity", "background_pct", "truth", "class", "D0_sq", "Dk_sq",
     "detectable", "verdict", "named", "set", "probability", "outcome", "ports", "gain", "size_error_pct",
     "size_covered", "parameters_covered", "engine", "seconds", "onset_error_s", "port_truth", "ideal_name",
-    "ideal_class", "inexact", "noisy_input", "left_sq",
-    "decoys_named",
+    "ideal_class", "inexact", "noisy_input", "left_sq", "decoys_named",
 )  # fmt: skip
 """In ``truth``, ``class`` and ``port_truth`` effects are joined by ``+``, what is the same for one of them by ``|``.
 ``named`` holds single names, ``set`` the sets that the verdict cannot separate: names by ``|``, sets by ``+``.

@@ -82,10 +82,15 @@ def test_of_the_tight_chamber_nothing_is_missing():
 
 @recorded
 @pytest.mark.slow
+@pytest.mark.xfail(reason="several effects, and none is sure enough for a name", strict=True)
+def test_what_the_train_lacks_is_named():
+    assert verdict_on("train_compressor").verdict == "missing physics"
+
+
+@recorded
+@pytest.mark.slow
 def test_the_train_loses_air_and_heat():
-    verdict = verdict_on("train_compressor")
-    assert verdict.verdict == "unexplained", "several effects, and none is sure enough for a name"
-    ports = {str(f.port) for f in verdict.findings}
+    ports = {str(f.port) for f in verdict_on("train_compressor").findings}
     assert ports & {"balance:p_bar", "balance:T_degC"}
     for channel, bound in (("reservoirs_bar", 0.5), ("T_oil_C", 0.8)):
         before, after = held_out("train_compressor", channel)
