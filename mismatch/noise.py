@@ -38,7 +38,18 @@ def _windowed(squares: Array) -> Array:
         return squares
     many = max(1, len(squares) // FLOOR_WINDOW)
     starts = np.arange(many) * (len(squares) // many) + np.minimum(np.arange(many), len(squares) % many)
-    seen = np.isfinite(squares)
-    counts = np.add.reduceat(seen, starts, axis=0, dtype=float)
+    sums, counts = summed(squares, starts)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.add.reduceat(np.where(seen, squares, 0.0), starts, axis=0) / counts)
+        return sums / counts
+
+
+def summed(values: Array, starts: np.ndarray) -> tuple[Array, Array]:
+    """Sums (B, n) over rows from one start to the next, in the values' units, and of how many that are there, (B, n).
+
+    Args:
+        values: (N, n) in any unit; NaN means missing.
+        starts: (B,) positions of the first rows.
+    """
+    seen = ~np.isnan(values)
+    sums = np.add.reduceat(np.where(seen, values, 0.0), starts, axis=0)
+    return np.asarray(sums), np.asarray(np.add.reduceat(seen, starts, axis=0, dtype=float))

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twinbench.data.recording import Recording
-from twinbench.mismatch.noise import noise_floor
+from twinbench.mismatch.noise import noise_floor, summed
 from twinbench.mismatch.series import held
 from twinbench.mismatch.spikes import Spike, find_spikes, is_followed
 from twinbench.physics.simulator import Array, Simulator
@@ -312,9 +312,7 @@ def lost(y: Array, n: int) -> Array:
 
 
 def _means(values: Array, starts: np.ndarray) -> Array:
-    seen = ~np.isnan(values)
-    counts = np.add.reduceat(seen, starts, axis=0, dtype=float)
-    sums = np.add.reduceat(np.where(seen, values, 0.0), starts, axis=0)
+    sums, counts = summed(values, starts)
     # What is missing is missing where a reading jumps, often; half a block is not a block then.
     whole = np.add.reduceat(np.ones_like(values), starts, axis=0)
     return np.where(counts > SEEN_SHARE * whole, sums / np.maximum(counts, 1.0), np.nan)
