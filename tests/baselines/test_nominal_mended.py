@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,8 +11,10 @@ import pytest
 
 from twinbench.baselines import nominal_ekf_mended
 from twinbench.baselines.nominal_ekf_mended import NominalEKFMended, mend
-from twinbench.data.batch import CHANNELS, INPUTS, Batch
+from twinbench.data.batch import HEALTH, INPUTS, OUTPUTS, Batch
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.physics.compile import compiled
+from twinbench.physics.known_health import with_known_health
 from twinbench.physics.nominal import NOMINAL
 
 
@@ -25,24 +28,28 @@ def shown(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """An engine that keeps what it is shown, and finds valve loss and a sensor's fault."""
     kept: dict[str, Any] = {}
 
-    def diagnose(simulator: Any, recordings: Any, hold_out: Any) -> Any:
-        kept.update(simulator=simulator, recordings=recordings, hold_out=hold_out)
+    def diagnose(simulator: Any, recordings: Any, **asked: Any) -> Any:
+        kept.update(simulator=simulator, recordings=recordings, **asked)
         return SimpleNamespace(values={"V_d_m3": 6.1e-3, "K_s": 0.05, "iso": 0.0, "bias_T_dis_K": 2.0})
 
     monkeypatch.setattr(nominal_ekf_mended, "diagnose", diagnose)
     return kept
 
 
-def test_the_engine_is_shown_sensor_columns_of_other_recordings_than_it_is_tried_on(
+def test_the_engine_is_shown_sensors_and_health_of_other_recordings_than_it_is_tried_on(
     train: Batch, shown: dict[str, Any]
 ) -> None:
+    assert train.truth is not None
     mend(train, recordings=2, hold_out=1, minutes=1.5)
-    assert shown["simulator"] is NOMINAL
+    assert [v.name for v in shown["simulator"].inputs] == [*INPUTS, *HEALTH]
     given = {r.name: r for r in (*shown["recordings"], *shown["hold_out"])}
     assert len(given) == 3
     for name, recording in given.items():
-        assert recording.channels == CHANNELS
-        np.testing.assert_array_equal(recording.values, train.measured[train.names.index(name), :1800])
+        b = train.names.index(name)
+        sensors, health = recording.values[:, [0, 1, 2, 3, 9, 10, 11]], recording.values[:, 4:9]
+        assert recording.channels == (*INPUTS, *HEALTH, *OUTPUTS)
+        np.testing.assert_array_equal(sensors, train.measured[b, :1800])
+        np.testing.assert_array_equal(health, train.truth.health[b, :1800])
     speed = dict(zip(train.names, np.nanmean(train.measured[..., INPUTS.index("N_rpm")], axis=1), strict=True))
     assert [r.name for r in shown["hold_out"]] == [max(speed, key=lambda n: speed[n])]
 
@@ -61,6 +68,33 @@ def test_what_it_finds_in_the_machine_is_in_the_filters_model_and_a_sensors_faul
     assert values["V_d_m3"] == pytest.approx(6.1e-3 * estimator.arrays["recalibrated"][0])
 
 
-def test_the_engine_cannot_see_the_truth(train: Batch, shown: dict[str, Any]) -> None:
-    found = mend(train, 2, 1, 1.0)
-    np.testing.assert_array_equal(mend(train.without_truth(), 2, 1, 1.0), found)
+def test_the_engine_sees_no_truth_but_the_health_that_recalibration_uses(train: Batch, shown: dict[str, Any]) -> None:
+    assert train.truth is not None
+    mend(train, 2, 1, 1.0)
+    seen = [r.values for r in (*shown["recordings"], *shown["hold_out"])]
+    unknown = replace(train.truth, states=np.full_like(train.truth.states, np.nan))
+    mend(replace(train, truth=unknown), 2, 1, 1.0)
+    for before, after in zip(seen, (*shown["recordings"], *shown["hold_out"]), strict=True):
+        np.testing.assert_array_equal(after.values, before)
+
+
+def test_no_fault_of_a_sensor_of_the_health_is_offered(train: Batch, shown: dict[str, Any]) -> None:
+    mend(train, 2, 1, 1.0)
+    assert set(shown["leave_out"]) == {f"*@{name}" for name in HEALTH}
+
+
+def test_known_health_acts_as_the_same_health_among_the_parameters() -> None:
+    rng = np.random.default_rng(0)
+    known = with_known_health(NOMINAL)
+    health = {"capacity": 0.9, "efficiency": 0.95, "leakage": 0.03, "heat_transfer": 0.7, "T_bias_K": 2.0}
+    worn = NOMINAL.with_values(**health)
+    u = np.array([0.95, 298.0, 1400.0, 0.6])
+    seen = np.concatenate((u, list(health.values())))
+    y0 = np.array([3.1, 430.0, 0.12])
+    x0 = worn.initial(u, y0, worn.theta())
+    np.testing.assert_array_equal(known.initial(seen, y0, known.theta()), x0)
+    for _ in range(5):
+        x = x0 * rng.uniform(0.95, 1.05, len(x0))
+        for name in ("rhs", "output"):
+            ours = getattr(compiled(known), name)(x, seen, known.theta())
+            np.testing.assert_allclose(ours, getattr(compiled(worn), name)(x, u, worn.theta()), rtol=1e-13)
