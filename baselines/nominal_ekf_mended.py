@@ -34,8 +34,8 @@ class NominalEKFMended(ModelEKF):
         "recordings": 6,
         "hold_out": 2,
         "recording_minutes": 10.0,
-        "health_walk": 1.275,
-        "state_walk": 9.445,
+        "health_walk": 1.2,
+        "state_walk": 1.077,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "recording_minutes": [10.0, 25.0]}
     contract_settings: ClassVar[dict[str, Any]] = {"recordings": 1, "hold_out": 1, "recording_minutes": 1.0}
