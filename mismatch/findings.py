@@ -36,7 +36,8 @@ class Finding:
         stand_in: that, where the mended simulator has it in its place.
         indistinguishable_from: the other names that it may have.
         alike: do these do the same in these recordings?
-        probability: that what is said is right; None of what was not weighed.
+        probability: that what is said is right, of an unexplained finding that none of the names is; None of what was
+            not weighed.
         weights: probability of each name in its place, likeliest first.
         since_s: when it began, on the recordings' clock; None where it began in none of them.
         onsets: where it is, recording by recording, if not everywhere.
