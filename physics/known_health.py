@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 from numba import njit
 
 from twinbench.physics import compressor
@@ -65,4 +64,4 @@ def _initial(u0: Array, y0: Array, theta: Array) -> Array:
         y0: (3,) first readings in their units.
         theta: (np,) in the parameters' units.
     """
-    return compressor.initial(u0[:N_INPUTS], y0, np.concatenate((u0[N_INPUTS:], theta[N_HEALTH:])))
+    return compressor.initial(u0[:N_INPUTS], y0, _at(theta, u0))

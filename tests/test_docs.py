@@ -269,6 +269,18 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
         assert f"{by_class('mechanism', 'onset')} {'detectable ' if text is page else ''}single effects" in text
         assert f"{by_class('sensor')} faults" in text
         assert f"both effects in {by_class('two_effects')} pairs" in text
+    groups = {
+        "single effects": ("mechanism", "onset"),
+        "faults of sensors and inputs": ("sensor",),
+        "both of two effects": ("two_effects",),
+    }
+    told = {}
+    for says, cells in groups.items():
+        mine = rows[rows["cell"].isin(cells) & seen]
+        by_ripple = mine["outcome"].isin(["name", "class"]).groupby(mine["background_pct"])
+        told[says] = [f"{group.sum()} of {len(group)}" for _, group in by_ripple]
+        assert f"| {says} | {' | '.join(told[says])} |" in page
+    assert f"With nothing else inexact it is {told['single effects'][0]} single effects" in readme
 
 
 def _spelt(n: int) -> str:
