@@ -1,4 +1,7 @@
-"""One case of the suite: draw it, publish its seal, ask the engines blindly, open the seal, score."""
+"""One case of the suite: draw it, publish its seal, ask the engines blindly, and open the seal.
+
+Answers are kept. They are scored each time that they are read, so a new judge asks no engine again.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +27,13 @@ _PROCESSES: dict[str, Engine] = {}
 
 
 def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked: Sequence[str]) -> int:
-    """Ask some engines about a case, then write its truth and the rows of all engines down.
+    """Ask some engines about a case, then write its truth down.
 
     While an engine runs the truth is in this process's memory alone. A machine that diverges as it is drawn is no case:
     it is left out, before any engine was asked.
 
     Args:
-        engines: by name, all that have a row.
+        engines: by name, all that are to answer.
         asked: those of them that have not answered yet.
 
     Returns:
@@ -51,16 +54,14 @@ def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked
                 told = case.public | {"only": [e["name"] for e in case.truth["effects"]]}
                 (Path(given) / "case.json").write_text(json.dumps(told))
             answer = _process(out).ask(Path(given), engines[name], CASE_TIMEOUT_S)
-        write_text(folder / f"verdict-{name}.json", json.dumps(answer, indent=1))
+        answered = {"key": _key(item, seed, engines[name]), "answer": answer}
+        write_text(_answer_file(out, item, name), json.dumps(answered, indent=1))
     write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
-    for name in engines:
-        row = score(sealed, digest(out, item), _read(folder / f"verdict-{name}.json"), name, seed)
-        write_text(folder / f"row-{name}.json", json.dumps({"key": _key(item, seed, engines[name]), "row": row}))
     return len(asked)
 
 
 def missing(item: Item, seed: int, out: Path, engines: Mapping[str, str]) -> list[str]:
-    """Engines that have no row of this case by the code as it is."""
+    """Engines that have not answered this case by the code as it is."""
     folder = out / "cases" / item.case
     if undrawn(item, seed, out):
         return []
@@ -69,7 +70,7 @@ def missing(item: Item, seed: int, out: Path, engines: Mapping[str, str]) -> lis
     found = []
     for name, engine in engines.items():
         try:
-            known = _read(folder / f"row-{name}.json")["key"] == _key(item, seed, engine)
+            known = _read(_answer_file(out, item, name))["key"] == _key(item, seed, engine)
         except (OSError, ValueError, KeyError):
             known = False
         found += [] if known else [name]
@@ -89,9 +90,10 @@ def _drawn_by(item: Item, seed: int) -> str:
     )
 
 
-def row(item: Item, out: Path, name: str) -> dict[str, Any]:
-    """An engine's scored row of a finished case."""
-    return dict(_read(out / "cases" / item.case / f"row-{name}.json")["row"])
+def row(item: Item, seed: int, out: Path, name: str) -> dict[str, Any]:
+    """An engine's row of a finished case, scored by the judge as it is."""
+    sealed = Sealed(**_read(out / "cases" / item.case / "truth.json"))
+    return score(sealed, digest(out, item), _read(_answer_file(out, item, name))["answer"], name, seed)
 
 
 def digest(out: Path, item: Item) -> str:
@@ -118,7 +120,7 @@ def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
     if known:
         return sealed, False
     # Parts of an earlier attempt must not be taken for this one's.
-    for old in folder.glob("row-*.json"):
+    for old in folder.glob("verdict-*.json"):
         old.unlink()
     sealed = seal(case.truth)
     published = {"case": case.item.case, "sha256": sealed.digest, "of": "salt, newline, canonical JSON of the truth"}
@@ -133,10 +135,14 @@ def _process(out: Path) -> Engine:
 
 
 def _key(item: Item, seed: int, engine: str) -> str:
-    """What a row depends on: the item, the seed, the generator's, the judge's and the engine's code."""
-    own = ("twinbench.proof.concealed.generate", "twinbench.proof.concealed.judge", "twinbench.proof.blind")
+    """What an answer depends on: the item, the seed, the generator's and the engine's code."""
+    own = ("twinbench.proof.concealed.generate", "twinbench.proof.blind")
     parts = (*own, engine.partition(":")[0])
     return key_of(item=list(item.__dict__.values()), seed=seed, engine=engine, code=[code_version(p) for p in parts])
+
+
+def _answer_file(out: Path, item: Item, name: str) -> Path:
+    return out / "cases" / item.case / f"verdict-{name}.json"
 
 
 def _read(path: Path) -> dict[str, Any]:

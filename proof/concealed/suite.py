@@ -101,10 +101,10 @@ def planned(study: Study) -> _Plan:
 
 
 def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts: Mapping[str, Any]) -> pd.DataFrame:
-    """Write the tables of finished cases; the first engine's gates, the oracle's aside."""
+    """Score finished cases and write their tables; the first engine's gates, the oracle's aside."""
     left_out = {item.case: says for item, _ in plan if (says := undrawn(item, seed, out))}
     plan = [(item, asked) for item, asked in plan if item.case not in left_out]
-    rows = [row(item, out, name) for item, asked in plan for name in asked]
+    rows = [row(item, seed, out, name) for item, asked in plan for name in asked]
     seals = {item.case: digest(out, item) for item, _ in plan}
     write_text(out / "cases.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
     table = read_cases(out / "cases.csv")

@@ -474,6 +474,18 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     assert written | {"outcomes.csv", "misses.csv", "engines.csv"} <= {p.name for p in out.iterdir()}
 
 
+def test_a_new_judge_scores_what_is_there(spy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The answers are kept: no engine is asked again."""
+    out, said = tmp_path / "proof", StringIO()
+    run(Study(1, 1, {"spy": "spy:look"}), out, Console(file=said), jobs=1)
+    answers = {path: path.read_bytes() for path in out.glob("cases/*/verdict-spy.json")}
+    monkeypatch.setattr(case, "score", lambda *asked: score(*asked) | {"outcome": "set"})
+    run(Study(1, 1, {"spy": "spy:look"}), out, Console(file=said), jobs=1)
+    assert "1 of 1 cases are there" in said.getvalue()
+    assert read_cases(out / "cases.csv")["outcome"].tolist() == ["set"]
+    assert {path: path.read_bytes() for path in out.glob("cases/*/verdict-spy.json")} == answers
+
+
 def test_a_machine_that_diverges_as_it_is_drawn_is_no_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The suite goes on without it; another generator would have to draw it again."""
 
