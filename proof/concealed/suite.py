@@ -28,6 +28,7 @@ from twinbench.proof.concealed.fits import fits, fits_as_markdown, limit_sq
 from twinbench.proof.concealed.gates import as_markdown, engine_table, engines_as_markdown, gate_table, misses
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import COLUMNS
+from twinbench.proof.concealed.paired import paired_as_markdown, paired_table
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.concealed.power import outcomes, power, reliability
 
@@ -106,7 +107,28 @@ def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts:
     plan = [(item, asked) for item, asked in plan if item.case not in left_out]
     rows = [row(item, seed, out, name) for item, asked in plan for name in asked]
     seals = {item.case: digest(out, item) for item, _ in plan}
-    write_text(out / "cases.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
+    write_text(out / "seals.json", json.dumps(seals, indent=1) + "\n")
+    gates = tables(out, pd.DataFrame(rows, columns=list(COLUMNS)), list(engines))
+    manifest = {
+        "cases": len(plan),
+        "undrawn": left_out,
+        "seed": seed,
+        "engines": dict(engines),
+        "seal": key_of(**seals),
+        **facts,
+        **provenance(),
+    }
+    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    return gates
+
+
+def tables(out: Path, rows: pd.DataFrame, engines: Sequence[str]) -> pd.DataFrame:
+    """Write ``cases.csv`` and every table and figure that is made of it; the first engine's gates, the oracle's aside.
+
+    Args:
+        rows: with ``COLUMNS``.
+    """
+    write_text(out / "cases.csv", rows.to_csv(index=False))
     table = read_cases(out / "cases.csv")
     gates = {name: gate_table(table[table["engine"] == name]) for name in engines}
     write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))
@@ -121,7 +143,6 @@ def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts:
     trust = {name: reliability(stated(table[table["engine"] == name])) for name in engines}
     every = pd.concat([bins.assign(engine=name) for name, bins in trust.items()])
     write_text(out / "reliability.csv", every.to_csv(index=False))
-    write_text(out / "seals.json", json.dumps(seals, indent=1) + "\n")
     first = next((name for name in engines if name != ORACLE), ORACLE)
     write_text(out / "gates.md", as_markdown(gates[first]))
     write_text(out / "power.svg", svg(power_figure(curves[curves["engine"] == first])))
@@ -129,14 +150,8 @@ def report(out: Path, plan: _Plan, seed: int, engines: Mapping[str, str], facts:
     compared = engine_table(table)
     write_text(out / "engines.csv", compared.to_csv(index=False))
     write_text(out / "engines.md", engines_as_markdown(compared))
-    manifest = {
-        "cases": len(plan),
-        "undrawn": left_out,
-        "seed": seed,
-        "engines": dict(engines),
-        "seal": key_of(**seals),
-        **facts,
-        **provenance(),
-    }
-    write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+    if len(engines) > 1:
+        paired = paired_table(table)
+        write_text(out / "paired.csv", paired.to_csv(index=False))
+        write_text(out / "paired.md", paired_as_markdown(paired, engines[0]))
     return gates[first]

@@ -15,6 +15,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from rich.console import Console
+from statsmodels.stats.contingency_tables import mcnemar
+from statsmodels.stats.multitest import multipletests
 
 from twinbench.bench.cli.main import main
 from twinbench.common.errors import BadInput
@@ -30,6 +32,7 @@ from twinbench.proof.concealed.gates import COMPARED, engine_table, engines_as_m
 from twinbench.proof.concealed.generate import Item, draw, write
 from twinbench.proof.concealed.judge import COLUMNS, score
 from twinbench.proof.concealed.machines import MACHINES
+from twinbench.proof.concealed.paired import paired_as_markdown, paired_table
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.concealed.seal import Sealed, seal
 from twinbench.proof.concealed.suite import Study, planned, run
@@ -321,6 +324,27 @@ def test_engines_are_compared_on_the_cases_that_all_answered() -> None:
     assert all(f"{column}_cases" in table for column in COMPARED)
 
 
+def test_engines_are_told_apart_case_by_case() -> None:
+    """By McNemar's test with Holm's correction, as statsmodels has them."""
+    ours = [LEAK] * 12 + [""] * 6 + [LEAK]
+    others = {"silent": [""] * 18, "rash": [LEAK] * 10 + ["x"] * 8}
+    table = paired_table(rows({"ours": ours} | others)).set_index("engine")
+    assert table.loc["rash", ["told_alone", "told_first", "wrong_alone", "wrong_first"]].tolist() == [0, 2, 8, 0]
+    counts = [(0, 12), (0, 0), (0, 2), (8, 0)]
+    plain = [mcnemar([[0, a], [b, 0]], exact=True).pvalue for a, b in counts]
+    held = multipletests(plain, method="holm")[1]
+    assert table[["told_p", "wrong_p"]].to_numpy().ravel() == pytest.approx(held)
+    said = paired_as_markdown(table.reset_index(), "ours")
+    assert "told by it alone | by ours alone" in said
+    assert f"| silent | 0 | 12 | {held[0]:.2g} | 0 | 0 | 1 |" in said
+
+
+def test_what_nothing_can_tell_is_not_told_by_anybody() -> None:
+    hidden = rows({"ours": [LEAK], "rash": ["x"]}).assign(detectable=False)
+    found = paired_table(hidden).iloc[0]
+    assert (found["told_first"], found["wrong_alone"]) == (0, 1)
+
+
 # The run.
 
 
@@ -357,6 +381,7 @@ def test_an_engine_that_joins_later_is_asked_alone_under_the_same_seal(counting:
     assert Sealed(**opened).digest == sealed["0000"]
     assert pd.read_csv(out / "cases.csv")["engine"].tolist() == ["twinbench", "other"]
     assert pd.read_csv(out / "engines.csv")["engine"].tolist() == ["twinbench", "other"]
+    assert pd.read_csv(out / "paired.csv")["engine"].tolist() == ["other"]
     # A case whose truth was off the disk when its run was killed begins anew.
     (item,) = cases(1, 1)
     assert missing(item, 1, out, one | two) == []
