@@ -241,7 +241,9 @@ def test_the_list_of_results_names_the_command_that_made_them(folder):
     assert json.loads((ROOT / "results" / folder / "manifest.json").read_text())["command"] in row
 
 
-@pytest.mark.parametrize("name", ["proof/gates.md", "proof/fits.md", "opponents/engines.md", "flagship/gates.md"])
+@pytest.mark.parametrize(
+    "name", ["proof/gates.md", "proof/fits.md", "opponents/engines.md", "opponents/paired.md", "flagship/gates.md"]
+)
 def test_the_proof_page_shows_what_the_results_hold(name):
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
     assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text()}<!-- end -->" in page
@@ -281,6 +283,47 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
         told[says] = [f"{group.sum()} of {len(group)}" for _, group in by_ripple]
         assert f"| {says} | {' | '.join(told[says])} |" in page
     assert f"With nothing else inexact it is {told['single effects'][0]} single effects" in readme
+
+
+def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
+    rows = with_marks(read_cases(ROOT / "results/opponents/cases.csv"))
+    page = " ".join((ROOT / "docs/proof.md").read_text(encoding="utf-8").split())
+    asked = json.loads((ROOT / "results/opponents/manifest.json").read_text())
+    assert asked["opponent_cases"] == asked["cases"] + len(asked["left"])
+    assert f"the last {len(asked['left'])} are not answered yet" in page
+    by_engine = {name: own.set_index("case") for name, own in rows.groupby("engine")}
+    assert {len(own) for own in by_engine.values()} == {asked["cases"]}
+    proof = with_marks(read_cases(ROOT / "results/proof/cases.csv")).set_index("case")
+    ours = by_engine["twinbench"]
+    assert (proof.loc[ours.index, ["named", "set", "outcome"]] == ours[["named", "set", "outcome"]]).all(axis=None)
+    for name in ("twinbench", "no_learnt_decision", "no_discrepancy", "no_relinearisation", "bic_picker"):
+        own = by_engine[name]
+        single, faults, pairs = (
+            f"{own.loc[mine, 'by_class'].sum()} of {mine.sum()}"
+            for cells in (["mechanism", "onset"], ["sensor"], ["two_effects"])
+            for mine in [own["detectable"] & own["cell"].isin(cells)]
+        )
+        says = f"tells {single} single effects, {faults} faults and both effects in {pairs} pairs"
+        assert re.search(rf"{says}[^-]*?{_spelt(own['wrong_name'].sum())} verdicts hold a wrong name", page)
+    lacking = by_engine["no_learnt_decision"]["cell"].isin(["left_out", "foreign"])
+    named = {name: int((own["named"] != "")[lacking].sum()) for name, own in by_engine.items()}
+    assert f"Of the {lacking.sum()} effects that the catalogue lacks {named['no_learnt_decision']} get" in page
+    assert f"With the decision it is {_spelt(named['twinbench']).lower()}." in page
+    lacking &= by_engine["no_learnt_decision"]["detectable"]
+    at = {name: f"{own.loc[lacking, 'pointed'].sum()} of {lacking.sum()}" for name, own in by_engine.items()}
+    assert f"locates {at['no_discrepancy']} detectable effects that the catalogue lacks" in page
+    assert f"the whole engine locates {at['twinbench']}" in page
+    sound = by_engine["bic_picker"]["cell"].isin(["clean", "parameters", "poor_excitation"])
+    assert (by_engine["bic_picker"].loc[sound, "named"] != "").all()
+    sparse = [own for name, own in by_engine.items() if "sindy" in name]
+    wrong = [int(own["wrong_name"].sum()) for own in sparse]
+    false = [int((own.loc[sound, "named"] != "").sum()) for own in sparse]
+    assert f"a wrong name in {min(wrong)} to {max(wrong)} verdicts" in page
+    assert f"on {min(false)} to {max(false)} of the sound machines" in page
+    apart = pd.read_csv(ROOT / "results/opponents/paired.csv", index_col="engine")
+    for name in ("no_learnt_decision", "no_discrepancy"):
+        assert (apart.loc[name, ["told_p", "wrong_p"]] < 0.05).all()
+    assert apart.loc["no_relinearisation", "told_p"] < 0.05 < apart.loc["no_relinearisation", "wrong_p"]
 
 
 def _spelt(n: int) -> str:
