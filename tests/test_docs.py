@@ -307,7 +307,7 @@ def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
         assert re.search(rf"{says}[^-]*?{_spelt(own['wrong_name'].sum())} verdicts hold a wrong name", page)
     lacking = by_engine["no_learnt_decision"]["cell"].isin(["left_out", "foreign"])
     named = {name: int((own["named"] != "")[lacking].sum()) for name, own in by_engine.items()}
-    assert f"Of the {lacking.sum()} effects that the catalogue lacks {named['no_learnt_decision']} get" in page
+    assert f"Of the {lacking.sum()} effects that the catalogue lacks, {named['no_learnt_decision']} get" in page
     assert f"With the decision it is {_spelt(named['twinbench']).lower()}." in page
     lacking &= by_engine["no_learnt_decision"]["detectable"]
     at = {name: f"{own.loc[lacking, 'pointed'].sum()} of {lacking.sum()}" for name, own in by_engine.items()}

@@ -1,4 +1,4 @@
-"""Engines against the first of them, case by case: which tells more, and which is wrong more often."""
+"""Engines against one of them, case by case: which tells more, and which is wrong more often."""
 
 from __future__ import annotations
 
@@ -13,22 +13,24 @@ ASKED = (*SINGLE, "two_effects", "sensor")
 MARKS = {"told": "by_class", "wrong": "wrong_name"}
 
 
-def paired_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """A row per engine but the first, over the cases that every engine answered.
+def paired_table(rows: pd.DataFrame, first: str) -> pd.DataFrame:
+    """A row per engine but ``first``, over the cases that every engine answered.
 
     Columns are engine, then for ``told`` (every effect of a detectable case by its class) and ``wrong`` (a wrong name)
-    in how many cases this engine alone does it, ``_alone``, in how many the first alone, ``_first``, and ``_p`` of
+    in how many cases this engine alone does it, ``_alone``, in how many ``first`` alone, ``_first``, and ``_p`` of
     McNemar's exact test, with Holm's correction for all tests of the table.
     """
     marked = with_marks(rows)
     marked["by_class"] &= marked["detectable"] & marked["cell"].isin(ASKED)
     engines, table = list(dict.fromkeys(marked["engine"])), []
     both = {mark: marked.pivot(index="case", columns="engine", values=c).dropna() for mark, c in MARKS.items()}
-    for engine in engines[1:]:
+    for engine in engines:
+        if engine == first:
+            continue
         line: dict[str, object] = {"engine": engine}
         for mark, by_case in both.items():
-            own, first = (by_case[name].astype(bool) for name in (engine, engines[0]))
-            alone, of_first = int((own & ~first).sum()), int((first & ~own).sum())
+            own, other = (by_case[name].astype(bool) for name in (engine, first))
+            alone, of_first = int((own & ~other).sum()), int((other & ~own).sum())
             p = float(binomtest(alone, alone + of_first).pvalue) if alone + of_first else 1.0
             line |= {f"{mark}_alone": alone, f"{mark}_first": of_first, f"{mark}_p": p}
         table.append(line)

@@ -151,7 +151,7 @@ def tables(out: Path, rows: pd.DataFrame, engines: Sequence[str]) -> pd.DataFram
     write_text(out / "engines.csv", compared.to_csv(index=False))
     write_text(out / "engines.md", engines_as_markdown(compared))
     if len(engines) > 1:
-        paired = paired_table(table)
+        paired = paired_table(table, first)
         write_text(out / "paired.csv", paired.to_csv(index=False))
-        write_text(out / "paired.md", paired_as_markdown(paired, engines[0]))
+        write_text(out / "paired.md", paired_as_markdown(paired, first))
     return gates[first]

@@ -328,7 +328,7 @@ def test_engines_are_told_apart_case_by_case() -> None:
     """By McNemar's test with Holm's correction, as statsmodels has them."""
     ours = [LEAK] * 12 + [""] * 6 + [LEAK]
     others = {"silent": [""] * 18, "rash": [LEAK] * 10 + ["x"] * 8}
-    table = paired_table(rows({"ours": ours} | others)).set_index("engine")
+    table = paired_table(rows({"ours": ours} | others), "ours").set_index("engine")
     assert table.loc["rash", ["told_alone", "told_first", "wrong_alone", "wrong_first"]].tolist() == [0, 2, 8, 0]
     counts = [(0, 12), (0, 0), (0, 2), (8, 0)]
     plain = [mcnemar([[0, a], [b, 0]], exact=True).pvalue for a, b in counts]
@@ -341,7 +341,7 @@ def test_engines_are_told_apart_case_by_case() -> None:
 
 def test_what_nothing_can_tell_is_not_told_by_anybody() -> None:
     hidden = rows({"ours": [LEAK], "rash": ["x"]}).assign(detectable=False)
-    found = paired_table(hidden).iloc[0]
+    found = paired_table(hidden, "ours").iloc[0]
     assert (found["told_first"], found["wrong_alone"]) == (0, 1)
 
 
