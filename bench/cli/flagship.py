@@ -17,7 +17,13 @@ EXAMPLE = (
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_draws(parser, "--draws", 2, "how many plants", "results/flagship")
-    parser.add_argument("--told", action="store_true", help="also ask an engine that is told the effects' names")
+    parser.add_argument(
+        "--engines",
+        default="known_health",
+        metavar="NAME,...",
+        help="engines to ask: known_health (default; it reads the health beside the sensors), sensors_alone, or told "
+        "(it reads the health, and knows the effects' names)",
+    )
 
 
 def run(a: argparse.Namespace) -> int:
@@ -25,10 +31,10 @@ def run(a: argparse.Namespace) -> int:
     from rich.console import Console
 
     from twinbench.proof.concealed.gates import as_markdown
-    from twinbench.proof.flagship.suite import ENGINES, run
+    from twinbench.proof.flagship.suite import run
 
     command = command_line()
-    engines = ENGINES if a.told else ENGINES[:1]
+    engines = [name.strip() for name in a.engines.split(",")]
     gates = run(a.draws, a.seed, a.out, Console(stderr=True), engines, command=command)
     if a.json:
         tell(a, {"gates": rows_of(gates), "out": str(a.out.resolve())})

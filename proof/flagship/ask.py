@@ -1,8 +1,10 @@
-"""The engine's own process in the flagship study: it sees a case's folder of sensor columns and nothing else.
+"""The engine's own process in the flagship study: it sees a case's folder of recordings and nothing else.
 
 ``python -m twinbench.proof.flagship.ask FOLDER KEEP_OUT`` reads ``case.json`` and the recordings in FOLDER and leaves
 ``verdict.json``, ``model.toml`` (the mended nominal model) and ``calibrated.toml`` (the same without what was
 found) there. First of all it gives up the right to look into KEEP_OUT, where the study's results are.
+
+The recordings hold sensor columns. Where the engine is told the health, they hold its columns too.
 """
 
 from __future__ import annotations
@@ -16,6 +18,8 @@ from pathlib import Path
 
 from twinbench.common.orphans import end_with_parent
 from twinbench.common.store import write_text
+from twinbench.data.batch import HEALTH
+from twinbench.physics.known_health import with_known_health
 from twinbench.physics.simulator import Simulator
 from twinbench.proof.blind import conceal
 
@@ -43,13 +47,15 @@ def answer(folder: Path) -> None:
 
     case = json.loads((folder / "case.json").read_text())
     nominal = with_constants(load_simulator("nominal"), case["constants"], case["tolerance"])
+    asked = with_known_health(nominal) if case["health"] else nominal
     parts = ([folder / f"{n}.csv" for n in case[part]] for part in ("train", "held_out"))
-    train, held_out = (read_recordings(paths, nominal) for paths in parts)
-    catalogue = [m for m in whole_catalogue(nominal) if m.name not in case["without"]]
+    train, held_out = (read_recordings(paths, asked) for paths in parts)
+    no_sensor = tuple(f"@{name}" for name in HEALTH)  # none reads the health, so none is at fault
+    catalogue = [m for m in whole_catalogue(asked) if m.name not in case["without"] and not m.name.endswith(no_sensor)]
     if case["only"]:  # an engine that is told
         catalogue = [m for m in catalogue if m.name in case["only"]]
     began = time.perf_counter()
-    verdict = diagnose(nominal, train, hold_out=held_out, catalogue=catalogue)
+    verdict = diagnose(asked, train, hold_out=held_out, catalogue=catalogue)
     seconds = time.perf_counter() - began
     before = verdict.diagnosis.before
     calibrated = {

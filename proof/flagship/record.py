@@ -1,4 +1,5 @@
-"""How a drawn plant is run and recorded: six training recordings, and three in another regime that are held out."""
+"""How a drawn plant is run and recorded: six training recordings; three for proof and three for the filter, in another
+regime."""
 
 from __future__ import annotations
 
@@ -38,6 +39,8 @@ TRAINING = Part(
     ((), (), ("leakage", "capacity"), ("efficiency",), ("heat_transfer",), HEALTH), 0.5,
 )  # fmt: skip
 HELD_OUT = Part("held", 25.0, (1200.0, 1800.0), (2.9, 4.85), (0.82, 1.0), (299.0, 310.0), (HEALTH, HEALTH, HEALTH), 1.0)
+PROOF = replace(HELD_OUT, name="proof")
+"""What the engine holds its findings against. The filter runs on other recordings, which the engine never sees."""
 SWING_K = 3.0
 """Swing of the suction temperature that ``Scenario`` adds."""
 HOLD_S = (15.0, 240.0)

@@ -21,7 +21,7 @@ from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.versions import code_version, provenance
 from twinbench.common.workers import side_by_side
-from twinbench.data.batch import Batch
+from twinbench.data.batch import HEALTH, Batch
 from twinbench.data.recording import truth_table
 from twinbench.mismatch.model import load_simulator
 from twinbench.proof.concealed.gates import as_markdown
@@ -31,11 +31,15 @@ from twinbench.proof.flagship.gates import draws_table, gate_table, read_draws
 from twinbench.proof.flagship.judge import COLUMNS, names, shares
 from twinbench.proof.flagship.measure import Errors, at_design_point, at_known_health, errors
 from twinbench.proof.flagship.plant import UNKNOWN_SHARE, Item, Plant, draw
-from twinbench.proof.flagship.record import HELD_OUT, TRAINING, record
+from twinbench.proof.flagship.record import HELD_OUT, PROOF, TRAINING, record
 
-TOLD = "told"
-ENGINES = ("twinbench", TOLD)
-"""Ours, and ours with a catalogue that holds what is true and nothing else: how far mending gets without naming."""
+KNOWN_HEALTH, SENSORS_ALONE, TOLD = "known_health", "sensors_alone", "told"
+ENGINES = {
+    KNOWN_HEALTH: "reads the health beside the sensors, as the calibrated model that it is held against does",
+    SENSORS_ALONE: "follows the health itself",
+    TOLD: "the first of these, with a catalogue of true effects alone: how far mending gets without naming",
+}
+"""The same engine, told more or less. Each has its own gates."""
 DRAW_TIMEOUT_S = 3600.0
 RARE_EVERY = 3
 _ROOT = Path(__file__).resolve().parents[2]
@@ -55,11 +59,11 @@ def run(
     seed: int,
     out: Path,
     console: Console,
-    engines: Sequence[str] = ENGINES[:1],
+    engines: Sequence[str] = (KNOWN_HEALTH,),
     jobs: int = 0,
     command: str = "",
 ) -> pd.DataFrame:
-    """Write ``draws.csv``, ``draws.md``, ``gates.csv``, ``gates.md`` and ``manifest.json`` into ``out``.
+    """Write ``draws.csv``, ``draws.md``, ``gates.csv``, ``gates_ENGINE.md`` and ``manifest.json`` into ``out``.
 
     A case that an earlier run finished with the same code is kept.
 
@@ -71,10 +75,13 @@ def run(
         The gate table of the first engine.
 
     Raises:
-        BadInput: no draw at all is wanted, or ``out`` cannot be written to.
+        BadInput: no draw at all is wanted, an engine is unknown, or ``out`` cannot be written to.
     """
     if draws < 1:
         raise BadInput(f"--draws is {draws}, must be at least 1")
+    for engine in engines:
+        if engine not in ENGINES:
+            raise BadInput(f"engine {engine!r} is not known; choose from {', '.join(ENGINES)}")
     began = time.time()
     out = out.absolute()
     check_writable(out)
@@ -96,15 +103,14 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
     ``out`` the engine's process cannot open.
     """
     plant = draw(item, seed)
-    train, held_out = (record(plant.simulator, part, seed, item.number) for part in (TRAINING, HELD_OUT))
+    train, proof, held_out = (record(plant.simulator, part, seed, item.number) for part in (TRAINING, PROOF, HELD_OUT))
     sealed = seal(_truth(item, seed, plant))
     folder = _row_file(out, item, engine).parent
     for old in ("truth.json", "row.json"):  # parts of an earlier attempt must not be taken for this one's
         (folder / old).unlink(missing_ok=True)
     write_text(folder / "seal.json", json.dumps({"case": item.name, "sha256": sealed.digest}))
-    only = [e.name for e in plant.effects] if engine == TOLD else []
     with tempfile.TemporaryDirectory(prefix="flagship-") as given:
-        verdict = ask(Path(given), train, held_out, plant, only, out)
+        verdict = ask(Path(given), train, proof, plant, engine, out)
         models = {n: load_simulator(str(Path(given) / n)) for n in (MODEL, CALIBRATED) if (Path(given) / n).is_file()}
         for name in models:
             write_text(folder / name, (Path(given) / name).read_text())
@@ -128,18 +134,22 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
     write_text(folder / "row.json", json.dumps({"key": _key(item, seed), "row": row}))
 
 
-def ask(
-    folder: Path, train: Batch, held_out: Batch, plant: Plant, only: Sequence[str], keep_out: Path
-) -> dict[str, Any]:
-    """The engine's verdict on sensor columns in a folder of its own, from a process of its own."""
+def ask(folder: Path, train: Batch, held_out: Batch, plant: Plant, engine: str, keep_out: Path) -> dict[str, Any]:
+    """The engine's verdict on recordings in a folder of its own, from a process of its own."""
+    told_health = engine != SENSORS_ALONE
     for batch in (train, held_out):
+        assert batch.truth is not None
         for i, name in enumerate(batch.names):
-            truth_table(batch.without_truth(), i).to_csv(folder / f"{name}.csv", index=False, float_format="%.8g")
+            table = truth_table(batch.without_truth(), i)
+            if told_health:
+                table[list(HEALTH)] = batch.truth.health[i]
+            table.to_csv(folder / f"{name}.csv", index=False, float_format="%.8g")
     case = {
         "train": train.names,
         "held_out": held_out.names,
+        "health": told_health,
         "without": plant.without,
-        "only": only,
+        "only": [e.name for e in plant.effects] if engine == TOLD else [],
         "constants": plant.constants,
         "tolerance": UNKNOWN_SHARE / np.sqrt(3.0),
     }
@@ -169,7 +179,8 @@ def report(out: Path, listed: Sequence[tuple[Item, str]], seed: int, facts: Mapp
     engines = list(dict.fromkeys(engine for _, engine in listed))
     gates = {engine: gate_table(table[table["engine"] == engine]) for engine in engines}
     write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))
-    write_text(out / "gates.md", as_markdown(gates[engines[0]]))
+    for engine in engines:
+        write_text(out / f"gates_{engine}.md", as_markdown(gates[engine]))
     write_text(out / "draws.md", draws_table(table))
     seals = {f.parent.name: json.loads(f.with_name("seal.json").read_text())["sha256"] for f in files}
     manifest = {

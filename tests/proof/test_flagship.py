@@ -15,7 +15,7 @@ from flagship_short import recorded
 from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS, Batch
+from twinbench.data.batch import CHANNELS, HEALTH, Batch
 from twinbench.mismatch.model import model_toml
 from twinbench.physics.mechanisms import CATALOGUE
 from twinbench.physics.nominal import NOMINAL
@@ -25,7 +25,7 @@ from twinbench.proof.flagship.gates import gate_table
 from twinbench.proof.flagship.judge import COLUMNS, names
 from twinbench.proof.flagship.measure import Errors
 from twinbench.proof.flagship.plant import EFFECTS, UNKNOWN, Item, Plant, draw
-from twinbench.proof.flagship.record import HELD_OUT
+from twinbench.proof.flagship.record import HELD_OUT, PROOF, TRAINING
 
 # Judging.
 
@@ -132,20 +132,20 @@ def test_an_engine_that_failed_has_mended_nothing() -> None:
 
 
 @pytest.fixture
-def stub(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Sequence[str], Sequence[str]]]:
+def stub(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Sequence[str], str]]:
     """The same short recordings of every plant, and an engine that finds the isothermal manifold; what it was asked."""
-    asked: list[tuple[Sequence[str], Sequence[str]]] = []
+    asked: list[tuple[Sequence[str], str]] = []
 
-    def answer(folder: Path, train: Batch, held_out: Batch, plant: Plant, only: Any, keep_out: Path) -> Any:
-        assert (train.names, held_out.names, keep_out.is_dir()) == (("train_1", "train_2"), ("held_1",), True)
-        asked.append((plant.without, only))
+    def answer(folder: Path, train: Batch, held_out: Batch, plant: Plant, engine: str, keep_out: Path) -> Any:
+        assert (train.names, held_out.names, keep_out.is_dir()) == (("train_1", "train_2"), ("proof_1",), True)
+        asked.append((plant.without, engine))
         found = [m for m in CATALOGUE if m.name == "isothermal_manifold"]
         for name, mechanisms, values in (("model.toml", found, {"iso": 0.1}), ("calibrated.toml", [], {})):
             (folder / name).write_text(model_toml("nominal", NOMINAL, mechanisms, {"V_d_m3": 6e-3} | values, folder))
         return said(("isothermal_manifold", (), 0.1, 0.0, 0.2))
 
     monkeypatch.setattr(suite, "ask", answer)
-    monkeypatch.setattr(suite, "record", lambda _, part, *__: recorded()[part is HELD_OUT])
+    monkeypatch.setattr(suite, "record", lambda _, part, *__: recorded()[(TRAINING, PROOF, HELD_OUT).index(part)])
     monkeypatch.setattr(suite, "at_known_health", lambda _: NOMINAL)
     monkeypatch.setattr(suite, "errors", lambda m, *_: Errors(*[5.0 + abs(m.theta()[m.index("iso")])] * 4))
     return asked
@@ -164,8 +164,8 @@ def test_a_study_is_resumed_where_it_stopped(stub: list[Any], tmp_path: Path) ->
     assert "| 00-plain |" in (tmp_path / "draws.md").read_text()
     manifest = json.loads((tmp_path / "manifest.json").read_text())
     assert manifest["seed"] == 3
-    assert set(manifest["seals"]) == {"00-plain-twinbench", "00-left_out-twinbench", "00-nominal-twinbench"}
-    (tmp_path / "cases" / "00-nominal-twinbench" / "row.json").unlink()
+    assert set(manifest["seals"]) == {"00-plain-known_health", "00-left_out-known_health", "00-nominal-known_health"}
+    (tmp_path / "cases" / "00-nominal-known_health" / "row.json").unlink()
     second = suite.run(1, 3, tmp_path, quiet, jobs=1)
     assert len(stub) == 4
     pd.testing.assert_frame_equal(first, second)
@@ -173,13 +173,14 @@ def test_a_study_is_resumed_where_it_stopped(stub: list[Any], tmp_path: Path) ->
     assert len(stub) == 7, "another seed is another study"
 
 
-def test_the_catalogue_lacks_what_is_left_out_and_holds_nothing_else_for_an_engine_that_is_told(
-    stub: list[Any], tmp_path: Path
-) -> None:
-    suite.run(1, 3, tmp_path, Console(quiet=True), engines=suite.ENGINES, jobs=1)
-    plant, poorer = draw(Item("plain", 0), 3), draw(Item("left_out", 0), 3)
-    everything = [e.name for e in plant.effects]
-    assert stub[:4] == [((), []), ((), everything), (poorer.without, []), (poorer.without, everything)]
+def test_every_engine_is_asked_about_every_case_that_asks_it_something(stub: list[Any], tmp_path: Path) -> None:
+    suite.run(1, 3, tmp_path, Console(quiet=True), engines=tuple(suite.ENGINES), jobs=1)
+    poorer = draw(Item("left_out", 0), 3).without
+    plain, left_out = ([(without, e) for e in suite.ENGINES] for without in ((), poorer))
+    assert stub[:6] == [*plain, *left_out]
+    assert [engine for _, engine in stub[6:]] == ["known_health", "sensors_alone"], "nothing is true there to be told"
+    for engine in suite.ENGINES:
+        assert (tmp_path / f"gates_{engine}.md").is_file()
 
 
 def test_the_truth_is_on_no_disk_until_the_engine_has_answered(
@@ -193,8 +194,8 @@ def test_the_truth_is_on_no_disk_until_the_engine_has_answered(
         return answer(folder, *arguments)
 
     monkeypatch.setattr(suite, "ask", looks)
-    suite.run_case(Item("plain", 0), 3, tmp_path, "twinbench")
-    truth = json.loads((tmp_path / "cases" / "00-plain-twinbench" / "truth.json").read_text())["truth"]
+    suite.run_case(Item("plain", 0), 3, tmp_path, "known_health")
+    truth = json.loads((tmp_path / "cases" / "00-plain-known_health" / "truth.json").read_text())["truth"]
     assert [e["name"] for e in truth["effects"]] == [m.name for m in EFFECTS]
 
 
@@ -202,31 +203,37 @@ def test_a_seal_that_was_changed_meanwhile_is_noticed(
     stub: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def forges(*_: Any) -> Any:
-        seal = tmp_path / "cases" / "00-nominal-twinbench" / "seal.json"
+        seal = tmp_path / "cases" / "00-nominal-known_health" / "seal.json"
         seal.write_text(json.dumps({"case": "00-nominal", "sha256": "0" * 64}))
         return said()
 
     monkeypatch.setattr(suite, "ask", forges)
     with pytest.raises(BrokenSeal):
-        suite.run_case(Item("nominal", 0), 3, tmp_path, "twinbench")
+        suite.run_case(Item("nominal", 0), 3, tmp_path, "known_health")
 
 
-def test_the_engine_gets_sensor_columns_alone_and_its_failure_is_an_answer(tmp_path: Path) -> None:
-    train, held_out = recorded()
+@pytest.mark.parametrize("engine", suite.ENGINES)
+def test_the_engine_gets_what_it_may_read_alone(engine: str, tmp_path: Path) -> None:
+    train, held_out, _ = recorded()
     plant = draw(Item("loose", 0), 3)
-    answered = suite.ask(tmp_path, train, held_out, plant, ["isothermal_manifold"], tmp_path / "out")
+    answered = suite.ask(tmp_path, train, held_out, plant, engine, tmp_path / "out")
     case = json.loads((tmp_path / "case.json").read_text())
-    assert set(case) == {"train", "held_out", "without", "only", "constants", "tolerance"}
     assert case["constants"] == list(UNKNOWN)
+    assert case["only"] == ([e.name for e in plant.effects] if engine == "told" else [])
+    health = () if engine == "sensors_alone" else HEALTH
     for path in tmp_path.glob("*.csv"):
-        assert tuple(pd.read_csv(path, nrows=1).columns) == ("time_s", *CHANNELS)
+        assert tuple(pd.read_csv(path, nrows=1).columns) == ("time_s", *CHANNELS, *health)
     assert len(list(tmp_path.glob("*.csv"))) == 3
     assert answered["verdict"] != "failed", answered["says"]
     assert answered["seconds"] > 0.0
+    assert not [f for f in answered["findings"] if str(f["mechanism"]).endswith(tuple(f"@{n}" for n in HEALTH))]
     assert {p.name for p in tmp_path.glob("*.toml")} == {"model.toml", "calibrated.toml"}
+
+
+def test_an_engine_that_fails_has_answered(tmp_path: Path) -> None:
+    train, held_out, _ = recorded()
     blank = replace(train, measured=np.full_like(train.measured, np.nan))
-    (tmp_path / "blank").mkdir()
-    refused = suite.ask(tmp_path / "blank", blank, held_out, plant, [], tmp_path / "out")
+    refused = suite.ask(tmp_path, blank, held_out, draw(Item("plain", 0), 3), "known_health", tmp_path / "out")
     assert refused["verdict"] == "failed"
     assert "is empty" in refused["says"]
 
@@ -234,3 +241,8 @@ def test_the_engine_gets_sensor_columns_alone_and_its_failure_is_an_answer(tmp_p
 def test_no_plant_at_all_is_bad_input(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="--draws is 0"):
         suite.run(0, 1, tmp_path, Console(quiet=True))
+
+
+def test_an_unknown_engine_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="engine 'twinbench' is not known; choose from known_health, "):
+        suite.run(1, 1, tmp_path, Console(quiet=True), engines=["twinbench"])

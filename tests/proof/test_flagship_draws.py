@@ -70,7 +70,7 @@ def test_an_enriched_plant_has_two_effects_more() -> None:
 
 
 def test_recordings_are_the_same_for_the_same_seed_and_hold_what_sensors_wrote() -> None:
-    train, held_out = recorded()
+    train, _, held_out = recorded()
     plant = draw(Item("left_out", 0), 3).simulator
     again = record(plant, SHORT_TRAINING, 3, 0)
     np.testing.assert_array_equal(again.measured, train.measured)
@@ -113,7 +113,7 @@ def test_the_nominal_model_can_be_made_exact_at_the_design_point() -> None:
 
 
 def test_the_plant_itself_filters_better_than_the_nominal_model() -> None:
-    train, held_out = recorded()
+    train, _, held_out = recorded()
     plant = draw(Item("plain", 0), 3).simulator
     oracle, nominal = (errors(m, train, held_out) for m in (plant, NOMINAL))
     assert oracle.parameter < 0.7 * nominal.parameter
@@ -122,7 +122,7 @@ def test_the_plant_itself_filters_better_than_the_nominal_model() -> None:
 
 
 def test_a_filter_that_diverges_has_no_error_to_show() -> None:
-    train, held_out = recorded()
+    train, _, held_out = recorded()
     diverged = errors(NOMINAL.with_values(C_w_J_K=1e-9), train, held_out)
     assert np.isnan(diverged.parameter)
     oracle, nominal = Errors(4.0, 0.5, 0.5, 0.5), Errors(12.0, 1.0, 1.0, 1.0)
