@@ -28,6 +28,16 @@ def code_version(module: str) -> str:
 
 
 @functools.cache
+def source_version(checkout: Path) -> str:
+    """sha256 over all source of a checkout of Twinbench."""
+    digest = hashlib.sha256()
+    for path in sorted(checkout.glob("[!.]*/**/*.py")):
+        digest.update(str(path.relative_to(checkout)).encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
 def _version(module: str, source: bytes) -> str:
     digest = hashlib.sha256(source)
     for name, path in sorted(_closure(module).items()):

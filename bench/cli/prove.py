@@ -21,7 +21,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--engines",
         default="twinbench",
         metavar="NAME,...",
-        help="engines to ask: twinbench (default), oracle, opponents, ablations or all; a wrong name lists them",
+        help="engines to ask: twinbench (default), oracle, opponents, ablations or all; a wrong name lists them; "
+        "before=FOLDER is that of another checkout of Twinbench",
     )
     parser.add_argument(
         "--opponent-cases",

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from twinbench.common.store import key_of, write_text
-from twinbench.common.versions import code_version
+from twinbench.common.versions import code_version, source_version
 from twinbench.proof.concealed.engine import Engine
 from twinbench.proof.concealed.engines import ORACLE
 from twinbench.proof.concealed.generate import Case, Item, draw, write
@@ -22,8 +22,8 @@ from twinbench.proof.concealed.seal import Sealed, canonical, seal
 
 CASE_TIMEOUT_S = 900.0
 UNDRAWN = "undrawn.json"
-_PROCESSES: dict[str, Engine] = {}
-"""This worker's blind process, by the folder it is kept out of: one for all cases and engines compiles once."""
+_PROCESSES: dict[tuple[str, str], Engine] = {}
+"""This worker's blind processes, by the folder they are kept out of and checkout: each compiles once for all cases."""
 
 
 def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked: Sequence[str]) -> int:
@@ -53,7 +53,8 @@ def run_case(item: Item, seed: int, out: Path, engines: Mapping[str, str], asked
             if name == ORACLE:
                 told = case.public | {"only": [e["name"] for e in case.truth["effects"]]}
                 (Path(given) / "case.json").write_text(json.dumps(told))
-            answer = _process(out).ask(Path(given), engines[name], CASE_TIMEOUT_S)
+            engine, _, checkout = engines[name].partition("@")
+            answer = _process(out, checkout).ask(Path(given), engine, CASE_TIMEOUT_S)
         answered = {"key": _key(item, seed, engines[name]), "answer": answer}
         write_text(_answer_file(out, item, name), json.dumps(answered, indent=1))
     write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
@@ -102,9 +103,9 @@ def digest(out: Path, item: Item) -> str:
 
 
 def close(out: Path) -> None:
-    """End this process's own blind process; a worker's ends with the worker."""
-    if process := _PROCESSES.pop(str(out), None):
-        process.close()
+    """End this process's own blind processes; a worker's end with the worker."""
+    for known in [known for known in _PROCESSES if known[0] == str(out)]:
+        _PROCESSES.pop(known).close()
 
 
 def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
@@ -128,17 +129,23 @@ def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
     return sealed, True
 
 
-def _process(out: Path) -> Engine:
-    if str(out) not in _PROCESSES:
-        _PROCESSES[str(out)] = Engine(out, out / f"engine-{os.getpid()}.log")
-    return _PROCESSES[str(out)]
+def _process(out: Path, checkout: str) -> Engine:
+    known = str(out), checkout
+    if known not in _PROCESSES:
+        elsewhere = Path(checkout).resolve() if checkout else None
+        _PROCESSES[known] = Engine(out, out / f"engine-{os.getpid()}.log", elsewhere)
+    return _PROCESSES[known]
 
 
 def _key(item: Item, seed: int, engine: str) -> str:
     """What an answer depends on: the item, the seed, the generator's and the engine's code."""
-    own = ("twinbench.proof.concealed.generate", "twinbench.proof.blind")
-    parts = (*own, engine.partition(":")[0])
-    return key_of(item=list(item.__dict__.values()), seed=seed, engine=engine, code=[code_version(p) for p in parts])
+    function, _, checkout = engine.partition("@")
+    code = [code_version("twinbench.proof.concealed.generate")]
+    if checkout:
+        code += [source_version(Path(checkout).resolve())]
+    else:
+        code += [code_version("twinbench.proof.blind"), code_version(function.partition(":")[0])]
+    return key_of(item=list(item.__dict__.values()), seed=seed, engine=function, code=code)
 
 
 def _answer_file(out: Path, item: Item, name: str) -> Path:

@@ -14,14 +14,18 @@ import twinbench
 
 ROOT = Path(__file__).resolve().parents[2]
 """Holds ``examples/``, in a checkout and in a wheel."""
-PACKAGES = str(Path(twinbench.__file__).parents[1])
+PACKAGES = Path(twinbench.__file__).parents[1]
 
 
 class Engine:
-    """A blind process that answers one case after another, so that an engine compiles once."""
+    """A blind process that answers one case after another, so that an engine compiles once.
 
-    def __init__(self, keep_out: Path, log: Path) -> None:
-        self.keep_out, self.log = keep_out, log
+    Args:
+        checkout: of Twinbench, whose code answers; this one if None.
+    """
+
+    def __init__(self, keep_out: Path, log: Path, checkout: Path | None = None) -> None:
+        self.keep_out, self.log, self.checkout = keep_out, log, checkout
         self._process: subprocess.Popen[str] | None = None
 
     def ask(self, folder: Path, engine: str, timeout_s: float) -> dict[str, Any]:
@@ -51,13 +55,13 @@ class Engine:
 
     def _running(self) -> subprocess.Popen[str]:
         if self._process is None or self._process.poll() is not None:
-            environment = os.environ | {"PYTHONPATH": os.pathsep.join([PACKAGES, os.environ.get("PYTHONPATH", "")])}
+            packages = os.pathsep.join([str(self.checkout or PACKAGES), os.environ.get("PYTHONPATH", "")])
             with open(self.log, "a") as log:
                 blind = [sys.executable, "-P", "-m", "twinbench.proof.blind", str(self.keep_out)]
                 self._process = subprocess.Popen(
                     blind,
-                    cwd=ROOT,
-                    env=environment,
+                    cwd=self.checkout or ROOT,
+                    env=os.environ | {"PYTHONPATH": packages},
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=log,

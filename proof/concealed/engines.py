@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from pathlib import Path
 
 from twinbench.common.errors import BadInput
 
@@ -30,13 +31,24 @@ MAIN = ("twinbench", ORACLE)
 def chosen(names: str) -> dict[str, str]:
     """Engines by their names, joined by commas; ``all`` of them.
 
+    ``before=FOLDER`` is the engine of another checkout of Twinbench, under a name of its own.
+
     Raises:
-        BadInput: an unknown name, or an engine whose library is not installed.
+        BadInput: an unknown name, an engine whose library is not installed, or a folder that is no checkout.
     """
     listed = list(ENGINES) if names == "all" else [name.strip() for name in names.split(",")]
-    for name in listed:
+    elsewhere = dict(_elsewhere(*name.split("=", 1)) for name in listed if "=" in name)
+    for name in (name for name in listed if "=" not in name):
         if name not in ENGINES:
             raise BadInput(f"engine {name!r} is not known; choose from {', '.join(ENGINES)}, or all")
         if "sindy" in name and importlib.util.find_spec("pysindy") is None:
             raise BadInput(f"engine {name!r} needs pysindy; install it with: pip install 'twinbench[opponents]'")
-    return {name: ENGINES[name] for name in listed}
+    return {name.partition("=")[0]: (ENGINES | elsewhere)[name.partition("=")[0]] for name in listed}
+
+
+def _elsewhere(name: str, folder: str) -> tuple[str, str]:
+    if name in ENGINES:
+        raise BadInput(f"engine {name!r} is one of this checkout; name the one in {folder} otherwise")
+    if not (Path(folder) / "proof" / "blind.py").is_file():
+        raise BadInput(f"engine {name!r}: {folder} is no checkout of Twinbench; it has no proof/blind.py")
+    return name, f"{ENGINES['twinbench']}@{folder}"

@@ -15,11 +15,13 @@ from rich.console import Console
 from short_machines import SHORT, measured
 from statsmodels.stats.proportion import proportion_confint
 
+from twinbench.common.errors import BadInput
 from twinbench.data.scenario import stream
 from twinbench.mismatch.model import load_simulator, whole_catalogue
 from twinbench.physics.integrate import simulate
 from twinbench.proof.concealed import case
 from twinbench.proof.concealed.engine import Engine
+from twinbench.proof.concealed.engines import chosen
 from twinbench.proof.concealed.findings import read_cases
 from twinbench.proof.concealed.gates import gate_table, misses, wilson
 from twinbench.proof.concealed.generate import CELLS, Case, Item, draw, write
@@ -484,6 +486,43 @@ def test_a_new_judge_scores_what_is_there(spy: Path, tmp_path: Path, monkeypatch
     assert "1 of 1 cases are there" in said.getvalue()
     assert read_cases(out / "cases.csv")["outcome"].tolist() == ["set"]
     assert {path: path.read_bytes() for path in out.glob("cases/*/verdict-spy.json")} == answers
+
+
+def checkout(folder: Path, says: str) -> str:
+    """A checkout whose engine says the same of every case; its place."""
+    for package in (folder / "proof", folder / "twinbench" / "proof"):
+        package.mkdir(parents=True)
+        (package / "blind.py").write_text(f"""
+import json, sys
+from pathlib import Path
+for line in sys.stdin:
+    verdict = dict(verdict="failed", says={says!r}, findings=[], seconds=1.0)
+    (Path(json.loads(line)["folder"]) / "verdict.json").write_text(json.dumps(verdict))
+    print("done", flush=True)
+""")
+    (folder / "twinbench" / "__init__.py").touch()
+    (folder / "twinbench" / "proof" / "__init__.py").touch()
+    return str(folder)
+
+
+def test_the_engine_of_another_checkout_answers_beside_ours(
+    spy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    first, second = checkout(tmp_path / "first", "first"), checkout(tmp_path / "second", "second")
+    for folder, says in ((first, "first"), (Path(first).name, "first"), (second, "second")):
+        engines = chosen(f"before={folder}") | {"spy": "spy:look"}
+        run(Study(1, 1, engines), tmp_path / "out", Console(quiet=True), jobs=1)
+        (answer,) = tmp_path.glob("out/cases/*/verdict-before.json")
+        assert json.loads(answer.read_text())["answer"]["says"] == says
+    assert read_cases(tmp_path / "out" / "cases.csv")["engine"].tolist() == ["before", "spy"]
+
+
+def test_what_is_no_checkout_is_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"engine 'before': .* is no checkout of Twinbench; it has no proof/blind.py"):
+        chosen(f"before={tmp_path}")
+    with pytest.raises(BadInput, match=r"engine 'sindy' is one of this checkout; name the one in .* otherwise"):
+        chosen(f"sindy={checkout(tmp_path / 'first', '')}")
 
 
 def test_a_machine_that_diverges_as_it_is_drawn_is_no_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
