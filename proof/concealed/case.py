@@ -104,8 +104,8 @@ def digest(out: Path, item: Item) -> str:
 
 def close(out: Path) -> None:
     """End this process's own blind processes; a worker's end with the worker."""
-    for known in [known for known in _PROCESSES if known[0] == str(out)]:
-        _PROCESSES.pop(known).close()
+    for place in [place for place in _PROCESSES if place[0] == str(out)]:
+        _PROCESSES.pop(place).close()
 
 
 def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
@@ -130,11 +130,11 @@ def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
 
 
 def _process(out: Path, checkout: str) -> Engine:
-    known = str(out), checkout
-    if known not in _PROCESSES:
+    place = str(out), checkout
+    if place not in _PROCESSES:
         elsewhere = Path(checkout).resolve() if checkout else None
-        _PROCESSES[known] = Engine(out, out / f"engine-{os.getpid()}.log", elsewhere)
-    return _PROCESSES[known]
+        _PROCESSES[place] = Engine(out, out / f"engine-{os.getpid()}.log", elsewhere)
+    return _PROCESSES[place]
 
 
 def _key(item: Item, seed: int, engine: str) -> str:

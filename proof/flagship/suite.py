@@ -40,6 +40,8 @@ ENGINES = {
     TOLD: "the first of these, with a catalogue of true effects alone: how far mending gets without naming",
 }
 """The same engine, told more or less. Each has its own gates."""
+WHOLE = ("plain", "enriched")
+"""Cells in which the catalogue holds every effect and nothing else is unknown. All engines are asked about these."""
 DRAW_TIMEOUT_S = 3600.0
 RARE_EVERY = 3
 _ROOT = Path(__file__).resolve().parents[2]
@@ -85,7 +87,7 @@ def run(
     began = time.time()
     out = out.absolute()
     check_writable(out)
-    listed = [(item, e) for item in plan(draws) for e in engines if not (item.cell == "nominal" and e == TOLD)]
+    listed = [(item, e) for item in plan(draws) for e in engines if e == KNOWN_HEALTH or item.cell in WHOLE]
     todo = [(item, engine) for item, engine in listed if not _finished(_row_file(out, item, engine), item, seed)]
     if len(todo) < len(listed):
         console.print(f"{len(listed) - len(todo)} of {len(listed)} cases are there from an earlier run")
