@@ -11,6 +11,8 @@ from twinbench.bench.statistics.bootstrap import interval, resample_weights
 from twinbench.proof.concealed.gates import gate_line, quantile, rate
 from twinbench.proof.flagship.judge import ABSTAINS, COLUMNS, METRICS, MODELS
 
+WHOLE = ("plain", "enriched")
+"""Cells in which the catalogue holds every effect and nothing else is unknown. All engines are asked about these."""
 TEXTS = (
     "case", "cell", "engine", "truth", "without", "verdict", "named_right", "named_wrong", "sets", "sets_right",
     "missed", "amplitude_error_pct", "amplitude_covered",
@@ -29,7 +31,7 @@ def gate_table(rows: pd.DataFrame) -> pd.DataFrame:
     Shares count as 1 at most, since a random-walk oracle is no hard floor, and as 0 where the engine or
     the filter with its model failed.
     """
-    whole, loose = rows[rows["cell"].isin(["plain", "enriched"])], rows[rows["cell"] == "loose"]
+    whole, loose = rows[rows["cell"].isin(WHOLE)], rows[rows["cell"] == "loose"]
     table, also = [], []
     for says, column, mean, worst in (
         ("parameter error", "parameter_share", 0.80, 0.50),

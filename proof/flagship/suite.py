@@ -27,7 +27,7 @@ from twinbench.mismatch.model import load_simulator
 from twinbench.proof.concealed.gates import as_markdown
 from twinbench.proof.concealed.seal import Sealed, check, seal
 from twinbench.proof.flagship.ask import CALIBRATED, MODEL
-from twinbench.proof.flagship.gates import draws_table, gate_table, read_draws
+from twinbench.proof.flagship.gates import WHOLE, draws_table, gate_table, read_draws
 from twinbench.proof.flagship.judge import COLUMNS, names, shares
 from twinbench.proof.flagship.measure import Errors, at_design_point, at_known_health, errors
 from twinbench.proof.flagship.plant import UNKNOWN_SHARE, Item, Plant, draw
@@ -40,8 +40,6 @@ ENGINES = {
     TOLD: "the first of these, with a catalogue of true effects alone: how far mending gets without naming",
 }
 """The same engine, told more or less. Each has its own gates."""
-WHOLE = ("plain", "enriched")
-"""Cells in which the catalogue holds every effect and nothing else is unknown. All engines are asked about these."""
 DRAW_TIMEOUT_S = 3600.0
 RARE_EVERY = 3
 _ROOT = Path(__file__).resolve().parents[2]
@@ -129,7 +127,7 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
         "seconds": verdict["seconds"],
         **_judged(sealed, folder, verdict),
     }
-    if item.cell in ("plain", "enriched", "loose") and len(models) == 2:
+    if item.cell in (*WHOLE, "loose") and len(models) == 2:
         nominal = (models[CALIBRATED], at_design_point(plant.simulator), at_known_health(train))
         measured: list[Errors] = [errors(m, train, held_out) for m in (plant.simulator, *nominal, models[MODEL])]
         row |= shares(measured[0], measured[1:-1], measured[-1])
