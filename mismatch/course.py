@@ -115,6 +115,18 @@ class Course:
         seen = out[self.grid.samples > 0].reshape(-1, acts.reads.shape[1] * many)
         return self.track.joined(seen, self.grid).reshape(-1, acts.reads.shape[1], many)
 
+    def transposed(self, values: Array) -> Acts:
+        """The transpose of ``columns``: what one change has to do with weighted block means.
+
+        Args:
+            values: (B, ny) the weights, per the outputs' units.
+        """
+        reads = np.zeros((len(self.u), values.shape[1]))
+        reads[self.grid.samples > 0] = self.track.spread(values, self.grid)
+        rates = np.empty((len(self.u), len(self.active)))
+        self.machine.loop(tangent.transposed)(self._E, self._G, self._Yx, self._Yf, reads, rates)
+        return Acts(rates[:, :, None], reads[:, :, None])
+
     def none(self, many: int) -> Acts:
         """So many changes that do nothing yet."""
         s, n, ny = self.sizes

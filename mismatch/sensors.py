@@ -10,6 +10,7 @@ from numba import njit, types
 from scipy.optimize import minimize
 
 from twinbench.physics.integrate import MATRIX
+from twinbench.physics.jit import VECTOR
 from twinbench.physics.simulator import Array
 
 FIRST_MEMORY, LONGEST_MEMORY = 5.0, 15.0
@@ -57,6 +58,30 @@ class SensorNoise(NamedTuple):
         for c in range(values.shape[1]):
             part = np.ascontiguousarray(out[:, c])
             _innovations(part, self.white[c], self.coloured[c], np.exp(-1.0 / self.memory[c]))
+            out[:, c] = part
+        return out
+
+    def beside(self, columns: Array, residuals: Array) -> Array:
+        """Columns and last the residuals in sd, (B ny, K + 1); a row without a residual is nothing.
+
+        Args:
+            columns: (B, ny, K) in the outputs' units.
+            residuals: (B, ny) in the outputs' units, NaN where missing.
+        """
+        both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
+        return self.whitened(both).reshape(-1, both.shape[2])
+
+    def transposed(self, white: Array, residuals: Array) -> Array:
+        """The transpose of ``beside`` for one column: weights (B, ny), per the outputs' units, of what is whitened.
+
+        Args:
+            white: (B ny,) dimensionless, weights of what comes out.
+            residuals: (B, ny) in the outputs' units, NaN where missing.
+        """
+        out = white.reshape(residuals.shape).copy()
+        for c, keeps in enumerate(np.exp(-1.0 / self.memory)):
+            part, seen = np.ascontiguousarray(out[:, c]), np.isfinite(residuals[:, c])
+            _backwards(part, seen, self.white[c], self.coloured[c], keeps)
             out[:, c] = part
         return out
 
@@ -123,6 +148,26 @@ def _innovations(values, white, coloured, keeps):  # type: ignore[no-untyped-def
             mean[j] = keeps * (mean[j] + gain * e)
             values[k, j] = e * over
         P = keeps * keeps * P * (1.0 - gain) + coloured * (1.0 - keeps * keeps)
+
+
+@njit(
+    types.void(VECTOR, types.boolean[::1], types.float64, types.float64, types.float64),
+    cache=True,
+    error_model="numpy",
+    nogil=True,
+)
+def _backwards(values, seen, white, coloured, keeps):  # type: ignore[no-untyped-def]
+    """The transpose of ``_innovations``, in place."""
+    gain, over, P = np.zeros(values.shape[0]), np.zeros(values.shape[0]), coloured
+    for k in range(values.shape[0]):
+        if seen[k]:
+            gain[k], over[k] = P / (P + white), 1.0 / np.sqrt(P + white)
+        P = keeps * keeps * P * (1.0 - gain[k]) + coloured * (1.0 - keeps * keeps)
+    mean = 0.0
+    for k in range(values.shape[0] - 1, -1, -1):
+        e = values[k] * over[k]
+        values[k] = e + keeps * gain[k] * mean
+        mean = keeps * (1.0 - gain[k]) * mean - e
 
 
 @njit(types.float64(MATRIX, types.float64, types.float64, types.float64), cache=True, error_model="numpy", nogil=True)

@@ -190,6 +190,23 @@ def columns(E, G, Yx, Yf, rates, reads, start, out):  # type: ignore[no-untyped-
         dx, ahead = ahead, dx
 
 
+@njit(types.void(CUBE, CUBE, CUBE, CUBE, MATRIX, MATRIX), cache=True, error_model="numpy", nogil=True)
+def transposed(E, G, Yx, Yf, reads, rates):  # type: ignore[no-untyped-def]
+    """The transpose of ``columns``: what the rates (S, na) of a change have to do with weighted readings (S, ny)."""
+    n, ny = G.shape[1], Yx.shape[1]
+    ahead, before = np.zeros(n), np.empty(n)
+    for k in range(E.shape[0] - 1, -1, -1):
+        for j in range(n):
+            rates[k, j], before[j] = 0.0, 0.0
+            for i in range(n):
+                rates[k, j] += G[k, i, j] * ahead[i]
+                before[j] += E[k, i, j] * ahead[i]
+            for i in range(ny):
+                rates[k, j] += Yf[k, i, j] * reads[k, i]
+                before[j] += Yx[k, i, j] * reads[k, i]
+        ahead, before = before, ahead
+
+
 @njit(
     types.void(
         FUNCTION,

@@ -165,9 +165,26 @@ class Track:
         """
         if len(values) == len(self.starts):
             return values
-        samples = grid.samples[grid.samples > 0]
-        first = np.searchsorted(np.cumsum(samples), self.starts, side="right")
+        samples, first = self._parts(grid)
         return np.asarray(np.add.reduceat(values * samples[:, None], first) / self.coarse.samples[:, None])
+
+    def spread(self, values: Array, grid: Grid) -> Array:
+        """The transpose of ``joined``: weights (P, n) of the parts by those of the blocks (B, n).
+
+        Args:
+            values: (B, n) in any unit.
+            grid: of those parts.
+        """
+        samples, first = self._parts(grid)
+        if len(samples) == len(self.starts):
+            return values
+        block = np.repeat(np.arange(len(values)), np.diff(np.append(first, len(samples))))
+        return np.asarray(values[block] * (samples / self.coarse.samples[block])[:, None])
+
+    def _parts(self, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+        """Samples of each part, and the position of each block's first part."""
+        samples = grid.samples[grid.samples > 0]
+        return samples, np.searchsorted(np.cumsum(samples), self.starts, side="right")
 
     def grid(self, u: Array, starts: np.ndarray, lines: int = 1) -> Grid:
         """Stretches that begin at the samples ``starts``, with inputs u (N, nu).

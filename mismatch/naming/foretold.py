@@ -15,7 +15,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import ENDLESS, Problem, Unknown
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.input_noise import moved_by
+from twinbench.mismatch.naming.input_noise import Moves
 from twinbench.mismatch.naming.marginal import LEAST_PCT, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
@@ -103,7 +103,7 @@ def _seen(
     at = [*shared, *range(many, len(mean))]
     alone = np.nan_to_num(columns[:, :, len(shared) : first])
     foreseen = known @ mean[at] + alone @ prior_mean(view)[len(shared) : first]
-    moved = moved_by(view.courses[0], problem.machine.input_sds)
+    moved = Moves(view.courses[0], problem.machine.input_sds).felt(ground.noise, view.residuals[0])
     uncertain = np.concatenate((known @ root[at], alone, *unseen, moved), axis=2)
     return np.nan_to_num(uncertain), view.residuals[0] - foreseen
 

@@ -15,7 +15,7 @@ from scipy.linalg import cho_solve, solve_triangular
 
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.naming.discrepancy import Discrepancy
-from twinbench.mismatch.naming.input_noise import InputNoise, moved_by
+from twinbench.mismatch.naming.input_noise import InputNoise, Moves
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_PCT, Reduced, eliminated, factored, learn
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.sensors import SensorNoise
@@ -114,36 +114,33 @@ class Ground:
         own = view.unknowns()
         every, sds = list(range(len(discrepancy.ports))), view.problem.machine.input_sds
         whole, all_of_it = view.of_discrepancy(discrepancy, every), np.eye(len(discrepancy.points))
-        moved = parallel([lambda c=c: moved_by(c, sds) for c in view.courses]) if sds.any() else []
+        moves = parallel([lambda c=c: Moves(c, sds) for c in view.courses]) if sds.any() else []
         first = SensorNoise.first_guess(floor)
-        made = cls._whitened(first, moved, whole, view, [(p, all_of_it) for p in every], discrepancy)
-        made = made._without_the_unseen(view, own)
+        made = cls._whitened(first, moves, whole, view, [(p, all_of_it) for p in every], discrepancy)
+        made = made._without_the_unseen(view, own, moves)
         rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
             left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
-            made = replace(cls._whitened(noise, moved, made.whole, view, made.kept, discrepancy), s=s)
+            made = replace(cls._whitened(noise, moves, made.whole, view, made.kept, discrepancy), s=s)
         return made
 
     @classmethod
     def _whitened(
         cls,
         noise: SensorNoise,
-        moved: Sequence[Array],
+        moves: Sequence[Moves],
         whole: Sequence[Array],
         view: View,
         kept: Sequence[tuple[int, Array]],
         discrepancy: Discrepancy,
     ) -> Ground:
         def by_sensors(r: int, columns: Array) -> Array:
-            return _by_sensors(noise, columns, view.residuals[r])[:, :-1].copy()
+            return noise.beside(columns, view.residuals[r])[:, :-1].copy()
 
-        every = range(len(whole))
-        moves = [by_sensors(r, m) for r, m in enumerate(moved)]
-        turns = parallel([lambda m=m: InputNoise.felt(m) for m in moves])
-        moved = [m @ turn for m, turn in zip(moved, turns, strict=True)]
-        inputs = [InputNoise.of(m @ turn) for m, turn in zip(moves, turns, strict=True)]
-        found = parallel([lambda r=r: by_sensors(r, whole[r]) for r in every])
+        moved = parallel([lambda m=m, r=r: m.felt(noise, r) for m, r in zip(moves, view.residuals, strict=False)])
+        inputs = [InputNoise.of(by_sensors(r, m)) for r, m in enumerate(moved)]
+        found = parallel([lambda r=r: by_sensors(r, whole[r]) for r in range(len(whole))])
         if inputs:
             found = [one.whitened(white) for one, white in zip(inputs, found, strict=True)]
         FF = np.array([w.T @ w for w in found])
@@ -174,7 +171,7 @@ class Ground:
             kept=(),
         )
 
-    def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
+    def _without_the_unseen(self, view: View, own: Sequence[Array], moves: Sequence[Moves]) -> Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
         inner, s = self._beside(*self.products(view, own).over()[:2], prior_mean(view))
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
@@ -188,7 +185,7 @@ class Ground:
             for own_columns, columns in zip(whole, self.whole, strict=True):
                 own_columns.append(columns[:, :, mine] @ turn)
         joined = [np.concatenate(columns, axis=2) for columns in whole]
-        made = self._whitened(self.noise, self.moved, joined, view, kept, self.discrepancy)
+        made = self._whitened(self.noise, moves, joined, view, kept, self.discrepancy)
         return replace(made, s=s[there])
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
@@ -234,7 +231,7 @@ class Ground:
             for residual, j, f in zip(residuals, columns, self.whole, strict=True)
         ]
         for r, (inputs, moved) in enumerate(zip(self.inputs, self.moved, strict=True)):
-            white = _by_sensors(self.noise, np.empty((*left[r].shape, 0)), left[r])[:, 0]
+            white = self.noise.beside(np.empty((*left[r].shape, 0)), left[r])[:, 0]
             left[r] = left[r] - moved @ inputs.drawn(white, rng)
         return left
 
@@ -253,7 +250,7 @@ class Ground:
             columns: (B, ny, K) in the outputs' units.
             residuals: (B, ny) in the outputs' units.
         """
-        white = _by_sensors(self.noise, columns, residuals)
+        white = self.noise.beside(columns, residuals)
         return self.inputs[r].whitened(white) if self.inputs else white
 
     def products(self, view: View, columns: Sequence[Array]) -> Products:
@@ -270,9 +267,3 @@ class Ground:
         found = parallel([lambda r=r: of(r) for r in range(len(columns))])
         own, cross = (np.array(part) for part in zip(*found, strict=True))
         return Products(own, cross, self.FF)
-
-
-def _by_sensors(noise: SensorNoise, columns: Array, residuals: Array) -> Array:
-    """Columns and last the residuals, in sds of the sensors' noise, (B ny, K + 1)."""
-    both = np.concatenate((np.nan_to_num(columns), residuals[:, :, None]), axis=2)
-    return noise.whitened(both).reshape(-1, both.shape[2])

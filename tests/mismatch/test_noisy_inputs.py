@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from motor import MOTOR
 from motor_case import CHANNELS, TRUE, record
+from scipy.sparse.linalg import aslinearoperator
 from scipy.stats import multivariate_normal
 
 from twinbench.data.recording import Recording
@@ -17,8 +18,9 @@ from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.calibrate import block_noise, calibrated
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
-from twinbench.mismatch.naming.input_noise import FELT, InputNoise, moved_by
+from twinbench.mismatch.naming.input_noise import FELT, InputNoise, Moves
 from twinbench.mismatch.noisy_inputs import find_noisy_inputs
+from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.series import steadied
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.simulator import Array
@@ -182,7 +184,7 @@ def test_what_the_readings_hardly_feel_of_an_inputs_noise_is_left_out():
     rng = np.random.default_rng(4)
     left, right = (np.linalg.qr(rng.normal(size=(n, 12)))[0] for n in (40, 15))
     moves = left * np.geomspace(10.0, 0.01, 12) @ right.T
-    turn = InputNoise.felt(moves)
+    turn = InputNoise.felt(aslinearoperator(moves))
     np.testing.assert_allclose(turn.T @ turn, np.eye(turn.shape[1]), atol=1e-12)
     assert turn.shape[1] == np.sum(np.geomspace(10.0, 0.01, 12) ** 2 > FELT)
     columns = rng.normal(size=(40, 3))
@@ -194,7 +196,36 @@ def test_what_the_readings_hardly_feel_of_an_inputs_noise_is_left_out():
 def test_noise_that_the_readings_do_not_feel_at_all_is_none():
     columns = np.random.default_rng(5).normal(size=(40, 3))
     moves = np.full((40, 6), 1e-4)
-    np.testing.assert_array_equal(InputNoise.of(moves @ InputNoise.felt(moves)).whitened(columns), columns)
+    np.testing.assert_array_equal(
+        InputNoise.of(moves @ InputNoise.felt(aslinearoperator(moves))).whitened(columns), columns
+    )
+
+
+def test_few_combinations_that_are_felt_are_those_among_all():
+    rng = np.random.default_rng(6)
+    left, right = (np.linalg.qr(rng.normal(size=(n, 200)))[0] for n in (300, 200))
+    moves = left * np.geomspace(3.0, 1e-4, 200) @ right.T
+    turn = InputNoise.felt(aslinearoperator(moves))
+    variances, whole = np.linalg.eigh(moves.T @ moves)
+    whole = whole[:, variances > FELT]
+    assert 0 < whole.shape[1] < 50
+    np.testing.assert_allclose(turn @ turn.T, whole @ whole.T, atol=1e-8)
+
+
+def test_noise_is_followed_along_the_run_and_back():
+    """The transpose is one: also over gaps, and where blocks are joined of several stretches."""
+    problem, z = fitted([record("run", 9, seconds=240.0)])
+    course, rng = problem.course(0, z), np.random.default_rng(7)
+    noise = SensorNoise(np.array([0.2, 0.5]), np.array([0.4, 0.1]), np.array([6.0, 2.0]))
+    residuals = rng.normal(size=course.clean.shape)
+    residuals[10:14, 0] = np.nan
+    moves = Moves(course, np.array([2.0, 0.3])).whitened(noise, residuals)
+    assert moves.shape[1] > 2 * course.clean.shape[0], "blocks are in parts"
+    forth, back = rng.normal(size=moves.shape[1]), rng.normal(size=moves.shape[0])
+    assert back @ moves.matvec(forth) == pytest.approx(forth @ moves.rmatvec(back), rel=1e-9)
+    several = rng.normal(size=(moves.shape[1], 300))
+    singly = np.stack([moves.matvec(several[:, k]) for k in (0, 299)], axis=1)
+    np.testing.assert_allclose(moves.matmat(several)[:, [0, 299]], singly, atol=1e-12)
 
 
 def test_draws_of_the_inputs_noise_are_of_its_posterior():
@@ -216,8 +247,7 @@ def test_what_the_noise_of_an_input_does_to_the_readings_is_what_runs_say():
     problem, z = fitted([record("run", 9, seconds=60.0)])
     course = problem.course(0, z)
     sds = np.array([2.0, 0.0])
-    shares = 1.0 / np.sqrt(course.grid.samples)
-    summed = (moved_by(course, sds) / shares).sum(axis=2)
+    summed = Moves(course, sds).of(np.sqrt(course.grid.samples)[:, None])[:, :, 0]
     u = problem.tracks[0].u.copy()
     u[:, 0] += sds[0]
     moved = replace(problem, tracks=[replace(problem.tracks[0], u=u)], offsets=())
