@@ -216,8 +216,8 @@ def test_noise_is_followed_along_the_run_and_back():
     """The transpose is one: also over gaps, and where blocks are joined of several stretches."""
     problem, z = fitted([record("run", 9, seconds=240.0)])
     course, rng = problem.course(0, z), np.random.default_rng(7)
-    noise = SensorNoise(np.array([0.2, 0.5]), np.array([0.4, 0.1]), np.array([6.0, 2.0]))
     residuals = rng.normal(size=course.clean.shape)
+    noise = SensorNoise(*rng.uniform(0.5, 3.0, (3, residuals.shape[1])))
     residuals[10:14, 0] = np.nan
     moves = Moves(course, np.array([2.0, 0.3])).whitened(noise, residuals)
     assert moves.shape[1] > 2 * course.clean.shape[0], "blocks are in parts"
