@@ -59,6 +59,8 @@ CONSTANTS = {
 """Module and name of each constant that is tried, and what it is."""
 FACTORS = (0.5, 2.0)
 AS_IT_IS = ("as it is", 1.0)
+TRIAL = ("constant", "factor")
+"""Columns of a trial."""
 
 
 @contextlib.contextmanager
@@ -76,40 +78,51 @@ def scaled(constant: str, factor: float) -> Iterator[None]:
 
 
 def tried(item: Item, seed: int, out: Path) -> int:
-    """Every trial on one case, one after the other; what an earlier run finished with the same code is kept."""
+    """Every trial on one case, one after the other; answers that an earlier run got with the same code are kept."""
     path = out / "cases" / f"{item.case}.json"
     key = key_of(item=list(item.__dict__.values()), seed=seed, code=[code_version(m) for m in _CODE])
-    rows = _kept(path, key)
+    answers = _kept(path, key)
     trials = [AS_IT_IS, *((constant, factor) for constant in CONSTANTS for factor in FACTORS)]
-    todo = [trial for trial in trials if list(trial) not in [row["trial"] for row in rows]]
+    todo = [trial for trial in trials if list(trial) not in [kept["trial"] for kept in answers]]
     if not todo:
         return len(trials)
     try:
         case = draw(item, seed)
     except FloatingPointError:  # a machine that diverges is no case
-        write_text(path, json.dumps({"key": key, "rows": [{"trial": list(trial), "row": None} for trial in trials]}))
+        nothing = [{"trial": list(trial), "answer": None} for trial in trials]
+        write_text(path, json.dumps({"key": key, "truth": None, "answers": nothing}))
         return len(trials)
-    sealed = seal(case.truth)
     with tempfile.TemporaryDirectory(prefix="case-") as given:
         write(case, Path(given))
         for constant, factor in todo:
             with scaled(constant, factor) if constant in CONSTANTS else contextlib.nullcontext():
                 verdict = blind.answer(Path(given), ENGINE)
-            row = score(sealed, sealed.digest, verdict, seed=seed)
-            rows.append({"trial": [constant, factor], "row": row})
-            write_text(path, json.dumps({"key": key, "rows": rows}))
+            answers.append({"trial": [constant, factor], "answer": verdict})
+            write_text(path, json.dumps({"key": key, "truth": case.truth, "answers": answers}))
     return len(trials)
 
 
-_CODE = ("twinbench.proof.concealed.generate", "twinbench.proof.concealed.judge", ENGINE.partition(":")[0])
+_CODE = ("twinbench.proof.concealed.generate", ENGINE.partition(":")[0])
 
 
 def _kept(path: Path, key: str) -> list[dict[str, Any]]:
     try:
         known = json.loads(path.read_text())
-        return list(known["rows"]) if known["key"] == key else []
+        return list(known["answers"]) if known["key"] == key else []
     except (OSError, ValueError, KeyError):
         return []
+
+
+def rows_of(item: Item, seed: int, out: Path) -> list[dict[str, Any]]:
+    """The rows of ``cases.csv`` that a case's answers come to; none where no machine could be drawn."""
+    known = json.loads((out / "cases" / f"{item.case}.json").read_text())
+    if known["truth"] is None:
+        return []
+    sealed = seal(known["truth"])
+    return [
+        {**score(sealed, sealed.digest, kept["answer"], seed=seed), **dict(zip(TRIAL, kept["trial"], strict=True))}
+        for kept in known["answers"]
+    ]
 
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -123,7 +136,7 @@ def table(rows: pd.DataFrame) -> pd.DataFrame:
     """
     marked = with_marks(rows).set_index("case")
     base, found = marked[marked["constant"] == AS_IT_IS[0]], []
-    for (constant, factor), own in marked.groupby(["constant", "factor"], sort=False):
+    for (constant, factor), own in marked.groupby(list(TRIAL), sort=False):
         usual = base.loc[own.index]
         found.append(
             {
@@ -173,14 +186,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
         for _ in side_by_side(tried, several, min(asked.jobs or cores(), len(items))):
             going.step(1)
-    rows = [
-        {**kept["row"], "constant": kept["trial"][0], "factor": kept["trial"][1]}
-        for item in items
-        for kept in json.loads((out / "cases" / f"{item.case}.json").read_text())["rows"]
-        if kept["row"] is not None
-    ]
-    columns = ["constant", "factor", *COLUMNS]
-    write_text(out / "cases.csv", pd.DataFrame(rows, columns=columns).to_csv(index=False))
+    rows = [row for item in items for row in rows_of(item, asked.seed, out)]
+    write_text(out / "cases.csv", pd.DataFrame(rows, columns=[*TRIAL, *COLUMNS]).to_csv(index=False))
     found = table(read_cases(out / "cases.csv"))
     write_text(out / "sensitivity.csv", found.to_csv(index=False))
     write_text(out / "sensitivity.md", as_markdown(found))

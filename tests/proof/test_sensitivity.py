@@ -16,7 +16,7 @@ from twinbench.proof import sensitivity
 from twinbench.proof.concealed.findings import read_cases
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import COLUMNS
-from twinbench.proof.sensitivity import AS_IT_IS, CONSTANTS, FACTORS, as_markdown, scaled, table, tried
+from twinbench.proof.sensitivity import AS_IT_IS, CONSTANTS, FACTORS, as_markdown, rows_of, scaled, table, tried
 
 
 @pytest.mark.parametrize("constant", CONSTANTS)
@@ -77,8 +77,7 @@ def test_trials_that_are_there_are_not_made_again(tmp_path: Path, monkeypatch: p
     assert tried(item, 1, tmp_path) == trials
     assert len(asked) == trials + 1
     assert {0.5 * settle.HOPELESS, 2.0 * settle.HOPELESS} < set(asked)
-    kept = json.loads((tmp_path / "cases" / "0000.json").read_text())["rows"]
-    assert {row["row"]["outcome"] for row in kept} == {"abstained"}
+    assert {row["outcome"] for row in rows_of(item, 1, tmp_path)} == {"abstained"}
     tried(item, 1, tmp_path)
     assert len(asked) == trials + 1
 
