@@ -62,7 +62,7 @@ class SensorNoise(NamedTuple):
         return out
 
     def beside(self, columns: Array, residuals: Array) -> Array:
-        """Columns and last the residuals in sd, (B ny, K + 1); a row without a residual is nothing.
+        """Columns and last the residuals in sd, (B * ny, K + 1); a row without a residual is nothing.
 
         Args:
             columns: (B, ny, K) in the outputs' units.
@@ -75,7 +75,7 @@ class SensorNoise(NamedTuple):
         """The transpose of ``beside`` for one column: weights (B, ny), per the outputs' units, of what is whitened.
 
         Args:
-            white: (B ny,) dimensionless, weights of what comes out.
+            white: (B * ny,) dimensionless, weights of what comes out.
             residuals: (B, ny) in the outputs' units, NaN where missing.
         """
         out = white.reshape(residuals.shape).copy()

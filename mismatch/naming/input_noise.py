@@ -120,7 +120,7 @@ class Moves:
         """(B, ny, k) what combinations of the noise do to the readings, in the outputs' units.
 
         Args:
-            weights: (N, k) of each stretch's noise, in its sds.
+            weights: (N, k) dimensionless, of each stretch's noise in its sds.
         """
         parts = []
         for k in range(0, weights.shape[1], AT_ONCE):
