@@ -115,21 +115,25 @@ class Ground:
         every, sds = list(range(len(discrepancy.ports))), view.problem.machine.input_sds
         whole, all_of_it = view.of_discrepancy(discrepancy, every), np.eye(len(discrepancy.points))
         moves = parallel([lambda c=c: Moves(c, sds) for c in view.courses]) if sds.any() else []
+
+        def felt(noise: SensorNoise) -> list[Array]:
+            return parallel([lambda m=m, r=r: m.felt(noise, r) for m, r in zip(moves, view.residuals, strict=False)])
+
         first = SensorNoise.first_guess(floor)
-        made = cls._whitened(first, moves, whole, view, [(p, all_of_it) for p in every], discrepancy)
-        made = made._without_the_unseen(view, own, moves)
+        made = cls._whitened(first, felt(first), whole, view, [(p, all_of_it) for p in every], discrepancy)
+        made = made._without_the_unseen(view, own)
         rng = np.random.default_rng(0)
         for _ in range(ROUNDS_OF_NOISE):
             left, s = made._left(view, own, rng)
             noise = made.noise.learnt(left, floor)
-            made = replace(cls._whitened(noise, moves, made.whole, view, made.kept, discrepancy), s=s)
+            made = replace(cls._whitened(noise, felt(noise), made.whole, view, made.kept, discrepancy), s=s)
         return made
 
     @classmethod
     def _whitened(
         cls,
         noise: SensorNoise,
-        moves: Sequence[Moves],
+        moved: Sequence[Array],
         whole: Sequence[Array],
         view: View,
         kept: Sequence[tuple[int, Array]],
@@ -138,7 +142,6 @@ class Ground:
         def by_sensors(r: int, columns: Array) -> Array:
             return noise.beside(columns, view.residuals[r])[:, :-1].copy()
 
-        moved = parallel([lambda m=m, r=r: m.felt(noise, r) for m, r in zip(moves, view.residuals, strict=False)])
         inputs = [InputNoise.of(by_sensors(r, m)) for r, m in enumerate(moved)]
         found = parallel([lambda r=r: by_sensors(r, whole[r]) for r in range(len(whole))])
         if inputs:
@@ -171,7 +174,7 @@ class Ground:
             kept=(),
         )
 
-    def _without_the_unseen(self, view: View, own: Sequence[Array], moves: Sequence[Moves]) -> Ground:
+    def _without_the_unseen(self, view: View, own: Sequence[Array]) -> Ground:
         """Without ports at which there is no discrepancy, and without functions of which the readings show nothing."""
         inner, s = self._beside(*self.products(view, own).over()[:2], prior_mean(view))
         there = [p for p in range(len(s)) if s[p] > SILENT_PCT] or [int(np.argmax(s))]
@@ -185,7 +188,7 @@ class Ground:
             for own_columns, columns in zip(whole, self.whole, strict=True):
                 own_columns.append(columns[:, :, mine] @ turn)
         joined = [np.concatenate(columns, axis=2) for columns in whole]
-        made = self._whitened(self.noise, moves, joined, view, kept, self.discrepancy)
+        made = self._whitened(self.noise, self.moved, joined, view, kept, self.discrepancy)
         return replace(made, s=s[there])
 
     def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:

@@ -1,5 +1,7 @@
-"""How a drawn plant is run and recorded: six training recordings; three for proof and three for the filter, in another
-regime."""
+"""How a drawn plant is run and recorded.
+
+There are six training recordings. Another regime has three for the engine's proof and three for the filter.
+"""
 
 from __future__ import annotations
 

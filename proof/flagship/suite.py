@@ -34,12 +34,10 @@ from twinbench.proof.flagship.plant import UNKNOWN_SHARE, Item, Plant, draw
 from twinbench.proof.flagship.record import HELD_OUT, PROOF, TRAINING, record
 
 KNOWN_HEALTH, SENSORS_ALONE, TOLD = "known_health", "sensors_alone", "told"
-ENGINES = {
-    KNOWN_HEALTH: "reads the health beside the sensors, as the calibrated model that it is held against does",
-    SENSORS_ALONE: "follows the health itself",
-    TOLD: "the first of these, with a catalogue of true effects alone: how far mending gets without naming",
-}
-"""The same engine, told more or less. Each has its own gates."""
+ENGINES = (KNOWN_HEALTH, SENSORS_ALONE, TOLD)
+"""The same engine, told more or less; each has its own gates. The first reads the health beside the sensors, as the
+calibrated model that it is held against does; the second follows the health itself; the third is the first with a
+catalogue of true effects alone, which shows how far mending gets without naming."""
 DRAW_TIMEOUT_S = 3600.0
 RARE_EVERY = 3
 _ROOT = Path(__file__).resolve().parents[2]

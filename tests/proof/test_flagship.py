@@ -174,7 +174,7 @@ def test_a_study_is_resumed_where_it_stopped(stub: list[Any], tmp_path: Path) ->
 
 
 def test_every_engine_is_asked_about_plants_as_they_are_and_one_about_all(stub: list[Any], tmp_path: Path) -> None:
-    suite.run(1, 3, tmp_path, Console(quiet=True), engines=tuple(suite.ENGINES), jobs=1)
+    suite.run(1, 3, tmp_path, Console(quiet=True), engines=suite.ENGINES, jobs=1)
     poorer = draw(Item("left_out", 0), 3).without
     assert stub == [*(((), e) for e in suite.ENGINES), (poorer, "known_health"), ((), "known_health")]
     for engine in suite.ENGINES:
@@ -216,6 +216,7 @@ def test_the_engine_gets_what_it_may_read_alone(engine: str, tmp_path: Path) -> 
     plant = draw(Item("loose", 0), 3)
     answered = suite.ask(tmp_path, train, held_out, plant, engine, tmp_path / "out")
     case = json.loads((tmp_path / "case.json").read_text())
+    assert set(case) == {"train", "held_out", "health", "without", "only", "constants", "tolerance"}
     assert case["constants"] == list(UNKNOWN)
     assert case["only"] == ([e.name for e in plant.effects] if engine == "told" else [])
     health = () if engine == "sensors_alone" else HEALTH
