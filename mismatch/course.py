@@ -55,7 +55,7 @@ class Course:
 
     Attributes:
         active: (na,) positions of the states that may change: the simulator's, and those of present candidates.
-        middles: (S, nx) the states in the middle of each stretch.
+        means: (S, nx) the mean states of the stretches.
         u: (S, nu) the inputs that the machine got.
     """
 
@@ -71,7 +71,7 @@ class Course:
         self.active = np.array([*range(len(machine.simulator.states)), *own], dtype=np.int64)
         self.scales = np.array([machine.states[i].scale for i in self.active])
         self.u = np.ascontiguousarray(self.grid.u)
-        self.middles = self._middles(self.setting.theta, self._varying, self._values)
+        self.means = self._means(self.setting.theta, self._varying, self._values)
         s, n, ny = len(self.u), len(self.active), len(machine.simulator.outputs)
         self._E, self._G = np.empty((s, n, n)), np.empty((s, n, n))
         self._Yx, self._Yf = np.empty((s, ny, n)), np.empty((s, ny, n))
@@ -82,7 +82,7 @@ class Course:
             self.u,
             self.grid.seconds,
             self.grid.samples,
-            self.middles,
+            self.means,
             machine.ode(self.setting.theta),
             self._varying,
             self._values,
@@ -149,25 +149,25 @@ class Course:
         since_s: float = -np.inf,
         *,
         u: Array | None = None,
-        middles: Array | None = None,
+        means: Array | None = None,
         read: bool = True,
         faded: bool = False,
     ) -> Acts:
-        """What other parameters, inputs or states at the middles do, per unit of a step; one change.
+        """What other parameters, inputs or mean states do, per unit of a step; one change.
 
         Args:
             theta: (n_theta,) the parameters after the step, each in its unit.
             step: in the changed parameter's unit.
             since_s: time from which they hold, on the recording's clock.
             u: (S, nu) the inputs after the step, in their units.
-            middles: (S, nx) the states after the step, in their units.
+            means: (S, nx) the mean states after the step, in their units.
             read: may they change what a sensor reads of a state?
             faded: does what begins late do so?
         """
         base = self._faded_base if faded else self._base
         weights = (self.late(since_s) if since_s > -np.inf else np.ones(len(self.u))) / step
-        u, middles = self.u if u is None else u, self.middles if middles is None else middles
-        found = self._compared(theta, u, middles, base, weights, read, faded)
+        u, means = self.u if u is None else u, self.means if means is None else means
+        found = self._compared(theta, u, means, base, weights, read, faded)
         for changes in found:
             if not np.isfinite(changes.sum()):
                 np.nan_to_num(changes, copy=False)
@@ -184,14 +184,14 @@ class Course:
         read = candidate.mechanism.port.place not in ("balance", "flux")
         if not self.machine.own_states(candidate):
             return self.of_parameters(theta, step, since_s, read=read)
-        return self.of_parameters(theta, step, since_s, middles=self._remembered(candidate, theta), read=read)
+        return self.of_parameters(theta, step, since_s, means=self._remembered(candidate, theta), read=read)
 
     def _remembered(self, candidate: Candidate, theta: Array) -> Array:
-        """The middles with an absent candidate's own states as they go along the course; each is run once."""
+        """The mean states with an absent candidate's own states as they go along the course; each is run once."""
         self.remember([(candidate, theta)])
-        middles, own = self.middles.copy(), self.machine.own_states(candidate)
-        middles[:, own.start : own.stop] = self._memories[_memory(candidate, theta)]
-        return middles
+        means, own = self.means.copy(), self.machine.own_states(candidate)
+        means[:, own.start : own.stop] = self._memories[_memory(candidate, theta)]
+        return means
 
     def remember(self, several: Sequence[tuple[Candidate, Array]]) -> None:
         """Run the own states of several absent candidates at once, each with the shape that its parameters say.
@@ -210,10 +210,10 @@ class Course:
                 now[c.name] = c, theta
                 quiet[list(c.at)] = theta[list(c.at)]
                 quiet[c.at[0]] = c.null[0] + WHISPER * (theta[c.at[0]] - c.null[0])
-            middles = self._middles(quiet, self._varying, self._values)
+            means = self._means(quiet, self._varying, self._values)
             for c, theta in now.values():
                 own = self.machine.own_states(c)
-                self._memories[_memory(c, theta)] = middles[:, own.start : own.stop].copy()
+                self._memories[_memory(c, theta)] = means[:, own.start : own.stop].copy()
             todo = later
 
     def of_input(self, theta: Array, step: float) -> Acts:
@@ -273,9 +273,9 @@ class Course:
         ends = self.grid.time_s + 0.5 * self.grid.seconds
         return np.clip((ends - since_s) / np.maximum(self.grid.seconds, 1e-12), 0.0, 1.0)
 
-    def _middles(self, theta: Array, varying: np.ndarray, values: Array) -> Array:
+    def _means(self, theta: Array, varying: np.ndarray, values: Array) -> Array:
         machine = self.machine
-        nodes = np.empty((len(self.u) + 1, len(machine.states)))
+        means = np.empty((len(self.u), len(machine.states)))
         machine.loop(tangent.path)(
             machine.equations[0],
             self.u,
@@ -287,22 +287,22 @@ class Course:
             machine.block_step_s,
             machine.scheme,
             machine.limit,
-            nodes,
+            means,
         )
-        return np.asarray(0.5 * (nodes[:-1] + nodes[1:]))
+        return means
 
     @cached_property
     def _faded_base(self) -> _Pair:
         return self._rates_and_readings(faded=True)
 
     def _rates_and_readings(self, faded: bool = False) -> _Pair:
-        """Rates (S, na) of the active states and readings (S, ny) at the middles, in their units."""
+        """Rates (S, na) of the active states and readings (S, ny) at the mean states, in their units."""
         s, n, ny = self.sizes
         nothing = np.zeros((s, n)), np.zeros((s, ny))
-        return self._compared(self.setting.theta, self.u, self.middles, nothing, np.ones(s), True, faded)
+        return self._compared(self.setting.theta, self.u, self.means, nothing, np.ones(s), True, faded)
 
     def _compared(
-        self, theta: Array, u: Array, middles: Array, base: _Pair, weights: Array, read: bool, faded: bool
+        self, theta: Array, u: Array, means: Array, base: _Pair, weights: Array, read: bool, faded: bool
     ) -> _Pair:
         s, n, ny = self.sizes
         rates, reads = np.empty((s, n)), np.zeros((s, ny))
@@ -312,7 +312,7 @@ class Course:
         self.machine.loop(tangent.acting)(
             *self.machine.equations,
             u,
-            middles,
+            means,
             self.machine.ode(theta),
             varying,
             np.ascontiguousarray(values),

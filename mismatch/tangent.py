@@ -81,19 +81,18 @@ def _exponential(A, h, E, G, X, term, spare):  # type: ignore[no-untyped-def]
     error_model="numpy",
     nogil=True,
 )
-def path(rhs, u, seconds, x0, theta, varying, values, step_s, scheme, limit, nodes):  # type: ignore[no-untyped-def]
-    """The states (S + 1, nx) at the ends of stretches; NaN from where the run diverges. Arguments as of ``march``."""
+def path(rhs, u, seconds, x0, theta, varying, values, step_s, scheme, limit, means):  # type: ignore[no-untyped-def]
+    """The mean states (S, nx) of stretches; NaN from where the run diverges. Arguments as of ``march``."""
     theta = theta.copy()
-    x = x0.copy()
-    work = np.empty((3, x.size))
-    nodes[:] = np.nan
-    nodes[0] = x
+    x, mean = x0.copy(), np.empty(x0.size)
+    work = np.empty((4, x.size))
+    means[:] = np.nan
     for k in range(u.shape[0]):
         for j in range(varying.size):
             theta[varying[j]] = values[k, j]
-        if not advance_stretch(rhs, x, u[k], theta, seconds[k], step_s, scheme, limit, work):
+        if not advance_stretch(rhs, x, u[k], theta, seconds[k], step_s, scheme, limit, work, mean):
             return
-        nodes[k + 1] = x
+        means[k] = mean
 
 
 @njit(
@@ -105,13 +104,13 @@ def path(rhs, u, seconds, x0, theta, varying, values, step_s, scheme, limit, nod
     error_model="numpy",
     nogil=True,
 )  # fmt: skip
-def stretches(rhs, output, u, seconds, samples, middles, theta, varying, values, active, scales, E, G, Yx, Yf):  # type: ignore[no-untyped-def]
-    """The matrices of each stretch, frozen at its middle.
+def stretches(rhs, output, u, seconds, samples, means, theta, varying, values, active, scales, E, G, Yx, Yf):  # type: ignore[no-untyped-def]
+    """The matrices of each stretch, frozen at its mean state.
 
     A change dx (na,) of the active states and a change d (na,) of their rates throughout a stretch make a change
     ``E dx + G d`` at its end and change the mean of its readings by ``Yx dx + Yf d``.
 
-    Shapes are u (S, nu), seconds and samples (S,), middles (S, nx), active and scales (na,), E and G (S, na, na), Yx
+    Shapes are u (S, nu), seconds and samples (S,), means (S, nx), active and scales (na,), E and G (S, na, na), Yx
     and Yf (S, ny, na).
     """
     n, ny = active.size, Yx.shape[1]
@@ -122,7 +121,7 @@ def stretches(rhs, output, u, seconds, samples, middles, theta, varying, values,
     for k in range(u.shape[0]):
         for j in range(varying.size):
             theta[varying[j]] = values[k, j]
-        x = middles[k].copy()
+        x = means[k].copy()
         for j in range(n):
             at, step = active[j], NUDGE * scales[j]
             kept = x[at]
@@ -229,9 +228,9 @@ def transposed(E, G, Yx, Yf, reads, rates):  # type: ignore[no-untyped-def]
     nogil=True,
 )
 def acting(  # type: ignore[no-untyped-def]
-    rhs, output, u, middles, theta, varying, values, active, read, base_rates, base_reads, weights, rates, reads
+    rhs, output, u, means, theta, varying, values, active, read, base_rates, base_reads, weights, rates, reads
 ):
-    """By how much rates (S, na) of the active states at the middles differ from others, weighted (S,).
+    """By how much rates (S, na) of the active states at the means differ from others, weighted (S,).
 
     So do readings (S, ny), if they are to be ``read``.
     """
@@ -239,10 +238,10 @@ def acting(  # type: ignore[no-untyped-def]
     for k in range(u.shape[0]):
         for j in range(varying.size):
             theta[varying[j]] = values[k, j]
-        dx = rhs(middles[k], u[k], theta)
+        dx = rhs(means[k], u[k], theta)
         for i in range(active.size):
             rates[k, i] = (dx[active[i]] - base_rates[k, i]) * weights[k]
         if read:
-            y = output(middles[k], u[k], theta)
+            y = output(means[k], u[k], theta)
             for i in range(reads.shape[1]):
                 reads[k, i] = (y[i] - base_reads[k, i]) * weights[k]

@@ -99,7 +99,7 @@ def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discr
 
 
 def _visited(course: Course) -> Array:
-    return np.concatenate((course.middles[:, : len(course.machine.simulator.states)], course.u), axis=1)
+    return np.concatenate((course.means[:, : len(course.machine.simulator.states)], course.u), axis=1)
 
 
 def _ports(simulator: Simulator, rates: Array, fluxes: Array) -> tuple[tuple[Port, ...], Array]:

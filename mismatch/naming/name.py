@@ -373,6 +373,4 @@ def common_fluxes(view: View) -> Array:
         return np.empty(0)
     theta, n = course.setting.theta[: len(simulator.parameters)], len(simulator.states)
     some = range(0, len(course.u), max(1, len(course.u) // 100))
-    return np.sqrt(
-        np.mean([np.square(simulator.flux(course.middles[k, :n], course.u[k], theta)) for k in some], axis=0)
-    )
+    return np.sqrt(np.mean([np.square(simulator.flux(course.means[k, :n], course.u[k], theta)) for k in some], axis=0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from twinbench.mismatch.march import RUNGE_KUTTA, legendre, march
+from twinbench.mismatch.march import RUNGE_KUTTA, advance_stretch, legendre, march
 
 END_S, SLOW = 4.0, 0.5
 MILD, STIFF = 20.0, 200.0
@@ -66,3 +66,14 @@ def test_stages_step_over_what_is_fast_as_far_as_theory_says(stages):
 def test_runge_kutta_does_not_step_over_it():
     assert not run(RUNGE_KUTTA, 0.05, STIFF)[-1] == pytest.approx(exact(STIFF), rel=0.5)
     assert run(legendre(5), 0.05, STIFF)[-1] == pytest.approx(exact(STIFF), rel=0.02)
+
+
+@pytest.mark.parametrize("scheme", [RUNGE_KUTTA, legendre(4), legendre(7)], ids=["classical", "4 stages", "7 stages"])
+@pytest.mark.parametrize("fast", [0.5, 30.0])
+def test_linear_rates_at_the_mean_state_move_a_stretch_as_its_steps_do(scheme, fast):
+    A, u, seconds = np.array([[-fast, 0.3 * fast], [0.2, -0.4]]), np.array([fast, -0.1]), 0.24
+    began = np.array([3.0, -1.0])  # far from where the fast state is going
+    x, mean = began.copy(), np.empty(2)
+    limit, work = np.full(2, 1e9), np.empty((4, 2))
+    assert advance_stretch(lambda x, u, theta: A @ x + u, x, u, np.empty(0), seconds, 0.08, scheme, limit, work, mean)
+    np.testing.assert_allclose(A @ mean + u, (x - began) / seconds, rtol=1e-9)

@@ -37,15 +37,15 @@ def test_what_cannot_be_compiled_gives_the_same(tmp_path, blocks, states):
 def test_it_is_linearised_along_the_same_run(tmp_path, scheme):
     path = write_recording(tmp_path, tank_table())
 
-    def middles(text: str, name: str) -> np.ndarray:
+    def means(text: str, name: str) -> np.ndarray:
         simulator = load_simulator(write_python(tmp_path, text, name))
         machine, tracks = Machine(simulator, ()), prepare(read_recordings([path], simulator), simulator)
         machine.scheme = scheme
-        return Problem(machine, tracks, (), np.ones(1)).course(0, np.empty(0)).middles
+        return Problem(machine, tracks, (), np.ones(1)).course(0, np.empty(0)).means
 
     with pytest.warns(RuntimeWarning, match="plain Python"):
-        plain = middles("SEEN = []\n" + PLAIN, "plain.py")
-    np.testing.assert_allclose(plain, middles(TANK, "tank.py"), rtol=1e-9)
+        plain = means("SEEN = []\n" + PLAIN, "plain.py")
+    np.testing.assert_allclose(plain, means(TANK, "tank.py"), rtol=1e-9)
 
 
 def test_it_is_diagnosed_as_the_same(tmp_path):

@@ -190,3 +190,35 @@ def test_columns_of_candidates_are_those_of_forward_runs(view):
         assert cosine > (0.98 if fast else 0.999), candidate.name
         assert fast or ratio == pytest.approx(1.0, abs=0.02), candidate.name
     assert len(silent) < 0.1 * len(listed)
+
+
+def test_an_effect_of_a_fast_state_shows_where_inputs_jump():
+    """A fast state is, nearly all of a stretch, where the input sends it: not halfway between two stretches."""
+
+    def rhs(x, u, theta):
+        return np.array([-theta[1] * (x[0] - u[0]), -0.2 * x[1] + theta[0] * x[0]])
+
+    follows = Simulator(
+        name="follows",
+        states=(Variable("fast", "1", -9.0, 9.0, 0.0, 1.0), Variable("slow", "1", -99.0, 99.0, 0.0, 1.0)),
+        inputs=(Variable("asked", "1", -9.0, 9.0, 0.0, 1.0),),
+        outputs=(Variable("read", "1", -99.0, 99.0, 0.0, 1.0),),
+        parameters=(Variable("drives", "1/s", 0.0, 2.0, 0.3, 0.1), Variable("rate", "1/s", 1.0, 99.0, 20.0, 5.0)),
+        rhs=rhs,
+        output=lambda x, u, theta: x[1:].copy(),
+        initial=lambda u0, y0, theta: np.array([u0[0], y0[0]]),
+    )
+    u = np.repeat(np.random.default_rng(3).uniform(-1.0, 3.0, 100), 4)[None, :, None]
+    _, y = simulate(follows, u, np.zeros(2), dt_s=0.8, substeps=64)
+    recording = Recording("follows", 0.8 * np.arange(u.size), ("asked", "read"), np.column_stack((u[0, :, 0], y[0])))
+    tracks = prepare([recording], follows)
+    machine = Machine(follows, ())
+    machine.settle_step(tracks, np.array([1e-3]))
+    problem = Problem(machine, tracks, shared_unknowns(follows), np.ones(1))
+    (columns,) = problem.columns(problem.z0)
+    drives = columns[:, 0, 0]
+    nudge = np.array([1e-3, 0.0])
+    ahead, behind = (tracks[0].block_means(problem.readings(0, problem.z0 + way * nudge)) for way in (1.0, -1.0))
+    exact = (ahead - behind)[:, 0] / 2e-3
+    seen = np.isfinite(exact)
+    assert np.linalg.norm((drives - exact)[seen]) < 0.01 * np.linalg.norm(exact[seen])
