@@ -93,6 +93,7 @@ class Course:
             self._Yx,
             self._Yf,
         )
+        self._present: dict[tuple[bytes, float], Acts] = {}
         self._memories: dict[tuple[str, tuple[float, ...]], Array] = {}
         self._base = self._rates_and_readings()
 
@@ -141,6 +142,17 @@ class Course:
         if self._varying is self._plain[0]:  # nothing begins late
             return self.of_parameters(theta, step)
         return self.of_parameters(theta, step, faded=True)
+
+    def of_present(self, theta: Array, step: float, since_s: float = -np.inf) -> Acts:
+        """As ``of_parameters``, for those of an effect that is there; kept, since what wanders of it asks alike.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+        """
+        key = theta.tobytes(), since_s
+        if key not in self._present:
+            self._present[key] = self.of_parameters(theta, step, since_s)
+        return self._present[key]
 
     def of_parameters(
         self,

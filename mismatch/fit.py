@@ -271,7 +271,7 @@ class Problem:
             elif candidate.acts_on_input or course.setting.theta[candidate.at[0]] == candidate.null[0]:
                 one = course.of_candidate(candidate, theta, step, self.begun_s(r, u))
             else:
-                one = course.of_parameters(theta, step, self.begun_s(r, u))
+                one = course.of_present(theta, step, self.begun_s(r, u))
             acts.rates[:, :, i], acts.reads[:, :, i] = (part[:, :, 0] for part in one)
         return course.through_sensors(course.columns(acts, start)) + direct
 

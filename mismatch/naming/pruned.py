@@ -13,7 +13,7 @@ from twinbench.mismatch.naming.effect import Effect
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import LEARNT, one_sided
 from twinbench.mismatch.naming.posterior import posterior
-from twinbench.mismatch.naming.settle import Settled, odds_of, settled
+from twinbench.mismatch.naming.settle import SETTLED, Settled, odds_of, settled
 from twinbench.mismatch.solve import HOP
 from twinbench.physics.simulator import Array
 
@@ -129,13 +129,15 @@ class Whole:
     def settled_less(self, start: Less, rival: float, far: bool = False) -> Settled:
         """It without some effects, brought to its fixed point; from where it stood if not from where it should go.
 
+        Did it go there? If more is promised than the whole hypothesis promised already, it got lost on the way.
+
         Args:
             rival: evidence of the best hypothesis so far, nats.
             far: as of ``settled``.
         """
         found, s = self._found, self._found.learnt.s
         moved = settled(found.bare, start.own, start.effects, self._ground, s, far, rival)
-        if not moved.promised:
+        if moved.promised <= found.promised + SETTLED:
             return moved
         stayed = settled(found.bare, found.own, start.now, self._ground, s, far, rival)
         return max(moved, stayed, key=lambda h: h.log)

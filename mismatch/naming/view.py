@@ -71,7 +71,7 @@ class View:
                 step = u.nudge(self.z[k])
                 theta = course.setting.theta.copy()
                 theta[u.at] += step
-                one = course.of_parameters(theta, step, self.problem.begun_s(r, u))
+                one = course.of_present(theta, step, self.problem.begun_s(r, u))
                 much = share * (self.z[k] - u.mean)
                 acts.append(Acts(one.rates * much, one.reads * much).times(functions))
             return course.columns(together(acts))
