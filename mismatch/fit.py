@@ -228,24 +228,25 @@ class Problem:
         """
         return Course(self.machine, self.setting(r, z, self.machine.grid(self.tracks[r])))
 
-    def columns(self, z: Array, courses: Sequence[Course] = ()) -> list[Array]:
+    def columns(self, z: Array, courses: Sequence[Course] = (), by_runs: bool = False) -> list[Array]:
         """d(simulated block means)/dz per recording, (B, ny, K); zero for unknowns of other recordings.
 
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             courses: the runs there, if they are known.
+            by_runs: those of what all recordings share by a forward run each, slower and as exact as the runs are?
         """
 
         def of(r: int) -> Array:
             course = courses[r] if len(courses) else self.course(r, z)
             mine = [k for k, u in enumerate(self.unknowns) if u.recording in (-1, r)]
             out = np.zeros((*self.tracks[r].means.shape, len(self.unknowns)))
-            out[:, :, mine] = self._columns_of(r, course, z, mine)
+            out[:, :, mine] = self._columns_of(r, course, z, mine, by_runs)
             return out
 
         return parallel([lambda r=r: of(r) for r in range(len(self.tracks))])
 
-    def _columns_of(self, r: int, course: Course, z: Array, mine: Sequence[int]) -> Array:
+    def _columns_of(self, r: int, course: Course, z: Array, mine: Sequence[int], by_runs: bool) -> Array:
         acts, start = course.none(len(mine)), np.zeros((len(course.active), len(mine)))
         direct = np.zeros((*self.tracks[r].means.shape, len(mine)))
         drifts: dict[tuple[int, float], Acts] = {}  # a parameter's knots all step it alike
@@ -273,7 +274,18 @@ class Problem:
             else:
                 one = course.of_present(theta, step, self.begun_s(r, u))
             acts.rates[:, :, i], acts.reads[:, :, i] = (part[:, :, 0] for part in one)
-        return course.through_sensors(course.columns(acts, start)) + direct
+        columns = course.columns(acts, start)
+        for i, k in enumerate(mine):
+            if by_runs and self.unknowns[k].recording < 0:
+                columns[:, :, i] = self._by_a_run(r, course, z, k)
+        return course.through_sensors(columns) + direct
+
+    def _by_a_run(self, r: int, course: Course, z: Array, k: int) -> Array:
+        """What one unknown does to what sound sensors read, (B, ny), in the outputs' units per its own."""
+        moved = z.copy()
+        moved[k] += (step := self.unknowns[k].nudge(z[k]))
+        ahead = self.machine.clean(self.setting(r, moved, self.machine.grid(self.tracks[r])), blocks=True)
+        return np.nan_to_num((ahead - course.clean) / step)
 
     def _candidate_at(self, unknown: Unknown) -> Candidate | None:
         """The candidate that an unknown belongs to; None of what the simulator has itself."""

@@ -224,9 +224,11 @@ def _at_rest(
         z = solve(whole, z, rounds, share=NEARLY)[0]
     best: Settled | None = None
     mark, marked = -np.inf, 0  # evidence at the last turn that was worth its while, and which turn that was
+    by_runs, moved = False, True
     for turn in range(1, TURNS + 1):
-        whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
-        here = hypothesis.linearised(whole, z, s)
+        if moved:
+            whole = whole.refined(z)  # what blocks leave out depends on where the hypothesis stands
+        here = hypothesis.linearised(whole, z, s, by_runs)
         s = here.stands.learnt.s
         worse = best is not None and here.stands.log < best.log
         if best is None or here.stands.log > best.log:
@@ -238,12 +240,14 @@ def _at_rest(
         if (rounds or turn >= GIVEN_UP_AFTER) and here.hoped < rival - HOPELESS:
             return replace(best, given_up=True)
         if worse and turn > marked + 1:  # with the discrepancy's size a better fit is another, to and fro
-            z = 0.5 * (best.z + z)
+            z, moved = 0.5 * (best.z + z), True
             continue
         ahead = _as_far_as_it_helps(z, here, misfit_around(here.stands, ground, here.view, here.columns))
-        if ahead is None:
+        moved = ahead is not None
+        if not moved and by_runs:
             break
-        z = ahead
+        by_runs |= not moved  # columns that take each stretch for linear have led astray
+        z = z if ahead is None else ahead
     assert best is not None
     return best
 
@@ -297,17 +301,18 @@ class _Hypothesis:
             z = whole.z0 + SHORTENED * (z - whole.z0)  # towards the machine as it came
         return made, whole, z
 
-    def linearised(self, whole: Problem, z: Array, s: Array) -> _Here:
+    def linearised(self, whole: Problem, z: Array, s: Array, by_runs: bool) -> _Here:
         """It in one place.
 
         Args:
             z: (K,) this place.
             s: (P,) discrepancy to begin with, per cent.
+            by_runs: as of ``Problem.columns``.
         """
         bounds, sizes = self.bounds, self.sizes
         shares = (WANDERS, HARDLY) if self.wanders else (WANDERS,)
         view = View.around(whole, z)
-        columns = columns_of(view, self.ground, self.wanders)
+        columns = columns_of(view, self.ground, self.wanders, by_runs)
         products = self.ground.products(view, columns)
         mean = np.zeros(len(products.own[0]) - 1)
         mean[: len(z)] = (whole.z0 - z) / bounds.scale
@@ -350,9 +355,13 @@ def misfit_around(
     return misfit(found.problem, ground, found.learnt.s, Wandering.of(found.products, white, found.share))
 
 
-def columns_of(view: View, ground: Ground, wanders: Sequence[int]) -> list[Array]:
-    """Columns of a view's unknowns, then of the sizes (positions ``wanders``) that differ from place to place."""
-    own = view.unknowns()
+def columns_of(view: View, ground: Ground, wanders: Sequence[int], by_runs: bool = False) -> list[Array]:
+    """Columns of a view's unknowns, then of the sizes (positions ``wanders``) that differ from place to place.
+
+    Args:
+        by_runs: as of ``Problem.columns``.
+    """
+    own = view.unknowns(by_runs)
     if not wanders:
         return own
     wandering = view.wandering(ground.discrepancy, wanders, WANDERS)

@@ -49,10 +49,14 @@ class View:
         courses = parallel([lambda r=r: problem.course(r, z) for r in every])
         return cls(problem, z, tuple(courses), tuple(problem.residuals(z)))
 
-    def unknowns(self) -> list[Array]:
-        """Columns of the problem's unknowns, (B, ny, K) per recording, per prior sd."""
+    def unknowns(self, by_runs: bool = False) -> list[Array]:
+        """Columns of the problem's unknowns, (B, ny, K) per recording, per prior sd.
+
+        Args:
+            by_runs: as of ``Problem.columns``.
+        """
         spreads = self.problem.spreads
-        return [c * spreads for c in self.problem.columns(self.z, self.courses)]
+        return [c * spreads for c in self.problem.columns(self.z, self.courses, by_runs)]
 
     def wandering(self, d: Discrepancy, sizes: Sequence[int], share: float) -> list[Array]:
         """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.

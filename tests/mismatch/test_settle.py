@@ -13,6 +13,7 @@ from motor import MOTOR
 from motor_friction import friction_found
 from scipy.optimize import lsq_linear
 
+from twinbench.mismatch.course import Acts, Course
 from twinbench.mismatch.mixture import interval_of
 from twinbench.mismatch.naming.bounded import bounded
 from twinbench.mismatch.naming.effect import Effect
@@ -49,6 +50,18 @@ def test_a_known_size_is_found_wherever_it_begins(size):
 def test_its_evidence_is_the_same_wherever_it_begins():
     logs = [hypothesis(size).log for size in (0.0, 0.3, 3.0)]
     assert np.ptp(logs) < 3.0 * SETTLED
+
+
+def test_columns_that_lead_astray_are_made_by_runs(monkeypatch):
+    """Here those of rates point the wrong way, so that no share of any step makes the fit better."""
+    sound = hypothesis(0.3)
+    told = Course.columns
+    monkeypatch.setattr(
+        Course, "columns", lambda self, acts, start=None: told(self, Acts(-acts.rates, -acts.reads), start)
+    )
+    found = hypothesis(0.3)
+    assert found.sizes == pytest.approx(sound.sizes, rel=0.02)
+    assert found.promised == 0.0
 
 
 def test_what_is_there_is_likelier_than_nothing_and_what_is_not_is_less_likely():

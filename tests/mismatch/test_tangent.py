@@ -161,12 +161,16 @@ def test_columns_beside_an_effect_are_those_of_forward_runs(name, size, since_s)
     problem = with_effect(name, size, since_s)
     z = problem.z0
     (columns,), (here,) = problem.columns(z), problem.residuals(z)
+    (by_runs,) = problem.columns(z, by_runs=True)
     for k, unknown in enumerate(problem.unknowns):
         step = PROBE * unknown.scale
         ahead = problem.residual(0, z + step * np.eye(len(z))[k])
         cosine, ratio = compared(columns[:, :, k], (here - ahead) / step)
         assert cosine > 0.995, unknown.name
         assert ratio == pytest.approx(1.0, abs=0.08), unknown.name
+        cosine, ratio = compared(by_runs[:, :, k], (here - ahead) / step)
+        assert cosine > 0.9999, unknown.name
+        assert ratio == pytest.approx(1.0, abs=0.02), unknown.name
 
 
 def test_columns_of_candidates_are_those_of_forward_runs(view):
