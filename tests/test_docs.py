@@ -296,7 +296,14 @@ def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
     proof = with_marks(read_cases(ROOT / "results/proof/cases.csv")).set_index("case")
     ours = by_engine["twinbench"]
     assert (proof.loc[ours.index, ["named", "set", "outcome"]] == ours[["named", "set", "outcome"]]).all(axis=None)
-    for name in ("twinbench", "no_learnt_decision", "no_discrepancy", "no_relinearisation", "bic_picker"):
+    for name in (
+        "twinbench",
+        "threshold_engine",
+        "no_learnt_decision",
+        "no_discrepancy",
+        "no_relinearisation",
+        "bic_picker",
+    ):
         own = by_engine[name]
         single, faults, pairs = (
             f"{own.loc[mine, 'by_class'].sum()} of {mine.sum()}"
@@ -313,6 +320,11 @@ def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
     at = {name: f"{own.loc[lacking, 'pointed'].sum()} of {lacking.sum()}" for name, own in by_engine.items()}
     assert f"locates {at['no_discrepancy']} detectable effects that the catalogue lacks" in page
     assert f"the whole engine locates {at['twinbench']}" in page
+    before = by_engine["threshold_engine"]
+    assert (
+        f"gives {named['threshold_engine']} of the {before['cell'].isin(['left_out', 'foreign']).sum()} effects" in page
+    )
+    assert f"another's name, and locates {at['threshold_engine']}." in page
     sound = by_engine["bic_picker"]["cell"].isin(["clean", "parameters", "poor_excitation"])
     assert (by_engine["bic_picker"].loc[sound, "named"] != "").all()
     sparse = [own for name, own in by_engine.items() if "sindy" in name]
@@ -323,6 +335,7 @@ def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
     apart = pd.read_csv(ROOT / "results/opponents/paired.csv", index_col="engine")
     for name in ("no_learnt_decision", "no_discrepancy"):
         assert (apart.loc[name, ["told_p", "wrong_p"]] < 0.05).all()
+    assert apart.loc["threshold_engine", "wrong_p"] < 0.05 < apart.loc["threshold_engine", "told_p"]
     assert apart.loc["no_relinearisation", "told_p"] < 0.05 < apart.loc["no_relinearisation", "wrong_p"]
 
 
