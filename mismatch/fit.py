@@ -250,6 +250,7 @@ class Problem:
         acts, start = course.none(len(mine)), np.zeros((len(course.active), len(mine)))
         direct = np.zeros((*self.tracks[r].means.shape, len(mine)))
         drifts: dict[tuple[int, float], Acts] = {}  # a parameter's knots all step it alike
+        runs: dict[int, Array] = {}
         for i, k in enumerate(mine):
             u = self.unknowns[k]
             if u.kind == "start":
@@ -263,6 +264,9 @@ class Problem:
             if candidate is not None and candidate.acts_on_output:
                 direct[:, :, i] = course.of_sensor(theta, self.since[r : r + 1] or (-np.inf,))[:, :, 0] / step
                 continue
+            if by_runs and u.recording < 0:
+                runs[i] = self._by_a_run(r, course, z, k)
+                continue
             if u.kind == "drift":
                 if (u.at, step) not in drifts:
                     drifts[u.at, step] = course.of_always(theta, step)
@@ -275,9 +279,8 @@ class Problem:
                 one = course.of_present(theta, step, self.begun_s(r, u))
             acts.rates[:, :, i], acts.reads[:, :, i] = (part[:, :, 0] for part in one)
         columns = course.columns(acts, start)
-        for i, k in enumerate(mine):
-            if by_runs and self.unknowns[k].recording < 0:
-                columns[:, :, i] = self._by_a_run(r, course, z, k)
+        for i, run in runs.items():
+            columns[:, :, i] = run
         return course.through_sensors(columns) + direct
 
     def _by_a_run(self, r: int, course: Course, z: Array, k: int) -> Array:
