@@ -195,10 +195,11 @@ def acts_at(where: str, what: str = "something") -> str:
 
 def none_of_them(d: Diagnosis, name: str) -> str:
     """Why an effect that explains something best is no name for it, whatever its probability; empty if nothing is."""
-    if astray(d.answer, d.self_check.again):
-        if astray(d.answer, 1.0):
-            return "the simulator is so far off, and so much is left, that other sets may explain as much"
-        return "the simulator is so far off that another set is likelier in most halves of the recordings"
+    if astray(d.answer, 1.0):
+        return "the simulator is so far off, and so much is left, that other sets may explain as much"
+    again = [share for f, share in zip(d.answer.found, d.self_check.again, strict=True) if f.name == name]
+    if any(astray(d.answer, share) for share in again):
+        return "the simulator is so far off that sets without it are likelier in most halves of the recordings"
     found = [c.found for c in d.claims if c.found is not None and c.found.name == name]
     if any(f.evidence["lingers"] for f in found):
         return "the residual still swings with its period, so it acts elsewhere, or in another way"

@@ -35,9 +35,8 @@ FEATURES = (
 and since when is left out on purpose: it foretells a little more on the cases drawn, and would be wrong where other
 machines are."""
 AGAIN = 0.5
-"""Share of the halves of the recordings in which the same must be the likeliest, where the simulator was far off. Of
-the four pairs of the cases learnt from that were found from far off, all right, it is 1. Of the leaking chambers it is
-0.3 and 0.5, so at a larger share nothing would be named of either."""
+"""Share of the halves of the recordings in which the likeliest set must hold a finding, where the simulator was far off:
+strong effects may be in all of them although a weak one beside them comes and goes."""
 MOST_NATS = 1000.0
 """Nats beyond which more of them say no more."""
 SLIGHTLY = 0.1
@@ -121,32 +120,34 @@ def probability(weights: Mapping[str, float], values: Mapping[str, float]) -> fl
     return float(expit(weights["constant"] + sum(weights[name] * v for name, v in values.items())))
 
 
-def decided(answer: Answer, again: float, rule: Rule | None = None) -> tuple[Claim, ...]:
+def decided(answer: Answer, again: Sequence[float], rule: Rule | None = None) -> tuple[Claim, ...]:
     """What is said of an answer; nothing where nothing is missing.
 
     Args:
-        again: share of the halves of the recordings in which the same is the likeliest.
+        again: for each finding, share of the halves of the recordings in which it is in the likeliest set.
         rule: the learnt one if left out.
     """
     rule = rule or learnt_rule()
-    if astray(answer, again):
-        rule = replace(rule, say_name=math.inf, say_set=math.inf)
+    silent = replace(rule, say_name=math.inf, say_set=math.inf)
     machine = answer.chosen.problem.machine
     port_of = {c.name: c.mechanism.port for c in machine.candidates}
     contains = {c.name: c.mechanism.contains for c in machine.candidates}
-    claims = [_claim(found, port_of, rule, contains) for found in answer.found]
+    claims = [
+        _claim(found, port_of, silent if astray(answer, share) else rule, contains)
+        for found, share in zip(answer.found, again, strict=True)
+    ]
     if answer.more:
         claims.append(Claim((), False, float(expit(answer.left[0].log)), _likeliest(_where(answer.left)), None))
     return tuple(claims)
 
 
 def astray(answer: Answer, again: float) -> bool:
-    """Is the simulator far off, and still not all explained, or something else in most halves of the recordings?
+    """Is the simulator far off, and still not all explained, or a finding absent in most halves of the recordings?
 
-    Then many sets fit about as well, and none is a name.
+    Then many sets fit about as well, and what is in the likeliest is no name.
 
     Args:
-        again: as of ``decided``.
+        again: share of the halves in which the finding is in the likeliest set.
     """
     return answer.naming.far and (answer.more or again < AGAIN)
 

@@ -46,19 +46,21 @@ class SelfCheck:
     Attributes:
         decoys_named: how many of ``decoys`` effects at the wrong time would have been named.
         named_again: in how many of ``halves`` halves of the recordings the same is the likeliest.
+        each_again: for each finding, in how many of them one of its names is in the likeliest set.
         power: for each candidate that is not named, the size at which it would have been.
     """
 
     decoys_named: int
     decoys: int
     named_again: int
+    each_again: tuple[int, ...]
     halves: int
     power: tuple[Power, ...]
 
     @property
-    def again(self) -> float:
-        """Share of the halves in which the same is the likeliest."""
-        return self.named_again / self.halves
+    def again(self) -> tuple[float, ...]:
+        """For each finding, share of the halves in which one of its names is in the likeliest set."""
+        return tuple(times / self.halves for times in self.each_again)
 
     @property
     def says(self) -> tuple[str, str]:
@@ -101,13 +103,14 @@ def checked(answer: Answer) -> SelfCheck:
     decoys = unlike(sets, tried)
     said = [{*f.credible(CREDIBLE), *f.alike} for f in answer.found]
     ahead = nearer(pieces, rivals)
-    again = [is_said(likeliest(pieces, rivals, half, ahead), said) for half in pieces.halves(rng)]
+    best = [likeliest(pieces, rivals, half, ahead) for half in pieces.halves(rng)]
     rows = sum(int(np.isfinite(r).sum()) for r in view.residuals)
     return SelfCheck(
         decoys_named=len(named_decoys(sets, effects, decoys, one_more(len(effects), pieces.candidates))),
         decoys=len(decoys),
-        named_again=sum(again),
-        halves=len(again),
+        named_again=sum(is_said(names, said) for names in best),
+        each_again=tuple(sum(not some.isdisjoint(names) for names in best) for some in said),
+        halves=len(best),
         power=power(shown, rows, chosen.learnt.s),
     )
 

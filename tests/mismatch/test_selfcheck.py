@@ -345,7 +345,7 @@ def test_a_decoy_is_no_parameter_and_like_nothing_that_may_be_there():
 
 
 def test_what_is_said_is_one_sentence_each():
-    good, bad = SelfCheck(0, 20, 9, 10, ()), SelfCheck(3, 20, 2, 10, ())
+    good, bad = SelfCheck(0, 20, 9, (9,), 10, ()), SelfCheck(3, 20, 2, (4,), 10, ())
     assert good.says == (
         "Of 20 effects that are certainly not there, none would be named.",
         "The same is the likeliest in 9 of 10 halves of the recordings.",
@@ -377,7 +377,7 @@ def test_a_sound_motor_stays_sound_in_halves_and_among_decoys(sound, of_sound):
     assert not sound.found
     assert of_sound.decoys_named == 0
     assert DECOYS // 2 < of_sound.decoys <= DECOYS
-    assert (of_sound.named_again, of_sound.halves) == (10, 10)
+    assert (of_sound.named_again, of_sound.each_again, of_sound.halves) == (10, (), 10)
     assert {p.name for p in of_sound.power} == {m.name for m in CATALOGUE}
     assert len(of_sound.power) == len(CATALOGUE)
     assert len(of_sound.says) == 2
@@ -395,6 +395,8 @@ def test_friction_is_named_well_above_the_size_that_it_states_and_not_well_below
     of_above = checked(above)
     assert of_above.decoys_named == 0
     assert of_above.named_again >= 7
+    assert of_above.again == (of_above.each_again[0] / 10,)
+    assert of_above.each_again[0] >= of_above.named_again
     assert DRY not in {p.name for p in of_above.power}, "it is named"
 
 

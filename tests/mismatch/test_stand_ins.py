@@ -60,7 +60,7 @@ def spoilt(asked_of: stage_prove.Tested) -> stage_prove.Tested:
 def test_without_a_name_the_simulator_is_mended_where_that_is_shown(
     found: Weighed, asked_of: stage_prove.Tested
 ) -> None:
-    claims = decided(asked_of.answer, 1.0, SILENT)
+    claims = decided(asked_of.answer, [1.0], SILENT)
     assert [c.names for c in claims] == [()]
     end = ends(found, asked_of, claims)
     assert end.mended is asked_of.mended
@@ -70,7 +70,7 @@ def test_without_a_name_the_simulator_is_mended_where_that_is_shown(
 
 
 def test_what_foretells_nothing_mends_nothing(found: Weighed, asked_of: stage_prove.Tested) -> None:
-    end = ends(found, foretelling(asked_of, 1.0), decided(asked_of.answer, 1.0, SILENT))
+    end = ends(found, foretelling(asked_of, 1.0), decided(asked_of.answer, [1.0], SILENT))
     assert end.mended is None
     assert end.refused == ""
 
@@ -83,12 +83,12 @@ def test_what_removes_little_mends_nothing_without_a_name(found: Weighed, asked_
     residuals = [0.8 * b + 0.2 * a for b, a in zip(before.residuals, after.residuals, strict=True)]
     little = asked_of._replace(held_after=Held(residuals, *after[1:]))
     assert 0.1 < stage_prove.removed(little) < stage_prove.STANDS_IN
-    assert ends(found, little, decided(asked_of.answer, 1.0, SILENT)).mended is None
-    assert ends(found, little, decided(asked_of.answer, 1.0)).mended is not None, "a name mends in any case"
+    assert ends(found, little, decided(asked_of.answer, [1.0], SILENT)).mended is None
+    assert ends(found, little, decided(asked_of.answer, [1.0])).mended is not None, "a name mends in any case"
 
 
 def test_what_spoils_an_output_mends_nothing_without_a_name(found: Weighed, asked_of: stage_prove.Tested) -> None:
-    end = ends(found, spoilt(asked_of), decided(asked_of.answer, 1.0, SILENT))
+    end = ends(found, spoilt(asked_of), decided(asked_of.answer, [1.0], SILENT))
     assert end.mended is None
     assert end.refused.startswith("it makes the held-out errors of speed_rad_s grow from ")
 
@@ -96,7 +96,7 @@ def test_what_spoils_an_output_mends_nothing_without_a_name(found: Weighed, aske
 def test_a_name_that_foretells_more_may_err_by_what_its_parameters_do(
     found: Weighed, asked_of: stage_prove.Tested
 ) -> None:
-    claims = decided(asked_of.answer, 1.0)
+    claims = decided(asked_of.answer, [1.0])
     assert [c.names for c in claims] == [(DRY,)]
     assert ends(found, spoilt(asked_of), claims).mended is asked_of.mended
     unproved = ends(found, spoilt(foretelling(asked_of, 1.0)), claims)
@@ -138,7 +138,7 @@ def test_without_a_name_it_is_where_a_name_acts_or_something_unnamed(
     elsewhere = Port("balance", "T_winding_K")
     unnamed = (Unnamed(elsewhere, 3.0, 1.0), Unnamed(Port("balance", "omega_rad_s"), 3.0 - np.log(3.0), 1.0))
     doubtful = replace(effect, weights={DRY: 1.0}, unnamed=unnamed)
-    (claim,) = decided(replace(asked_of.answer, found=(doubtful,)), 1.0, rule)
+    (claim,) = decided(replace(asked_of.answer, found=(doubtful,)), [1.0], rule)
     assert dict(claim.ports)[elsewhere] == pytest.approx(0.75 * (1.0 - share))
     assert sum(p for _, p in claim.ports) == pytest.approx(1.0)
     assert claim.port == (elsewhere if share < 0.3 else Port("balance", "omega_rad_s"))

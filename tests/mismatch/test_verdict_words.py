@@ -110,7 +110,7 @@ DRY, BIAS, GAIN = "coulomb_friction@omega_rad_s", "sensor_bias@amps_A", "sensor_
 def test_what_is_missing_by_thousands_of_nats_is_certain_and_stops_nothing(friction):
     answer = friction.diagnosis.answer
     left = (replace(answer.left[0], log=5000.0), *answer.left[1:])
-    assert decided(replace(answer, left=left), 1.0)[-1].probability == 1.0
+    assert decided(replace(answer, left=left), [1.0])[-1].probability == 1.0
     assert probability({"constant": -5000.0}, {}) == 0.0
 
 
@@ -230,7 +230,7 @@ def test_from_far_off_no_probability_is_told(friction):
     d = friction.diagnosis
     left = (replace(d.answer.left[0], log=5.0), *d.answer.left[1:])
     answer = replace(d.answer, left=left, naming=replace(d.answer.naming, far=True))
-    verdict = conclude(replace(d, answer=answer, claims=decided(answer, 1.0), mended=None, held_after=None))
+    verdict = conclude(replace(d, answer=answer, claims=decided(answer, [1.0]), mended=None, held_after=None))
     assert (
         "but the simulator is so far off, and so much is left, that other sets may explain as much" in verdict.points[0]
     )
@@ -238,14 +238,20 @@ def test_from_far_off_no_probability_is_told(friction):
 
 
 @pytest.mark.parametrize(("again", "named"), [(5, True), (4, False)])
-def test_from_far_off_a_name_must_be_the_likeliest_in_most_halves(friction, again, named):
+def test_from_far_off_a_name_must_be_in_the_likeliest_set_of_most_halves(friction, again, named):
     d = friction.diagnosis
     answer = replace(d.answer, naming=replace(d.answer.naming, far=True))
-    check = replace(d.self_check, named_again=again, halves=10)
+    check = replace(d.self_check, named_again=0, each_again=(again,), halves=10)
     claims = decided(answer, check.again)
     assert bool(claims[0].names) == named
     verdict = conclude(replace(d, answer=answer, claims=claims, self_check=check))
-    assert ("another set is likelier in most halves" in verdict.points[0]) != named
+    assert ("sets without it are likelier in most halves" in verdict.points[0]) != named
+
+
+def test_from_far_off_each_effect_is_judged_by_the_halves_that_hold_it(friction):
+    answer = friction.diagnosis.answer
+    two = replace(answer, found=answer.found * 2, naming=replace(answer.naming, far=True))
+    assert [bool(c.names) for c in decided(two, (0.9, 0.4))] == [True, False]
 
 
 def test_something_unnamed_beside_a_name_is_incomplete(friction):
