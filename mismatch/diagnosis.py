@@ -58,8 +58,8 @@ class Diagnosis:
         claims: what is said of it.
         mended: the simulator with the chosen effects; None where none is named and the held-out recordings do not
             show that they mend it.
-        worse: held-out outputs that the chosen effects spoil beyond chance; then nothing is mended, as ``refused``
-            says.
+        worse: held-out outputs that the chosen effects spoil beyond chance; then nothing is mended.
+        refused: why the chosen effects have no name: they spoil an output, or leave one unfollowed. Empty if not so.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
     """

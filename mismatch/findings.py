@@ -179,10 +179,11 @@ def _unnamed_says(d: Diagnosis, claim: Claim, onsets: tuple[Onset, ...] = ()) ->
     since = f" {sentence(begins(onsets))}" if onsets else ""
     if d.refused:
         refused = f"{claim.found.name} explains what was learnt from best, but is refused: {d.refused}"
-        return f"{sentence(f'{says}: {refused}')}{since}"
-    none = none_of_them(d, claim.found.name)
-    right = f"but {none}" if none else f"and is right with probability {probable(1.0 - claim.probability)}"
-    says = sentence(f"{says}: {claim.found.name} explains it best, {right}") + since
+        says = sentence(f"{says}: {refused}") + since
+    else:
+        none = none_of_them(d, claim.found.name)
+        right = f"but {none}" if none else f"and is right with probability {probable(1.0 - claim.probability)}"
+        says = sentence(f"{says}: {claim.found.name} explains it best, {right}") + since
     if claim.found.name in d.stand_ins:
         says += f" Until more is known {claim.found.name} stands in for it in the mended model."
     return says

@@ -142,6 +142,9 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
         floor: (ny,) noise of block means, in the outputs' units.
     """
     before, held_before = Fit(fit.problem, fit.z), found.held_before
+    outputs, refused = fit.problem.machine.simulator.outputs, ""
+    if found.mended is not None and (lost := _lost(_followed(found, fit, found.mended, found.held_after))):
+        claims, refused = _nameless(claims), f"with it the simulator does not follow {listed(lost)}"
     said = any(c.names for c in claims)
     foretells = any(f.evidence["held_gain"] > PLAIN for f in found.answer.found)
     # What has no name may mend the simulator all the same: the held-out recordings have to show that it does.
@@ -150,23 +153,38 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
     worse: tuple[Worse, ...] = ()
     if held_before is not None and held_after is not None and not (said and foretells):
         # A name that foretells more, all that is uncertain counted in, errs by what its parameters do.
-        worse = worse_outputs(held_before, held_after, fit.problem.machine.simulator.outputs)
+        worse = worse_outputs(held_before, held_after, outputs)
     if worse:
-        claims, mended, held_after = [replace(c, names=()) for c in claims], None, None
+        claims, mended, held_after = _nameless(claims), None, None
+        refused = f"it makes the held-out errors of {listed([_spoilt(w) for w in worse])}"
     last, held_last = mended or before, held_after or held_before
-    outputs = fit.problem.machine.simulator.outputs
     return Proved(
         tuple(claims),
         mended,
         held_before,
         held_after,
         worse,
-        f"it makes the held-out errors of {listed([_spoilt(w) for w in worse])}" if worse else "",
-        told_followed(found.held, held_last.residuals, outputs, True)
-        if held_last
-        else told_followed(fit.tracks, last.residuals, outputs, False),
+        refused,
+        _followed(found, fit, last, held_last),
         strangers(last.residuals, held_last.residuals, outputs, floor) if held_last else (),
     )
+
+
+def _nameless(claims: Sequence[Claim]) -> list[Claim]:
+    return [replace(c, names=()) for c in claims]
+
+
+def _followed(found: Tested, fit: Calibration, by: Fit, held: Held | None) -> tuple[Followed, ...]:
+    """How much of each output a fit explains: on the held-out recordings if there are any."""
+    outputs = fit.problem.machine.simulator.outputs
+    if held is not None:
+        return told_followed(found.held, held.residuals, outputs, True)
+    return told_followed(fit.tracks, by.residuals, outputs, False)
+
+
+def _lost(followed: Sequence[Followed]) -> list[str]:
+    """Outputs that are not followed: what foretells them no better than a constant would is no name."""
+    return [f.channel for f in followed if not f.follows]
 
 
 def removed(found: Tested) -> float:

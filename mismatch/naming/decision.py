@@ -35,8 +35,8 @@ FEATURES = (
 and since when is left out on purpose: it foretells a little more on the cases drawn, and would be wrong where other
 machines are."""
 AGAIN = 0.5
-"""Share of the halves of the recordings in which the likeliest set must hold a finding, where the simulator was far off:
-strong effects may be in all of them although a weak one beside them comes and goes."""
+"""Share of the halves of the recordings in which the likeliest set must hold a finding, where the simulator was far
+off. Strong effects may be in all of them although a weak one beside them comes and goes."""
 MOST_NATS = 1000.0
 """Nats beyond which more of them say no more."""
 SLIGHTLY = 0.1

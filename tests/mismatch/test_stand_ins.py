@@ -104,6 +104,26 @@ def test_a_name_that_foretells_more_may_err_by_what_its_parameters_do(
     assert [c.names for c in unproved.claims] == [()]
 
 
+def test_a_name_is_refused_where_an_output_held_back_is_not_followed(
+    found: Weighed, asked_of: stage_prove.Tested
+) -> None:
+    """A constant would foretell the current better than the mended simulator; the calibrated one errs still more."""
+    before, after = asked_of.held_before, asked_of.held_after
+    assert before is not None
+    assert after is not None
+    (amps,) = [t.means[:, 1] - np.nanmean(t.means[:, 1]) for t in asked_of.held]
+    at_amps = np.arange(after.residuals[0].shape[1]) == 1
+    worst, bad = (
+        Held([r + times * np.outer(amps, at_amps) for r in after.residuals], *after[1:]) for times in (30.0, 1.5)
+    )
+    lost = asked_of._replace(held_before=worst, held_after=bad)
+    end = ends(found, lost, decided(asked_of.answer, [1.0]))
+    assert [c.names for c in end.claims] == [()]
+    assert end.refused == "with it the simulator does not follow amps_A"
+    assert not end.worse
+    assert end.mended is asked_of.mended, "it stands in: it removes nearly all of the error"
+
+
 @pytest.mark.parametrize("explained", [True, False])
 def test_what_the_chosen_effects_explain_is_no_sensor_that_stands_still(
     found: Weighed, monkeypatch: pytest.MonkeyPatch, explained: bool
