@@ -12,6 +12,7 @@ import platform
 import subprocess
 import sys
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,21 +31,23 @@ def code_version(module: str) -> str:
 @functools.cache
 def source_version(checkout: Path) -> str:
     """sha256 over all source of a checkout of Twinbench."""
-    digest = hashlib.sha256()
-    for path in sorted(checkout.glob("[!.]*/**/*.py")):
-        digest.update(str(path.relative_to(checkout)).encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
+    files = {str(path.relative_to(checkout)): path for path in checkout.glob("[!.]*/**/*.py")}
+    return _hashed(files)
 
 
 @functools.cache
 def _version(module: str, source: bytes) -> str:
-    digest = hashlib.sha256(source)
-    for name, path in sorted(_closure(module).items()):
+    libraries = "".join(f"{name}=={importlib.metadata.version(name)}" for name in LIBRARIES[:4])
+    return _hashed({name: Path(path) for name, path in _closure(module).items()}, source, libraries.encode())
+
+
+def _hashed(files: Mapping[str, Path], first: bytes = b"", last: bytes = b"") -> str:
+    """sha256 over files and what each is called, with some bytes before and after them; its first 16 digits."""
+    digest = hashlib.sha256(first)
+    for name, path in sorted(files.items()):
         digest.update(name.encode())
-        digest.update(Path(path).read_bytes())
-    for library in LIBRARIES[:4]:
-        digest.update(f"{library}=={importlib.metadata.version(library)}".encode())
+        digest.update(path.read_bytes())
+    digest.update(last)
     return digest.hexdigest()[:16]
 
 

@@ -95,7 +95,7 @@ AMPLITUDES = (
     Variable("eta_N", "1", 0.0, 0.1, 0.02, 0.02, "efficiency loss with speed squared"),
     Variable("UA_h_W_K", "W/K", 0.0, 40.0, 9.0, 9.0, "gas to discharge-head metal"),
     Variable("tau_T_x", "1", 0.0, 1.5, 0.5, 0.5, "fall of the probe lag with flow, exponent"),
-    Variable("iso", "1", 0.0, 1.0, 0.0, 1.0, "how isothermal the exhaust volume is, 1 wholly"),
+    Variable("iso", "1", 0.0, 1.0, 0.0, 1.0, "exhaust volume: 0 if it is adiabatic, 1 if it is isothermal"),
     Variable("flutter", "1", 0.0, 0.5, 0.0, 0.10, "late valve closing above 1400 rpm"),
     Variable("leak_N", "1", -1.5, 1.5, 0.0, 0.8, "leakage that depends on speed"),
     Variable("A_ext_mm2", "mm2", 0.0, 60.0, 0.0, 5.0, "external leak, packing or relief valve"),
