@@ -7,6 +7,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from twinbench.common.style import BLUE, COLUMN_MM, INK, MUTED, PAGE_MM, VERMILION, canvas, log_axis, styled
+from twinbench.proof.concealed.gates import wilson
 
 _KINDS = {"tuned": (BLUE, "o"), "untuned": (VERMILION, "s"), "random": ("#009E73", "^")}
 """Colour and marker of the kinds of machines."""
@@ -40,7 +41,7 @@ def power_figure(curves: pd.DataFrame) -> Figure:
 
 @styled
 def reliability_figure(bins: pd.DataFrame) -> Figure:
-    """The rate of right single names over the probability that was stated for them.
+    """The rate of right single names over the probability that was stated for them, with 95 % intervals (Wilson).
 
     Args:
         bins: ``reliability.csv`` of one engine.
@@ -48,13 +49,13 @@ def reliability_figure(bins: pd.DataFrame) -> Figure:
     figure = canvas(COLUMN_MM, COLUMN_MM)
     axes = figure.subplots()
     axes.plot([0.0, 1.0], [0.0, 1.0], color=MUTED, linestyle=":")
-    axes.plot(bins["stated"], bins["right"], color=INK, marker="o", markersize=3)
-    for k, (_, b) in enumerate(bins.iterrows()):
-        # Neighbours' counts stand on either side, so that they do not overlap.
-        beside = (4, -8) if k % 2 else (-10, 4)
-        axes.annotate(f"{b['cases']:.0f}", (b["stated"], b["right"]), xytext=beside, textcoords="offset points")
+    right = bins["right"].to_numpy(dtype=float)
+    bounds = np.array([wilson(r * n, n) for r, n in zip(right, bins["cases"], strict=True)]).reshape(-1, 2)
+    off = np.abs(bounds - right[:, None]).T
+    axes.errorbar(bins["stated"], right, yerr=off, color=INK, marker="o", markersize=3, linestyle="")
     # Only what is likely is said: on axes from nothing on, all of it lies in a corner.
-    least = float(max(np.floor(10.0 * bins[["stated", "right"]].min().min() - 1.0) / 10.0, 0.0)) if len(bins) else 0.0
+    shown = np.concatenate((bins["stated"], bounds[:, 0], [0.9]))
+    least = float(np.floor(10.0 * shown.min()) / 10.0)
     margin = 0.02 * (1.0 - least)
     axes.set_xlim(least - margin, 1.0 + margin)
     axes.set_ylim(least - margin, 1.0 + margin)
