@@ -62,9 +62,19 @@ class Products(NamedTuple):
             at: positions of those which the residuals are less.
             moved: (m,) by how much of each, in what the columns are per: dimensionless.
         """
+        return self.some(np.delete(np.arange(self.own.shape[1] - 1), out), at, moved)
+
+    def some(self, kept: np.ndarray, at: Sequence[int] | np.ndarray, moved: Array) -> Products:
+        """Some of their own columns in some order, once the residuals are less some of them.
+
+        Args:
+            kept: (k,) positions of these.
+            at: positions of those which the residuals are less.
+            moved: (m,) by how much of each, in what the columns are per: dimensionless.
+        """
         turn = np.eye(self.own.shape[1])
-        turn[list(at), -1] = -moved
-        turn = np.delete(turn, out, axis=1)
+        turn[at, -1] = -moved
+        turn = turn[:, [*kept, -1]]
         return Products(turn.T @ self.own @ turn, turn.T @ self.cross, self.FF)
 
     def over(self) -> tuple[Array, Array, float]:

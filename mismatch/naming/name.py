@@ -75,7 +75,7 @@ class Naming:
     together: Settled | None = None
     alone: Problem | None = None
     _around: tuple[Settled, View] | None = None
-    _without: dict[int, Painter] = field(default_factory=dict)
+    _whole: Painter | None = None
 
     @property
     def best(self) -> Settled:
@@ -108,30 +108,36 @@ class Naming:
         Columns of everything take much room.
         """
         if self._around is None or hypothesis is not self._around[0]:
-            self._around, self._without = (hypothesis, View.around(hypothesis.problem, hypothesis.z)), {}
+            self._around, self._whole = (hypothesis, View.around(hypothesis.problem, hypothesis.z)), None
         return self._around[1]
+
+    def whole(self, hypothesis: Settled) -> Painter:
+        """All variants around where a hypothesis stands, its own effects as they are now among them."""
+        view = self.around(hypothesis)
+        if self._whole is None:
+            probes = {}
+            for e in hypothesis.now:
+                size = abs(e.size / typical(hypothesis.problem.machine.candidates[e.variant.candidate]))
+                probes[e.variant] = min(max(size, LEAST_PROBE), MOST_PROBE)
+            listed = dict.fromkeys((*probes, *self.painter.listed))
+            self._whole = Painter(
+                view,
+                self.ground,
+                list(listed),
+                probes | dict(self.painter.probes),
+                hypothesis.wanders,
+                hypothesis.share,
+                hypothesis.since_s,
+            )
+        return self._whole
 
     def without(self, hypothesis: Settled, effect: int) -> Painter:
         """A hypothesis less one effect, with all that could stand in its place, itself first."""
-        view = self.around(hypothesis)
-        if effect not in self._without:
-            machine, now = hypothesis.problem.machine, hypothesis.now[effect]
-            rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
-            size = abs(now.size / typical(machine.candidates[now.variant.candidate]))
-            probes = {now.variant: min(max(size, LEAST_PROBE), MOST_PROBE)} | dict(self.painter.probes)
-            entries = hypothesis.entries(effect)
-            self._without[effect] = Painter(
-                view,
-                self.ground,
-                [now.variant, *(v for v in self.beside(machine, rest) if v != now.variant)],
-                entries,
-                probes,
-                [k for k in hypothesis.wanders if k != entries[0]],
-                hypothesis.share,
-                hypothesis.since_s,
-                len(rest),
-            )
-        return self._without[effect]
+        machine, now = hypothesis.problem.machine, hypothesis.now[effect].variant
+        rest = [e.variant.candidate for k, e in enumerate(hypothesis.effects) if k != effect]
+        others = [v for v in self.beside(machine, rest) if v != now]
+        out = np.concatenate((hypothesis.entries(effect), hypothesis.wandering(effect)))
+        return self.whole(hypothesis).less([now, *others], out, len(rest))
 
     def beside(self, machine: Machine, there: Sequence[int]) -> list[Variant]:
         """Variants of all families but those of some candidates."""
@@ -320,11 +326,7 @@ def _fuller(found: Naming) -> bool:
     if not 0 < len(best.effects) < MOST_EFFECTS:
         return False
     others = found.beside(best.problem.machine, best.candidates)
-    view, probes = found.around(best), found.painter.probes
-    painter = Painter(
-        view, found.ground, others, probes=probes, wanders=best.wanders, share=best.share, since_s=best.since_s,
-        beside=len(best.effects),
-    )  # fmt: skip
+    painter = found.whole(best).less(others, np.empty(0, dtype=int), len(best.effects))
     _settle_another(found, best, painter)
     return found.best is not best
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -79,11 +80,10 @@ class Picture:
 
 
 class Painter:
-    """Makes pictures of a view; columns are made once.
+    """Makes pictures of a view; columns and their products are made once.
 
     Args:
         listed: the variants in every picture.
-        without: (k,) positions of an effect's unknowns that are taken out of the view: they are at their prior's mean.
         probes: share of its typical size that each variant is tried with; found out if left out.
         wanders: positions among the unknowns of sizes that may differ from place to place; by which ``share``.
         since_s: from when the variants are there, on the recordings' clock.
@@ -95,21 +95,15 @@ class Painter:
         view: View,
         ground: Ground,
         listed: Sequence[Variant],
-        without: Sequence[int] | np.ndarray = (),
         probes: Mapping[Variant, float] | None = None,
         wanders: Sequence[int] = (),
         share: float = WANDERS,
         since_s: float = -np.inf,
         beside: int = 0,
     ) -> None:
-        mean, self._beside = prior_mean(view), beside
-        whole, out = view.unknowns(), np.array(without, dtype=int)
-        self.removed = [columns[:, :, out] for columns in whole]
-        size = out[:1]  # its shape does nothing where it is not
-        residuals = [r - c[:, :, size] @ mean[size] for r, c in zip(view.residuals, whole, strict=True)]
-        self.view, self.ground, self.listed = replace(view, residuals=tuple(residuals)), ground, tuple(listed)
-        self._own = [np.delete(columns, out, axis=2) for columns in whole]
-        self._mean, self._left = np.delete(mean, out), np.delete(np.arange(len(mean)), out)
+        self.view, self.ground, self.listed, self._beside = view, ground, tuple(listed), beside
+        self._own, self._mean = view.unknowns(), prior_mean(view)
+        self._left = np.arange(len(self._mean))
         if wanders:
             wandering = view.wandering(ground.discrepancy, wanders, share)
             self._own = [np.concatenate((j, w), axis=2) for j, w in zip(self._own, wandering, strict=True)]
@@ -117,7 +111,7 @@ class Painter:
         self.readings = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
             first = view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE))
-            shows, *_ = self._shows(self._products(first))
+            shows, *_ = self._shows(self._multiplied(first))
             tried = np.clip(SHOWS / np.maximum(shows, 1e-12), LEAST_PROBE, MOST_PROBE)
             probes = dict(zip(self.listed, map(float, tried), strict=True))
         self.probes = probes
@@ -125,6 +119,31 @@ class Painter:
         times = [since_s] if since_s > -np.inf else []
         columns = view.of_variants(self.listed, self._probes, times)
         self._since_s, self._columns = since_s, [c[:, :, len(times) :: 1 + len(times)] for c in columns]
+        self._products = self._multiplied(self._columns)
+        self._without = np.empty((0, 0))
+
+    def less(self, listed: Sequence[Variant], out: np.ndarray, beside: int) -> Painter:
+        """The same view less one of its effects: its unknowns are at their prior's mean.
+
+        Its shape does nothing where it is not. Nothing that begins later can be painted.
+
+        Args:
+            listed: those of the variants that are in every picture, in any order.
+            out: (k,) positions of the effect's unknowns and of what wanders of it, its size first; none of no effect.
+            beside: so many effects are left.
+        """
+        n, place = len(self._mean), {v: i for i, v in enumerate(self.listed)}
+        left, some = np.delete(np.arange(n), out), n + np.array([place[v] for v in listed], dtype=int)
+        G, _, _ = self._products.over()
+        less = copy(self)
+        less.listed, less._beside = tuple(listed), beside
+        less._own, less._columns = [], []
+        less._products = self._products.some(np.concatenate((left, some)), out[:1], self._mean[out[:1]])
+        less._mean, less._left = self._mean[left], left[left < len(self._left)]
+        less._probes = np.array([self.probes[v] for v in listed])
+        with_it = np.concatenate((left, some, out[:1]))
+        less._without = G[np.ix_(with_it, with_it)]
+        return less
 
     def picture(self, since_s: Sequence[float] = (), late: Sequence[int] = ()) -> Picture:
         """All variants, and some that begin at given times.
@@ -133,15 +152,15 @@ class Painter:
             since_s: the times.
             late: positions of those that may begin then.
         """
-        which, since, columns = list(range(len(self.listed))), [self._since_s] * len(self.listed), self._columns
+        which, since, products = list(range(len(self.listed))), [self._since_s] * len(self.listed), self._products
         if len(late) and len(since_s):
             many = 1 + len(since_s)
             later = self.view.of_variants([self.listed[i] for i in late], self._probes[list(late)], since_s)
             keep = [k for k in range(many * len(late)) if k % many]
-            columns = [np.concatenate((c, x[:, :, keep]), axis=2) for c, x in zip(columns, later, strict=True)]
+            both = [np.concatenate((c, x[:, :, keep]), axis=2) for c, x in zip(self._columns, later, strict=True)]
+            products = self._multiplied(both)
             which += [late[k // many] for k in keep]
             since += [since_s[k % many - 1] for k in keep]
-        products = self._products(columns)
         shows, reduced, kept, excess, q = self._shows(products)
         candidates = [self.view.problem.machine.candidates[self.listed[i].candidate] for i in which]
         typicals = _typicals(candidates)
@@ -179,18 +198,12 @@ class Painter:
         )
 
     def cosines(self) -> Array:
-        """(V,) squared cosines of each listed column with what was taken out of the view, the unknowns apart.
+        """(V,) squared cosines of each listed column with the effect that was taken out, the unknowns apart.
 
         Where a size can have one sign only, a column of the other sign is none.
         """
-        n, v = self._own[0].shape[2], len(self.listed)
-        both = [
-            np.concatenate((j, c, x[:, :, :1]), axis=2)
-            for j, c, x in zip(self._own, self._columns, self.removed, strict=True)
-        ]
-        G, b, _ = self.ground.products(self.view, both).over()
-        G, b = G[: n + v + 1, : n + v + 1], b[: n + v + 1]
-        reduced = eliminated(G, b, np.arange(n), self._mean, np.ones(n)).G
+        n, v = len(self._mean), len(self.listed)
+        reduced = eliminated(self._without, np.zeros(len(self._without)), np.arange(n), self._mean, np.ones(n)).G
         squares = np.maximum(np.diag(reduced), 1e-150)  # so that no product of two is nothing
         return np.asarray(reduced[:v, v] ** 2 / (squares[:v] * squares[v]))
 
@@ -220,8 +233,8 @@ class Painter:
         z[left] += step[: len(left)] * bounds.scale[left]
         return z, step[n:] * sd
 
-    def _products(self, columns: Sequence[Array]) -> Products:
-        """Of the unknowns' columns, then of variants'."""
+    def _multiplied(self, columns: Sequence[Array]) -> Products:
+        """Products of the unknowns' columns, then of variants'."""
         both = [np.concatenate((j, c), axis=2) for j, c in zip(self._own, columns, strict=True)]
         return self.ground.products(self.view, both)
 

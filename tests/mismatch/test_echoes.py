@@ -33,5 +33,5 @@ def test_two_faults_of_one_channel_are_one_thing(names, echoes):
         (j,) = (i for i, c in enumerate(candidates) if c.name == name)
         effects.append(Effect(Variant(j, ()), 0.1 * typical(candidates[j]), abs(typical(candidates[j])), -3.0))
     together = replace(settled(*d.before, effects, naming.ground, naming.ground.s), log=naming.best.log + 1e3)
-    found = answered(replace(naming, hypotheses=[together, *naming.hypotheses], _without={})).found
+    found = answered(replace(naming, hypotheses=[together, *naming.hypotheses])).found
     assert {f.name for f in found if f.evidence["echo"]} == echoes

@@ -196,8 +196,32 @@ def test_what_joins_a_set_that_began_late_is_not_charged_for_beginning_late():
 
 def test_what_is_seen_around_a_hypothesis_is_kept_until_another_is_asked_for():
     first, second = [h for h in naming().hypotheses if h.effects][:2]
-    kept = naming().without(first, 0)
-    assert naming().without(first, 0) is kept
-    assert naming().around(first).courses is kept.view.courses
+    kept = naming().whole(first)
+    assert naming().whole(first) is kept
+    assert naming().around(first) is kept.view
     naming().around(second)
-    assert naming().without(first, 0) is not kept
+    assert naming().whole(first) is not kept
+
+
+def test_a_hypothesis_less_an_effect_is_seen_as_if_made_of_what_is_left():
+    """Columns whitened and multiplied anew, in place of products of the whole hypothesis."""
+    found, ground = left_over(), naming().ground
+    out = names(found).index("quadratic_loss@current_A")
+    painter = naming().without(found, out)
+    shown, view = painter.picture(), naming().around(found)
+    gone = np.concatenate((found.entries(out), found.wandering(out)))
+    size = int(found.entries(out)[0])
+    own = view.unknowns()
+    if found.wanders:
+        wandering = view.wandering(ground.discrepancy, found.wanders, found.share)
+        own = [np.concatenate((j, w), axis=2) for j, w in zip(own, wandering, strict=True)]
+    residuals = [r - j[:, :, size] * prior_mean(view)[size] for r, j in zip(view.residuals, own, strict=True)]
+    probes = {found.now[out].variant: 1.0} | dict(naming().painter.probes)
+    tried = view.of_variants(shown.variants, np.array([probes[v] for v in shown.variants]))
+    both = [np.concatenate((np.delete(j, gone, axis=2), c), axis=2) for j, c in zip(own, tried, strict=True)]
+    anew = ground.products(replace(view, residuals=tuple(residuals)), both)
+    for part, other in zip(shown.products, anew, strict=True):
+        assert part == pytest.approx(other, rel=1e-6, abs=1e-6 * float(np.abs(other).max()))
+    assert shown.names[0] == "quadratic_loss@current_A"
+    assert names(found)[1 - out] not in shown.names
+    assert painter.cosines()[0] == pytest.approx(1.0, abs=0.01)
