@@ -11,6 +11,7 @@ import numpy as np
 from twinbench.mismatch.calibrate import block_noise, calibrated
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.proof import RESAMPLED_PIECES, resamples
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
@@ -52,7 +53,7 @@ def how_joined(
     if stretch is None:
         return Joined(HELD, "default")
     floor = block_noise([stretch], simulator)
-    machine.settle_step([stretch], floor)
+    settle_step(machine, [stretch], floor)
     errors = []
     for place, track in enumerate((stretch, replace(stretch, linear=True))):
 

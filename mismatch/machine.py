@@ -9,14 +9,13 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
 from typing import Any
 
 import numpy as np
 from numba import njit
 
 from twinbench.mismatch.faults import channel_of, with_fault
-from twinbench.mismatch.march import RUNGE_KUTTA, legendre, march
+from twinbench.mismatch.march import RUNGE_KUTTA, march
 from twinbench.mismatch.place import CLOCK
 from twinbench.mismatch.rounded import ROUNDS
 from twinbench.mismatch.tracks import Grid, Track
@@ -25,16 +24,6 @@ from twinbench.physics.compose import compose
 from twinbench.physics.jit import EQUATION, as_argument
 from twinbench.physics.simulator import Amplitude, Array, Mechanism, Port, Series, Simulator, Term, Variable
 
-HALVINGS = 7
-PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)
-"""How a run by blocks may be made, the cheapest first that does: parts of a block that each have an input of their
-own, integration steps of each part, and stages of the stabilised integrator or none for Runge-Kutta's."""
-MARGIN = 2.5
-"""Times so many stages: a fit moves time constants, and beyond its limit the integrator ends in states of its own.
-Rates may grow by its square, sixfold. With 1.4 a compressor's intake chattered under effects that clean its filter, and
-the likeliest set came to rest 22 nats lower. With 4 it came to rest where it does with 2.5."""
-BLOCKED = 0.02
-"""Share of a signal that a run by blocks may miss."""
 WHISPER = 1e-9
 """Share of its typical size at which a mechanism's own states move, and nothing else does."""
 _DIVERGED = 1e9  # in scales of a state: whatever runs there is no machine any more
@@ -236,7 +225,7 @@ class Machine:
             u = with_fault(fault, track.time_s, u, column, sizes, not_there)
         if u is track.u:
             return self.grid(track) if blocks else track.fine
-        return track.grid(u, track.split_starts(self.parts)) if blocks else track.fine_grid(u)
+        return track.split_grid(u, self.parts) if blocks else track.fine_grid(u)
 
     def fading(self, setting: Setting, grid: Grid, blocks: bool) -> tuple[np.ndarray, Array]:
         """What varies, (V,) and (N, V): the setting's own, and the sizes of candidates that are not there yet."""
@@ -299,78 +288,6 @@ class Machine:
         for candidate, mechanism, kind, column in self._faults:
             if kind == where and theta[candidate.at[0]] != candidate.null[0]:
                 yield mechanism, theta[list(candidate.at)], column, late
-
-    def settle_step(self, tracks: Sequence[Track], noise: Array) -> str:
-        """Halve the integration steps until the readings no longer move by a share of the noise (ny,), rms.
-
-        Args:
-            tracks: the recordings; the shortest is tried.
-            noise: (ny,) in the outputs' units.
-
-        Returns:
-            A remark if even the finest step tried was not fine enough; else nothing.
-
-        Raises:
-            ValueError: the simulator diverges however small the step.
-        """
-        track = min(tracks, key=lambda t: len(t.time_s))
-        x0 = self.start(track)
-        remark, exact = "", self._settle_fine(track, x0, 0.05 * noise)
-        if exact is None:
-            remark = (
-                f"a step of {self.step_s:.3g} s is still too coarse for simulator {self.simulator.name!r} to be "
-                "integrated to a twentieth of the noise; it is stiff, or its equations jump"
-            )
-            exact = self.run(Setting(track, self.theta, x0))
-        # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
-        enough = np.maximum(0.2 * noise, BLOCKED * np.std(exact, axis=0))
-        means = track.block_means(exact)
-        finest = 4 * len(track.fine.u)
-        for parts, steps, stages in sorted(product(PARTS, STEPS, STAGES), key=_evaluations):
-            self.parts = parts
-            grid = self.grid(track)
-            if len(grid.u) * _evaluations((1, steps, stages)) >= finest:
-                break
-            self.block_step_s = float(np.median(grid.seconds[grid.seconds > 0.0])) / steps
-            self.scheme = legendre(stages) if stages else RUNGE_KUTTA
-            missed = self.run(Setting(track, self.theta, x0), blocks=True) - means
-            if np.isfinite(missed[np.isfinite(means)]).all() and (_rms(missed) < enough).all():
-                self.scheme = legendre(round(MARGIN * stages)) if stages else RUNGE_KUTTA
-                return remark
-        # The last halving is for what is reported; a fit does without.
-        self.parts, self.block_step_s, self.scheme = int(track.coarse.samples.max()), 2.0 * self.step_s, RUNGE_KUTTA
-        return remark
-
-    def _settle_fine(self, track: Track, x0: Array, most: Array) -> Array | None:
-        """Halve ``step_s`` until the readings no longer move by so much (ny,), rms; the readings, or None.
-
-        The last half is kept: what one reading hides, many add up to in a parameter.
-        """
-        self.step_s = float(np.median(np.diff(track.time_s)))
-        coarse = self.run(Setting(track, self.theta, x0))
-        for _ in range(HALVINGS):
-            self.step_s /= 2.0
-            fine = self.run(Setting(track, self.theta, x0))
-            if np.isfinite(coarse).all() and (_rms(fine - coarse) < most).all():
-                return fine
-            coarse = fine
-        if not np.isfinite(coarse).all():
-            k = int(np.argmax(~np.isfinite(coarse).all(axis=1)))
-            raise ValueError(
-                f"simulator {self.simulator.name!r} diverges on recording {track.name} at "
-                f"{track.time_s[k]:.6g} s, at its nominal parameters; check its equations, units and initial state"
-            )
-        return None
-
-
-def _rms(values: Array) -> Array:
-    return np.sqrt(np.nanmean(values**2, axis=0)) if np.isfinite(values).any() else np.full(values.shape[1], np.inf)
-
-
-def _evaluations(plan: tuple[int, int, int]) -> int:
-    """Of the equations per block, by its parts, each part's steps and each step's stages."""
-    parts, steps, stages = plan
-    return parts * steps * (stages or 4)
 
 
 @njit(EQUATION, cache=True)

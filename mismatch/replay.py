@@ -15,6 +15,7 @@ from twinbench.data.recording import TIME
 from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.model import Model, as_bad_input, load_model
 from twinbench.mismatch.recordings import read_recordings
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import Track, prepare
 
 _ACCURACY = 0.02
@@ -51,7 +52,7 @@ def _run(model: Model, tracks: Sequence[Track]) -> list[pd.DataFrame]:
     simulator = model.simulator
     machine = Machine(simulator, (), model.faults)
     with as_bad_input():
-        machine.settle_step(tracks, _ACCURACY * np.array([v.scale for v in simulator.outputs]))
+        settle_step(machine, tracks, _ACCURACY * np.array([v.scale for v in simulator.outputs]))
     tables = []
     for track in tracks:
         y = machine.run(Setting(track, machine.theta, machine.start(track)))

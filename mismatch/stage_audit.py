@@ -15,6 +15,7 @@ from twinbench.mismatch.joining import AUTO, LINEAR, Joined, how_joined
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.rounded import ROUNDS
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.stuck import STANDS_STILL
 from twinbench.mismatch.tracks import FEWEST_SAMPLES, Track, prepare
 from twinbench.mismatch.unbroken import unbroken
@@ -82,7 +83,7 @@ def audited(asked: Asked, progress: Progress) -> Audited:
         if joined.inputs == LINEAR:
             tracks, held = ([replace(t, linear=True) for t in some] for some in (tracks, held))
         floor = block_noise(tracks, simulator)
-        coarse = machine.settle_step(tracks, floor)
+        coarse = settle_step(machine, tracks, floor)
     except ValueError as error:
         raise BadInput(str(error)) from error
     progress("audit", 1.0)

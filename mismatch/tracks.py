@@ -147,8 +147,22 @@ class Track:
     def split(self, parts: int) -> Grid:
         """Blocks in so many parts each, or sample by sample where they hold fewer, and at the start."""
         if parts not in self._splits:
-            self._splits[parts] = self.grid(self.u, self.split_starts(parts))
+            self._splits[parts] = self.split_grid(self.u, parts)
         return self._splits[parts]
+
+    def split_grid(self, u: Array, parts: int) -> Grid:
+        """As ``split``, with inputs u (N, nu); where they are joined by lines, a sample is split if it has to be.
+
+        Args:
+            u: (N, nu) inputs in their units.
+        """
+        lines = min(max(parts // int(self.coarse.samples.max()), 1), LINES)
+        return self.grid(u, self.split_starts(parts), lines)
+
+    @property
+    def finest(self) -> int:
+        """Parts of a block that are as fine as ``fine``."""
+        return int(self.coarse.samples.max()) * (LINES if self.linear else 1)
 
     def split_starts(self, parts: int) -> np.ndarray:
         """First samples of the parts of blocks; what a start state lets loose dies away faster than blocks show."""

@@ -6,7 +6,7 @@ machine does and the simulator does not.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -272,11 +272,15 @@ class Ground:
         Args:
             columns: (B, ny, K) per recording, in the outputs' units.
         """
+        return self.products_of(view, lambda r: columns[r])
+
+    def products_of(self, view: View, columns: Callable[[int], Array]) -> Products:
+        """As ``products``, where the columns of each recording are made when it is their turn: many take much room."""
 
         def of(r: int) -> tuple[Array, Array]:
-            white = self.whitened(r, columns[r], view.residuals[r])
+            white = self.whitened(r, columns(r), view.residuals[r])
             return white.T @ white, white.T @ self.white[r]
 
-        found = parallel([lambda r=r: of(r) for r in range(len(columns))])
+        found = parallel([lambda r=r: of(r) for r in range(len(view.residuals))])
         own, cross = (np.array(part) for part in zip(*found, strict=True))
         return Products(own, cross, self.FF)

@@ -155,10 +155,14 @@ class Painter:
         which, since, products = list(range(len(self.listed))), [self._since_s] * len(self.listed), self._products
         if len(late) and len(since_s):
             many = 1 + len(since_s)
-            later = self.view.of_variants([self.listed[i] for i in late], self._probes[list(late)], since_s)
             keep = [k for k in range(many * len(late)) if k % many]
-            both = [np.concatenate((c, x[:, :, keep]), axis=2) for c, x in zip(self._columns, later, strict=True)]
-            products = self._multiplied(both)
+            later = [self.listed[i] for i in late], self._probes[list(late)], since_s
+
+            def columns(r: int) -> Array:
+                late = self.view.of_variants_in(r, *later)[:, :, keep]
+                return np.concatenate((self._own[r], self._columns[r], late), axis=2)
+
+            products = self.ground.products_of(self.view, columns)
             which += [late[k // many] for k in keep]
             since += [since_s[k % many - 1] for k in keep]
         shows, reduced, kept, excess, q = self._shows(products)

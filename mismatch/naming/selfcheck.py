@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from twinbench.mismatch.naming.answer import PLAIN, Answer
 from twinbench.mismatch.naming.decision import CREDIBLE
@@ -355,9 +356,10 @@ def likeliest(pieces: Pieces, rivals: Sequence[Rival], half: np.ndarray, ahead: 
 
 def is_said(names: tuple[str, ...], said: Sequence[set[str]]) -> bool:
     """Are these, one for one, among what was said of each effect?"""
-    return len(names) == len(said) and any(
-        all(n in some for n, some in zip(order, said, strict=True)) for order in permutations(names)
-    )
+    if len(names) != len(said):
+        return False
+    fits = csr_array(np.array([[n in some for some in said] for n in names]).reshape(len(names), len(said)))
+    return bool((maximum_bipartite_matching(fits) >= 0).all())
 
 
 def _joined(keys: Iterable[Key]) -> Key:

@@ -69,16 +69,16 @@ class View:
         def of(r: int) -> Array:
             course = self.courses[r]
             functions = d.functions(course) @ d.main
-            acts = [course.none(0)]
-            for k in sizes:
+            found = [np.zeros((*self.residuals[r].shape, 0))]
+            for k in sizes:  # one after the other: all at once take gigabytes of twelve effects
                 u = self.problem.unknowns[k]
                 step = u.nudge(self.z[k])
                 theta = course.setting.theta.copy()
                 theta[u.at] += step
                 one = course.of_present(theta, step, self.problem.begun_s(r, u))
                 much = share * (self.z[k] - u.mean)
-                acts.append(Acts(one.rates * much, one.reads * much).times(functions))
-            return course.columns(together(acts))
+                found.append(course.columns(Acts(one.rates * much, one.reads * much).times(functions)))
+            return np.concatenate(found, axis=2)
 
         return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
 
@@ -89,27 +89,31 @@ class View:
             probes: (V,) dimensionless share of the typical size that each is tried with.
             since_s: T times; each variant also as it would be from then on.
         """
+        return parallel(
+            [lambda r=r: self.of_variants_in(r, variants, probes, since_s) for r in range(len(self.courses))]
+        )
+
+    def of_variants_in(
+        self, r: int, variants: Sequence[Variant], probes: Array, since_s: Sequence[float] = ()
+    ) -> Array:
+        """As ``of_variants``, (B, ny, V (1 + T)), of recording r."""
         if not variants:
-            return [np.zeros((*r.shape, 0)) for r in self.residuals]
-
-        def of(r: int) -> Array:
-            course = self.courses[r]
-            late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
-            acts, direct = [], []
-            course.remember([self._tried(course, v, probe)[:2] for v, probe in zip(variants, probes, strict=True)])
-            for v, probe in zip(variants, probes, strict=True):
-                candidate, theta, step = self._tried(course, v, probe)
-                if candidate.acts_on_output:
-                    acts.append(course.none(late.shape[1]))
-                    direct.append(course.of_sensor(theta, (-np.inf, *since_s)) / probe * np.sign(step))
-                else:
-                    one = course.of_candidate(candidate, theta, step)
-                    unit = typical(candidate)
-                    acts.append(Acts(one.rates * unit, one.reads * unit).times(late))
-                    direct.append(np.zeros((*self.residuals[r].shape, late.shape[1])))
-            return course.columns(together(acts)) + np.concatenate(direct, axis=2)
-
-        return parallel([lambda r=r: of(r) for r in range(len(self.courses))])
+            return np.zeros((*self.residuals[r].shape, 0))
+        course = self.courses[r]
+        late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
+        acts, direct = [], []
+        course.remember([self._tried(course, v, probe)[:2] for v, probe in zip(variants, probes, strict=True)])
+        for v, probe in zip(variants, probes, strict=True):
+            candidate, theta, step = self._tried(course, v, probe)
+            if candidate.acts_on_output:
+                acts.append(course.none(late.shape[1]))
+                direct.append(course.of_sensor(theta, (-np.inf, *since_s)) / probe * np.sign(step))
+            else:
+                one = course.of_candidate(candidate, theta, step)
+                unit = typical(candidate)
+                acts.append(Acts(one.rates * unit, one.reads * unit).times(late))
+                direct.append(np.zeros((*self.residuals[r].shape, late.shape[1])))
+        return course.columns(together(acts)) + np.concatenate(direct, axis=2)
 
     def _tried(self, course: Course, variant: Variant, probe: float) -> tuple[Candidate, Array, float]:
         candidate = self.problem.machine.candidates[variant.candidate]

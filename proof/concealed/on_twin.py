@@ -9,6 +9,7 @@ import numpy as np
 from twinbench.mismatch.machine import Machine as Twin
 from twinbench.mismatch.machine import Setting
 from twinbench.mismatch.model import whole_catalogue
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import Track, block_seconds
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.severity import Take, Yardstick
@@ -39,7 +40,7 @@ class OnTwin:
         learnt = [y for take, y in pairs if not take.held_out]
         block = round(block_seconds(learnt, [machine.period_s] * len(learnt)) / machine.period_s)
         given = {i: self._track(take, y, block) for i, (take, y) in enumerate(pairs) if not take.held_out}
-        self.twin.settle_step(list(given.values()), machine.sigma())
+        settle_step(self.twin, list(given.values()), machine.sigma())
         self.tracks = {i: t.reading(self.readings(t, self.twin.theta)) for i, t in given.items()}
 
     def readings(self, track: Track, theta: Array) -> Array:

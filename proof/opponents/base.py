@@ -19,6 +19,7 @@ from twinbench.mismatch.proof import Held, held_out
 from twinbench.mismatch.solve import solve
 from twinbench.mismatch.stage_audit import audited
 from twinbench.mismatch.stage_calibrate import calibration
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.stuck import set_aside
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.variants import Variant, switched
@@ -122,7 +123,7 @@ def calibrated(
     found = calibrate(simulator, recordings, hold_out, progress)
     listed = whole_catalogue(simulator) if catalogue is None else tuple(catalogue)
     machine = Machine(simulator, [m for m in listed if not _calibrated(simulator, m)])
-    machine.settle_step(found.tracks, found.floor)
+    settle_step(machine, found.tracks, found.floor)
     problem = replace(found.before.problem, machine=machine, theta=machine.theta, starts=[])
     return Calibrated(found, Fit(problem, found.before.z))
 

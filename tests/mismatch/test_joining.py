@@ -19,6 +19,7 @@ from twinbench.mismatch.model import load_model
 from twinbench.mismatch.replay import replay
 from twinbench.mismatch.report.explain import Request, explain
 from twinbench.mismatch.series import lag_reading
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.simulator import Simulator
 
@@ -64,7 +65,7 @@ def driven(name: str, seed: int, lines: bool, n: int = 800) -> Recording:
 def test_a_run_is_the_exact_solution_of_its_kind_of_input(lines):
     (track,) = prepare([driven("run", 1, lines)], circuit(), linear=lines)
     machine = Machine(circuit().with_values(tau_s=TAU_S), ())
-    machine.settle_step([track], np.array([1e-3]))
+    settle_step(machine, [track], np.array([1e-3]))
     x0 = machine.start(track)
     x0[0] = track.u[0, 0] if lines else 0.0
     readings = machine.run(Setting(track, machine.theta, x0))
@@ -76,7 +77,7 @@ def test_a_run_is_the_exact_solution_of_its_kind_of_input(lines):
 def test_block_means_under_lines_are_those_of_a_run_sample_by_sample():
     (track,) = prepare([record("slow", 4, seconds=60.0, dt_s=0.02)], MOTOR, blocks=600, linear=True)
     machine = Machine(MOTOR, ())
-    machine.settle_step([track], np.array([1.0, 0.5, 0.5]))
+    settle_step(machine, [track], np.array([1.0, 0.5, 0.5]))
     x0 = machine.start(track)
     fine = track.block_means(machine.run(Setting(track, machine.theta, x0)))
     coarse = machine.run(Setting(track, machine.theta, x0), blocks=True)

@@ -22,6 +22,7 @@ from twinbench.mismatch.naming.input_noise import FELT, InputNoise, Moves
 from twinbench.mismatch.noisy_inputs import find_noisy_inputs
 from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.series import steadied
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.simulator import Array
 
@@ -39,7 +40,7 @@ def noisy(recording: Recording, seed: int, sd_V: float = SD_V) -> Recording:
 def fitted(recordings: Sequence[Recording]) -> tuple[Problem, Array]:
     machine, tracks = Machine(MOTOR, []), prepare(recordings, MOTOR)
     floor = block_noise(tracks, MOTOR)
-    machine.settle_step(tracks, floor)
+    settle_step(machine, tracks, floor)
     problem, z = calibrated(machine, tracks, floor)
     return problem, z
 
@@ -90,7 +91,7 @@ def driven(asked: Recording, voltage_V: Array, seed: int) -> Recording:
     """What the motor does under another voltage than is recorded, with fresh noise of the sensors."""
     track = prepare([replace(asked, values=np.column_stack((voltage_V, asked.values[:, 1:])))], MOTOR)
     machine = Machine(MOTOR, [])
-    machine.settle_step(track, np.ones(len(MOTOR.outputs)))
+    settle_step(machine, track, np.ones(len(MOTOR.outputs)))
     theta = np.array([TRUE.get(v.name, v.nominal) for v in MOTOR.parameters])
     machine.theta[: len(theta)] = theta
     problem = Problem(machine, track, (), np.ones(len(MOTOR.outputs)))

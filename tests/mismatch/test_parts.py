@@ -16,6 +16,7 @@ from twinbench.mismatch.machine import Machine, Setting
 from twinbench.mismatch.noise import noise_floor
 from twinbench.mismatch.series import held
 from twinbench.mismatch.solve import solve
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import prepare
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
@@ -42,7 +43,7 @@ def test_the_machine_runs_as_the_simulator_does(machine, track):
 def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(machine):
     slow = prepare([record("slow", 4, seconds=60.0, dt_s=0.02)], MOTOR, blocks=600)[0]
     assert slow.coarse.samples.tolist() == [5] * 600
-    machine.settle_step([slow], np.array([1.0, 0.5, 0.5]))
+    settle_step(machine, [slow], np.array([1.0, 0.5, 0.5]))
     x0 = machine.start(slow)
     fine = slow.block_means(machine.run(Setting(slow, machine.theta, x0)))
     coarse = machine.run(Setting(slow, machine.theta, x0), blocks=True)
@@ -120,7 +121,7 @@ def test_what_a_start_lets_loose_in_a_stiff_machine_is_followed_sample_by_sample
     channels = tuple(v.name for v in (*NOMINAL.inputs, *NOMINAL.outputs))
     track = prepare([Recording("run", seconds, channels, values)], NOMINAL, blocks=66)[0]
     machine = Machine(NOMINAL, ())
-    machine.settle_step([track], np.array([0.01, 0.5, 0.001]))
+    settle_step(machine, [track], np.array([0.01, 0.5, 0.001]))
     x0 = machine.start(track)
     x0[0] += 0.2
     fine = track.block_means(machine.run(Setting(track, machine.theta, x0)))

@@ -293,6 +293,8 @@ def test_the_same_is_what_was_said_one_for_one():
     assert not is_said(("a", "c", "d"), said)
     assert is_said((), [])
     assert not is_said(("a",), [])
+    many = [f"effect {k}" for k in range(20)]
+    assert is_said(tuple(many), [{name} for name in reversed(many)]), "as many orders as 20! are not tried"
 
 
 def with_decoys(seed: int, readings: Array, colour: Array) -> Sets:

@@ -19,6 +19,7 @@ from twinbench.mismatch.faults import faults
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.view import View
+from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import prepare
 from twinbench.mismatch.variants import Variant, switched, typical
 from twinbench.physics.integrate import simulate
@@ -106,7 +107,7 @@ def view(request) -> View:
     tracks = prepare([recording], simulator)
     machine = Machine(simulator, (*generic(simulator), *faults(simulator, period_s)))
     scales = np.array([v.scale for v in simulator.outputs])
-    machine.settle_step(tracks, 0.01 * scales)
+    settle_step(machine, tracks, 0.01 * scales)
     unknowns = (*shared_unknowns(simulator), *own_unknowns(simulator, tracks))
     problem = Problem(machine, tracks, unknowns, scales)
     return View.around(problem, problem.z0)
@@ -135,7 +136,7 @@ def with_effect(name: str, size: float, since_s: float = -np.inf) -> Problem:
     tracks = prepare([record("motor", 1, seconds=60.0)], MOTOR)
     machine = Machine(MOTOR, (*generic(MOTOR), *faults(MOTOR, 0.08)))
     scales = np.array([v.scale for v in MOTOR.outputs])
-    machine.settle_step(tracks, 0.01 * scales)
+    settle_step(machine, tracks, 0.01 * scales)
     (candidate,) = [c for c in machine.candidates if c.name == name]
     theta = machine.theta.copy()
     theta[list(candidate.at)] = [candidate.null[0] + size * typical(candidate), *candidate.null[1:]]
@@ -217,7 +218,7 @@ def test_an_effect_of_a_fast_state_shows_where_inputs_jump():
     recording = Recording("follows", 0.8 * np.arange(u.size), ("asked", "read"), np.column_stack((u[0, :, 0], y[0])))
     tracks = prepare([recording], follows)
     machine = Machine(follows, ())
-    machine.settle_step(tracks, np.array([1e-3]))
+    settle_step(machine, tracks, np.array([1e-3]))
     problem = Problem(machine, tracks, shared_unknowns(follows), np.ones(1))
     (columns,) = problem.columns(problem.z0)
     drives = columns[:, 0, 0]
