@@ -13,8 +13,6 @@ from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
 HALVINGS = 7
-HALVED = 15.0
-"""Times as large as the error that is left is what halving a step moves: Runge-Kutta's falls sixteenfold."""
 PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)
 """How a run by blocks may be made, the cheapest first that does: parts of a block that each have an input of their
 own, integration steps of each part, and stages of the stabilised integrator or none for Runge-Kutta's."""
@@ -68,9 +66,9 @@ def settle_step(machine: Machine, tracks: Sequence[Track], noise: Array) -> str:
 
 
 def _settle_fine(machine: Machine, setting: Setting, most: Array) -> Array | None:
-    """Halve ``step_s`` until the readings are off by no more than what halving it may move, less its own error.
+    """Halve ``step_s`` until the readings no longer move by so much.
 
-    What one reading hides, many add up to in a parameter. A fit by blocks does with the step that was halved last.
+    The last half is kept: what one reading hides, many add up to in a parameter. A fit by blocks does without it.
 
     Args:
         most: (ny,) by how much halving may move the readings, rms, in the outputs' units.
@@ -84,12 +82,8 @@ def _settle_fine(machine: Machine, setting: Setting, most: Array) -> Array | Non
     for _ in range(HALVINGS):
         machine.step_s = 0.5 * machine.block_step_s
         fine = machine.run(setting)
-        moved = _rms(fine - coarse)
-        if np.isfinite(coarse).all() and (moved < most).all():
-            if (moved >= most / HALVED).any():
-                return fine
-            machine.step_s = machine.block_step_s
-            return coarse
+        if np.isfinite(coarse).all() and (_rms(fine - coarse) < most).all():
+            return fine
         coarse, machine.block_step_s = fine, machine.step_s
     if not np.isfinite(coarse).all():
         k, track = int(np.argmax(~np.isfinite(coarse).all(axis=1))), setting.track

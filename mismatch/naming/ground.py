@@ -69,7 +69,7 @@ class Products(NamedTuple):
 
         Args:
             kept: (k,) positions of these.
-            at: positions of those which the residuals are less.
+            at: (m,) positions of those which the residuals are less.
             moved: (m,) by how much of each, in what the columns are per: dimensionless.
         """
         turn = np.eye(self.own.shape[1])

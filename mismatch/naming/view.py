@@ -96,7 +96,12 @@ class View:
     def of_variants_in(
         self, r: int, variants: Sequence[Variant], probes: Array, since_s: Sequence[float] = ()
     ) -> Array:
-        """As ``of_variants``, (B, ny, V (1 + T)), of recording r."""
+        """As ``of_variants``, of recording r: (B, ny, V (1 + T)).
+
+        Args:
+            probes: (V,) dimensionless share of the typical size that each is tried with.
+            since_s: T times.
+        """
         if not variants:
             return np.zeros((*self.residuals[r].shape, 0))
         course = self.courses[r]

@@ -29,10 +29,3 @@ def test_a_step_is_fine_enough_however_seldom_a_machine_is_read(dt_s: float, lin
     missed = by_blocks - track.block_means(exact)
     enough = np.maximum(0.2 * NOISE, BLOCKED * np.std(exact, axis=0))
     assert (np.sqrt(np.nanmean(missed**2, axis=0)) < 1.1 * enough).all()
-
-
-def test_a_step_that_halving_hardly_changes_is_kept() -> None:
-    (track,) = prepare([record("slow", 4, seconds=40.0, dt_s=0.005)], MOTOR)
-    machine = Machine(MOTOR, ())
-    settle_step(machine, [track], NOISE)
-    assert machine.step_s == pytest.approx(0.005)
