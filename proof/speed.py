@@ -17,18 +17,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-from rich.console import Console
+from twinbench.common.threads import pin
 
-from twinbench.common.errors import BadInput
-from twinbench.common.progress import Progress
-from twinbench.common.store import check_writable, write_text
-from twinbench.common.versions import provenance
-from twinbench.proof.blind import answer
-from twinbench.proof.concealed.engines import ENGINES
-from twinbench.proof.concealed.generate import Case, Item, draw, write
-from twinbench.proof.concealed.machine import Machine
-from twinbench.proof.concealed.machines import MACHINES
+pin()
+
+import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
+from rich.console import Console  # noqa: E402
+
+from twinbench.common.errors import BadInput  # noqa: E402
+from twinbench.common.progress import Progress  # noqa: E402
+from twinbench.common.store import check_writable, write_text  # noqa: E402
+from twinbench.common.versions import provenance  # noqa: E402
+from twinbench.proof.blind import answer  # noqa: E402
+from twinbench.proof.concealed.engines import ENGINES  # noqa: E402
+from twinbench.proof.concealed.generate import Case, Item, draw, write  # noqa: E402
+from twinbench.proof.concealed.machine import Machine  # noqa: E402
+from twinbench.proof.concealed.machines import MACHINES  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
 EFFECTS = {"compressor": "suction_valve_loss", "motor": "coulomb_friction@omega_rad_s"}
