@@ -143,7 +143,10 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
     """
     before, held_before = Fit(fit.problem, fit.z), found.held_before
     outputs, refused = fit.problem.machine.simulator.outputs, ""
-    if found.mended is not None and (lost := _lost(_followed(found, fit, found.mended, found.held_after))):
+    followed = _followed(found, fit, found.mended or before, found.held_after or held_before)
+    lost = [f.channel for f in followed if not f.follows]
+    if lost and found.mended is not None:
+        # What foretells an output no better than a constant would is no name.
         claims, refused = _nameless(claims), f"with it the simulator does not follow {listed(lost)}"
     said = any(c.names for c in claims)
     foretells = any(f.evidence["held_gain"] > PLAIN for f in found.answer.found)
@@ -158,6 +161,8 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
         claims, mended, held_after = _nameless(claims), None, None
         refused = f"it makes the held-out errors of {listed([_spoilt(w) for w in worse])}"
     last, held_last = mended or before, held_after or held_before
+    if mended is None and found.mended is not None:
+        followed = _followed(found, fit, last, held_last)
     return Proved(
         tuple(claims),
         mended,
@@ -165,7 +170,7 @@ def proved(found: Tested, claims: Sequence[Claim], fit: Calibration, floor: Arra
         held_after,
         worse,
         refused,
-        _followed(found, fit, last, held_last),
+        followed,
         strangers(last.residuals, held_last.residuals, outputs, floor) if held_last else (),
     )
 
@@ -180,11 +185,6 @@ def _followed(found: Tested, fit: Calibration, by: Fit, held: Held | None) -> tu
     if held is not None:
         return told_followed(found.held, held.residuals, outputs, True)
     return told_followed(fit.tracks, by.residuals, outputs, False)
-
-
-def _lost(followed: Sequence[Followed]) -> list[str]:
-    """Outputs that are not followed: what foretells them no better than a constant would is no name."""
-    return [f.channel for f in followed if not f.follows]
 
 
 def removed(found: Tested) -> float:

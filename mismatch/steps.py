@@ -49,11 +49,11 @@ def settle_step(machine: Machine, tracks: Sequence[Track], noise: Array) -> str:
     # What blocks leave out is added back where it is known (``Problem.refined``), so shares of a signal do.
     enough = np.maximum(0.2 * noise, BLOCKED * np.std(exact, axis=0))
     means, fine_s = track.block_means(exact), machine.block_step_s
-    finest = _evaluations(1, int(np.ceil(track.fine.seconds / fine_s - 1e-6).clip(1.0).sum()), 0)
+    all_of_them = _evaluations(1, int(np.ceil(track.fine.seconds / fine_s - 1e-6).clip(1.0).sum()), 0)
     for parts, steps, stages in sorted(product(PARTS, STEPS, STAGES), key=lambda plan: _evaluations(*plan)):
         machine.parts = parts
         grid = machine.grid(track)
-        if len(grid.u) * _evaluations(1, steps, stages) >= finest:
+        if len(grid.u) * _evaluations(1, steps, stages) >= all_of_them:
             break
         machine.block_step_s = float(np.median(grid.seconds[grid.seconds > 0.0])) / steps
         machine.scheme = legendre(stages) if stages else RUNGE_KUTTA

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -111,7 +111,7 @@ class Painter:
         self.readings = sum(int(np.isfinite(r).sum()) for r in view.residuals)
         if probes is None:
             first = view.of_variants(self.listed, np.full(len(self.listed), FIRST_PROBE))
-            shows, *_ = self._shows(self._multiplied(first))
+            shows, *_ = self._shows(self._multiplied(lambda r: first[r]))
             tried = np.clip(SHOWS / np.maximum(shows, 1e-12), LEAST_PROBE, MOST_PROBE)
             probes = dict(zip(self.listed, map(float, tried), strict=True))
         self.probes = probes
@@ -119,7 +119,7 @@ class Painter:
         times = [since_s] if since_s > -np.inf else []
         columns = view.of_variants(self.listed, self._probes, times)
         self._since_s, self._columns = since_s, [c[:, :, len(times) :: 1 + len(times)] for c in columns]
-        self._products = self._multiplied(self._columns)
+        self._products = self._multiplied(lambda r: self._columns[r])
         self._without = np.empty((0, 0))
 
     def less(self, listed: Sequence[Variant], out: np.ndarray, beside: int) -> Painter:
@@ -160,9 +160,9 @@ class Painter:
 
             def columns(r: int) -> Array:
                 late = self.view.of_variants_in(r, *later)[:, :, keep]
-                return np.concatenate((self._own[r], self._columns[r], late), axis=2)
+                return np.concatenate((self._columns[r], late), axis=2)
 
-            products = self.ground.products_of(self.view, columns)
+            products = self._multiplied(columns)
             which += [late[k // many] for k in keep]
             since += [since_s[k % many - 1] for k in keep]
         shows, reduced, kept, excess, q = self._shows(products)
@@ -237,10 +237,9 @@ class Painter:
         z[left] += step[: len(left)] * bounds.scale[left]
         return z, step[n:] * sd
 
-    def _multiplied(self, columns: Sequence[Array]) -> Products:
-        """Products of the unknowns' columns, then of variants'."""
-        both = [np.concatenate((j, c), axis=2) for j, c in zip(self._own, columns, strict=True)]
-        return self.ground.products(self.view, both)
+    def _multiplied(self, columns: Callable[[int], Array]) -> Products:
+        """Products of the unknowns' columns, then of variants', which may be made when it is a recording's turn."""
+        return self.ground.products_of(self.view, lambda r: np.concatenate((self._own[r], columns(r)), axis=2))
 
     def _shows(self, products: Products) -> tuple[Array, Reduced, Array, float, float]:
         """How strongly each column shows beside the unknowns, in noise sds (V,); the form without the unknowns.
