@@ -13,6 +13,7 @@ from twinbench.mismatch.findings import PHYSICS, SENSOR, UNEXPLAINED, Finding, f
 from twinbench.mismatch.locate import Located, locate
 from twinbench.mismatch.mixture import Z90
 from twinbench.mismatch.naming.answer import shares
+from twinbench.mismatch.naming.decision import Claim, never_said
 from twinbench.mismatch.sizes import Value, all_values, parameters
 from twinbench.physics.simulator import Mechanism
 
@@ -118,12 +119,20 @@ def _verdict(d: Diagnosis, found: Sequence[Finding], missing: Sequence[str], cha
     unnamed = bool(missing) or any(not f.names for f in found)
     kinds = {f.kind for f in found if f.names} if any(claim.names for claim in d.claims) else set()
     if kinds:
-        return INCOMPLETE if unnamed else next(k for k in (PHYSICS, SENSOR, UNEXPLAINED) if k in kinds)
+        lacks = bool(missing) or any(_no_candidate(claim) for claim in d.claims)
+        return INCOMPLETE if lacks else next(k for k in (PHYSICS, SENSOR, UNEXPLAINED) if k in kinds)
     if unnamed:
         return UNEXPLAINED
     if d.stuck or d.rounded:
         return SENSOR
     return PARAMETERS if changed else CONSISTENT
+
+
+def _no_candidate(claim: Claim) -> bool:
+    """Is something there that likelier than not is none of the candidates?"""
+    if claim.names:
+        return False
+    return claim.probability > 0.5 or (claim.found is not None and never_said(claim.found.evidence))
 
 
 def _values(d: Diagnosis) -> dict[str, float]:

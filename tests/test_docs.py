@@ -242,7 +242,14 @@ def test_the_list_of_results_names_the_command_that_made_them(folder):
 
 
 @pytest.mark.parametrize(
-    "name", ["proof/gates.md", "proof/fits.md", "opponents/engines.md", "opponents/paired.md", "flagship/gates.md"]
+    "name",
+    [
+        "proof/gates.md",
+        "proof/fits.md",
+        "opponents/engines.md",
+        "opponents/paired.md",
+        "flagship/gates_known_health.md",
+    ],
 )
 def test_the_proof_page_shows_what_the_results_hold(name):
     page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")

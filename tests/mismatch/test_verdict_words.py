@@ -268,6 +268,21 @@ def test_something_unnamed_beside_a_name_is_incomplete(friction):
     assert verdict.says.startswith("The simulator lacks one effect, and something else that these recordings")
 
 
+@pytest.mark.parametrize(
+    ("none", "lingers", "word"),
+    [(0.3, False, "missing physics"), (0.7, False, "incomplete"), (0.3, True, "incomplete")],
+)
+def test_a_verdict_is_incomplete_if_likelier_than_not_no_candidate_explains_the_rest(friction, none, lingers, word):
+    d = friction.diagnosis
+    (dry,) = d.answer.found
+    also = replace(dry, evidence={**dry.evidence, "lingers": float(lingers)})
+    claim = replace(d.claims[0], names=(), probability=none, found=also)
+    d = replace(d, claims=(*d.claims, claim), answer=replace(d.answer, found=(dry, also)))
+    verdict = conclude(replace(d, self_check=replace(d.self_check, each_again=(10, 10))))
+    assert [bool(f.names) for f in verdict.findings] == [True, False]
+    assert verdict.verdict == word
+
+
 def test_something_unnamed_where_a_name_was_unsure_is_one_thing(friction):
     d, port = friction.diagnosis, Port("balance", "omega_rad_s")
     unsure = replace(d.claims[0], names=(), probability=0.7)
