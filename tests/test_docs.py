@@ -28,6 +28,8 @@ from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
 from twinbench.physics.steady import steady_state
 from twinbench.proof.concealed.findings import read_cases, with_marks
+from twinbench.proof.flagship.gates import WHOLE, read_draws
+from twinbench.proof.flagship.judge import ABSTAINS
 
 ROOT = Path(__file__).parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
@@ -343,6 +345,30 @@ def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
         assert (apart.loc[name, ["told_p", "wrong_p"]] < 0.05).all()
     assert apart.loc["threshold_engine", "wrong_p"] < 0.05 < apart.loc["threshold_engine", "told_p"]
     assert apart.loc["no_relinearisation", "told_p"] < 0.05 < apart.loc["no_relinearisation", "wrong_p"]
+
+
+def test_what_the_proof_page_says_of_eleven_effects_is_in_their_rows():
+    rows = read_draws(ROOT / "results/flagship/draws.csv")
+    page = words("docs/proof.md")
+    whole = rows[rows["cell"].isin(WHOLE)]
+
+    def several(column):
+        return [name for text in whole[column] for name in text.split("+") if name]
+
+    truths, right, missed = several("truth"), several("named_right"), several("missed")
+    assert several("named_wrong") == []
+    assert f"No name is wrong, of {len(right)} that are given" in page
+    assert f"The engine names {len(right)} of {len(truths)} effects" in page
+    never = {name for name in truths if missed.count(name) == truths.count(name) == len(whole)}
+    assert never == {"preheat_falls_with_flow", "efficiency_with_speed"}
+    assert f"named on none of the {len(whole)} plants" in page
+    nominal, left_out = (rows[rows["cell"] == cell] for cell in ("nominal", "left_out"))
+    assert (nominal["named_wrong"] == "").all()
+    (slow,) = nominal.loc[nominal["verdict"] == "unexplained", "seconds"]
+    of = f"One of these {_spelt(len(nominal)).lower()}"
+    assert f"{of} is called unexplained, and that took {slow / 60:.0f} minutes" in page
+    assert left_out["verdict"].isin(ABSTAINS).all()
+    assert f"on {whole['verdict'].isin(ABSTAINS).sum()} of the {len(whole)} others too" in page
 
 
 def _spelt(n: int) -> str:
