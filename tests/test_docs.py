@@ -362,6 +362,10 @@ def test_what_the_proof_page_says_of_eleven_effects_is_in_their_rows():
     never = {name for name in truths if missed.count(name) == truths.count(name) == len(whole)}
     assert never == {"preheat_falls_with_flow", "efficiency_with_speed"}
     assert f"named on none of the {len(whole)} plants" in page
+    closed = whole["parameter_share"].clip(upper=1.0).mean()
+    assert f"On {len(whole)} plants that differ" in words("README.md")
+    assert f"mending closes on average {closed:.2f} of the gap in health" in words("README.md")
+    assert f"None of the {len(right)} names that it gave is wrong" in words("README.md")
     nominal, left_out = (rows[rows["cell"] == cell] for cell in ("nominal", "left_out"))
     assert (nominal["named_wrong"] == "").all()
     (slow,) = nominal.loc[nominal["verdict"] == "unexplained", "seconds"]
