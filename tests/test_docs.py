@@ -357,7 +357,7 @@ def test_what_the_proof_page_says_of_eleven_effects_is_in_their_rows():
 
     truths, right, missed = several("truth"), several("named_right"), several("missed")
     assert several("named_wrong") == []
-    assert f"No name is wrong, of {len(right)} that are given" in page
+    assert f"None of the {len(right)} names is wrong" in page
     assert f"The engine names {len(right)} of {len(truths)} effects" in page
     never = {name for name in truths if missed.count(name) == truths.count(name) == len(whole)}
     assert never == {"preheat_falls_with_flow", "efficiency_with_speed"}
