@@ -13,6 +13,8 @@ from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
 HALVINGS = 7
+"""Times that the step is halved before a simulator is called too stiff: 128 steps to a reading. Fewer would call more
+of them so. What settles earlier does not depend on it."""
 PARTS, STEPS, STAGES = (1, 2, 4, 8, 16, 32), (1, 2, 4, 8, 16, 32), (0, 5, 7, 10)
 """How a run by blocks may be made, the cheapest first that does: parts of a block that each have an input of their
 own, integration steps of each part, and stages of the stabilised integrator or none for Runge-Kutta's."""
