@@ -237,7 +237,7 @@ def test_the_reproduction_page_shows_what_the_results_hold():
         assert text == (ROOT / "results" / name).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("folder", ["proof", "opponents", "flagship", "fuzz", "real_recordings"])
+@pytest.mark.parametrize("folder", ["proof", "proof_256172", "opponents", "flagship", "fuzz", "real_recordings"])
 def test_the_list_of_results_names_the_command_that_made_them(folder):
     (row,) = [r for r in (ROOT / "results/README.md").read_text().splitlines() if r.startswith(f"| `{folder}/`")]
     assert json.loads((ROOT / "results" / folder / "manifest.json").read_text())["command"] in row
@@ -294,15 +294,35 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
     assert f"With nothing else inexact it is {told['single effects'][0]} single effects" in readme
 
 
+def test_what_the_proof_page_says_of_both_runs_together_is_in_their_rows():
+    page = " ".join((ROOT / "docs/proof.md").read_text(encoding="utf-8").split())
+    runs = [with_marks(read_cases(ROOT / "results" / run / "cases.csv")) for run in ("proof_256172", "proof")]
+
+    def told(rows, *cells):
+        mine = rows[rows["cell"].isin(cells) & rows["detectable"]]
+        return f"{mine['by_class'].sum()} of {len(mine)}"
+
+    def counts(rows):
+        return told(rows, "mechanism", "onset"), told(rows, "sensor"), told(rows, "two_effects")
+
+    single, faults, pairs = counts(runs[0])
+    assert f"named {single} single effects, {faults} faults and both effects in {pairs} pairs" in page
+    assert f"with {_spelt(runs[0]['wrong_name'].sum()).lower()} wrong names" in page
+    both = pd.concat(runs)
+    single, faults, pairs = counts(both)
+    assert f"Together that is {single}, {faults} and {pairs}" in page
+    assert f"{both['wrong_name'].sum()} wrong names in {len(both)} verdicts" in page
+
+
 def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
     rows = with_marks(read_cases(ROOT / "results/opponents/cases.csv"))
     page = " ".join((ROOT / "docs/proof.md").read_text(encoding="utf-8").split())
     asked = json.loads((ROOT / "results/opponents/manifest.json").read_text())
     assert asked["opponent_cases"] == asked["cases"]
-    assert f"asked on {asked['cases']} of the same cases" in page
+    assert f"asked on {asked['cases']} cases of the run before" in page
     by_engine = {name: own.set_index("case") for name, own in rows.groupby("engine")}
     assert {len(own) for own in by_engine.values()} == {asked["cases"]}
-    proof = with_marks(read_cases(ROOT / "results/proof/cases.csv")).set_index("case")
+    proof = with_marks(read_cases(ROOT / "results/proof_256172/cases.csv")).set_index("case")
     ours = by_engine["twinbench"]
     assert (proof.loc[ours.index, ["named", "set", "outcome"]] == ours[["named", "set", "outcome"]]).all(axis=None)
     for name in (
