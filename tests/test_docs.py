@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import fisher_exact
 
 from twinbench.bench.cli.main import build_parser
 from twinbench.bench.contract import run_battery
@@ -291,7 +292,19 @@ def test_what_the_pages_say_of_the_proof_is_in_its_rows():
         by_ripple = mine["outcome"].isin(["name", "class"]).groupby(mine["background_pct"])
         told[says] = [f"{group.sum()} of {len(group)}" for _, group in by_ripple]
         assert f"| {says} | {' | '.join(told[says])} |" in page
-    assert f"With nothing else inexact it is {told['single effects'][0]} single effects" in readme
+    assert f"Without a ripple it is {told['single effects'][0]} single effects" in readme
+
+
+def test_what_the_proof_page_says_of_intervals_and_times_is_in_its_rows():
+    rows = with_marks(read_cases(ROOT / "results/proof/cases.csv"))
+    page = words("docs/proof.md")
+    beside = rows[~rows["cell"].isin(["clean", "parameters", "poor_excitation", "sensor"])]
+    moved = beside.loc[beside["verdict"] == "parameter change", "parameters_covered"].mean()
+    assert f"intervals hold {moved:.2f} of them" in page
+    assert f"every effect is named it is {beside.loc[beside['by_class'], 'parameters_covered'].mean():.2f}" in page
+    half = rows.groupby("machine")["seconds"].median().round()
+    assert half["compressor"] == half["heat_exchanger"] == half.max()
+    assert f"take {half.max():.0f} s and more, and the longest case took {rows['seconds'].max():.0f} s" in page
 
 
 def test_what_the_proof_page_says_of_both_runs_together_is_in_their_rows():
@@ -312,6 +325,11 @@ def test_what_the_proof_page_says_of_both_runs_together_is_in_their_rows():
     single, faults, pairs = counts(both)
     assert f"Together that is {single}, {faults} and {pairs}" in page
     assert f"{both['wrong_name'].sum()} wrong names in {len(both)} verdicts" in page
+    seen = [rows[rows["detectable"]] for rows in runs]
+    pairs = [rows.loc[rows["cell"] == "two_effects", "by_class"] for rows in seen]
+    lacking = [rows.loc[rows["cell"].isin(["left_out", "foreign"]), "pointed"] for rows in seen]
+    p = [fisher_exact([[int(told.sum()), int((~told).sum())] for told in group]).pvalue for group in (pairs, lacking)]
+    assert f"Fisher's exact test, p = {p[0]:.2f} and {p[1]:.2f}" in page
 
 
 def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
@@ -392,6 +410,11 @@ def test_what_the_proof_page_says_of_eleven_effects_is_in_their_rows():
     of = f"One of these {_spelt(len(nominal)).lower()}"
     assert f"{of} is called unexplained, and that took {slow / 60:.0f} minutes" in page
     assert left_out["verdict"].isin(ABSTAINS).all()
+    given = sum(len([n for n in text.split("+") if n]) for c in ("named_right", "named_wrong") for text in left_out[c])
+    (wrong,) = (text for text in left_out["named_wrong"] if text)
+    assert "+" not in wrong
+    assert f"out of the catalogue {given} names are given, and one of them is wrong" in page
+    assert f"out of the catalogue one of {given} is" in words("README.md")
     assert f"on {whole['verdict'].isin(ABSTAINS).sum()} of the {len(whole)} others too" in page
 
 
