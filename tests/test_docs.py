@@ -238,7 +238,9 @@ def test_the_reproduction_page_shows_what_the_results_hold():
         assert text == (ROOT / "results" / name).read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("folder", ["proof", "proof_256172", "opponents", "flagship", "fuzz", "real_recordings"])
+@pytest.mark.parametrize(
+    "folder", ["proof", "proof_256172", "opponents", "flagship", "fuzz", "real_recordings", "sensitivity"]
+)
 def test_the_list_of_results_names_the_command_that_made_them(folder):
     (row,) = [r for r in (ROOT / "results/README.md").read_text().splitlines() if r.startswith(f"| `{folder}/`")]
     assert json.loads((ROOT / "results" / folder / "manifest.json").read_text())["command"] in row
@@ -330,6 +332,41 @@ def test_what_the_proof_page_says_of_both_runs_together_is_in_their_rows():
     lacking = [rows.loc[rows["cell"].isin(["left_out", "foreign"]), "pointed"] for rows in seen]
     p = [fisher_exact([[int(told.sum()), int((~told).sum())] for told in group]).pvalue for group in (pairs, lacking)]
     assert f"Fisher's exact test, p = {p[0]:.2f} and {p[1]:.2f}" in page
+
+
+def test_what_the_page_says_of_the_grey_box_is_in_its_rows():
+    rows = pd.read_csv(ROOT / "results/grey_box/grey_box.csv", index_col="form")
+    page = words("docs/real_recordings.md")
+    both, power, all_of_it, dry = (
+        rows.loc[name, "held_out_from_200_s_V"]
+        for name in (
+            "both overflow, a part falls into the lower",
+            "both overflow, and the lower drains by another power",
+            "both overflow, and both drains have a linear part",
+            "both drains have a linear part",
+        )
+    )
+    assert f"If both tanks overflow, the error from 200 s on is {both:.3f} V" in page
+    assert f"another power than the square root, it is {power:.3f} V" in page
+    assert f"of either sign in both drains it is {all_of_it:.3f} V" in page
+    assert f"Without overflow the linear parts do not help ({dry:.3f} V)" in page
+    known = pd.read_csv(ROOT / "results/real_recordings/cases.csv")
+    textbook = known[(known["case"] == "cascaded_tanks") & (known["part"] == "held out")]
+    assert rows.loc["as the textbook", "held_out_V"] == pytest.approx(textbook["rmse_before"].item(), abs=2e-3)
+
+
+def test_what_the_method_page_says_of_constants_is_in_their_rows():
+    rows = pd.read_csv(ROOT / "results/sensitivity/sensitivity.csv")
+    usual, changed = rows[rows["factor"] == 1.0], rows[rows["factor"] != 1.0]
+    page = words("docs/mismatch_method.md")
+    assert f"each of the {changed['constant'].nunique()} constants" in page
+    assert f"On {usual['cases'].item()} development cases" in page
+    assert f"alters more than {changed['differ'].max()} verdicts" in page
+    assert f"Without a change {usual['right'].item()} verdicts are right. No change loses one of them" in page
+    assert changed["lost"].max() == usual["wrong"].item() == 0
+    assert list(changed.loc[changed["gained"] > 0, "gained"]) == [1, 1]
+    assert list(changed.loc[changed["gained"] > 0, "wrong"]) == [1, 0]
+    assert changed["wrong"].sum() == 1
 
 
 def test_what_the_proof_page_says_of_the_opponents_is_in_their_rows():
