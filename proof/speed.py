@@ -51,7 +51,7 @@ def measured(machine: Machine, effect: str, minutes: Mapping[str, Sequence[float
     """
     longer = replace(machine, seconds={part: tuple(60.0 * m for m in each) for part, each in minutes.items()})
     item = Item("speed", "mechanism", machine.name, (effect,), severity=1.0, background_pct=0.0)
-    case = draw(item, seed, {machine.name: longer})
+    case = draw(item, seed, {machine.name: longer}, observed=False)
     _asked(case, EVERY[-1])  # what is compiled for this machine is compiled now
     rows = []
     for every in EVERY:

@@ -83,11 +83,12 @@ class _Plan:
     faults: tuple[tuple[str, tuple[str, float], tuple[float, float]], ...]  # port, kind and size, span in training
 
 
-def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -> Case:
+def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None, observed: bool = True) -> Case:
     """Draw a case; the same item and seed give the same case.
 
     Args:
         machines: in place of the seed's own.
+        observed: ask the ideal observer, which takes most of the time. Else the case cannot be judged.
     """
     machine = machine_of(item.machine, seed) if machines is None else machines[item.machine]
     rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
@@ -98,7 +99,7 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
     known = {e.name: e for e in (*machine.effects, *machine.foreign, *faults(machine))}
     effects = [known[name] for name in item.effects]
     onset_s = np.inf if not effects else _onset(takes, rng) if item.cell == "onset" else -np.inf
-    plan, found = _scaled(machine, item, effects, takes, p, onset_s)
+    plan, found = _scaled(machine, item, effects, takes, p, onset_s, observed)
     noisy = {} if effects else _noisy_input(machine, takes, stream(seed, "noisy input", item.case, item.machine))
     tables, floor = _recorded(machine, plan, rng)
     for table in tables.values():
@@ -107,7 +108,7 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
     reached = [f["severity"] for f in found]
     severity = item.severity if min(reached, default=1.0) >= MEANS_IT * item.severity else min(reached)
     # Not only its name is left out, but all that nobody could tell from it: what is then named is wrong indeed.
-    alike = {n for f in found for n in (*f["class"], *f["close"])}
+    alike = {n for f in found for n in (*f.get("class", ()), *f.get("close", ()))}
     without = sorted(alike) if item.cell in UNKNOWN else []
     public = {
         "machine": machine.name,
@@ -128,7 +129,7 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None) -
         "severity": round(float(severity), 4),
         "background_pct": background,
         "effects": found,
-        **_together(found),
+        **_together(found if observed else ()),
         "onset_s": onset_s if np.isfinite(onset_s) else None,
         "calibrated": list(machine.calibrate),
         "parameters": {name: float(v) for name, v in zip(machine.parameters, plan.parameters.before, strict=True)},
@@ -206,7 +207,13 @@ def _onset(takes: Sequence[Take], rng: np.random.Generator) -> float:
 
 
 def _scaled(
-    machine: Machine, item: Item, effects: Sequence[Effect], takes: tuple[Take, ...], p: Array, onset_s: float
+    machine: Machine,
+    item: Item,
+    effects: Sequence[Effect],
+    takes: tuple[Take, ...],
+    p: Array,
+    onset_s: float,
+    observed: bool,
 ) -> tuple[_Plan, list[dict[str, Any]]]:
     """Give every effect the amplitude of the case's severity, each by itself, on a machine without background."""
     after, wrong, found = p.copy(), [], []
@@ -235,7 +242,7 @@ def _scaled(
                 "severity": in_training if effect.is_stuck else min(held_out, in_training),
             }
         )
-    if yardstick is not None:
+    if yardstick is not None and observed:
         _observe(item, yardstick, effects, found, 100.0 * p[machine.at("ripple")], onset_s)
     return _Plan(takes, Parameters(p, after, onset_s), tuple(wrong)), found
 
