@@ -7,6 +7,7 @@ import functools
 import hashlib
 import importlib.metadata
 import importlib.util
+import json
 import os
 import platform
 import subprocess
@@ -15,6 +16,8 @@ import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+from twinbench.common.store import write_text
 
 PACKAGE = "twinbench"
 _ROOT = Path(__file__).resolve().parents[1]
@@ -98,6 +101,12 @@ def provenance() -> dict[str, Any]:
             "load_1min": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         },
     }
+
+
+def write_manifest(folder: Path, command: str, seed: int) -> None:
+    """Write ``manifest.json``: the command that made what is in the folder, its seed, and ``provenance``."""
+    about = {"command": command, "seed": seed, **provenance()}
+    write_text(folder / "manifest.json", json.dumps(about, indent=2) + "\n")
 
 
 def version() -> str:

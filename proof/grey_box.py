@@ -7,7 +7,6 @@ of the mismatch engine takes part. So the errors on the recording held out bound
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,7 +21,7 @@ from scipy.optimize import least_squares
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, write_text
-from twinbench.common.versions import provenance
+from twinbench.common.versions import write_manifest
 from twinbench.data.batch import Array
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -164,9 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table = pd.DataFrame(rows).round(4)
     write_text(out / "grey_box.csv", table.to_csv(index=False))
     command = f"python -m twinbench.proof.grey_box --recordings FOLDER --starts {asked.starts} --seed {asked.seed}"
-    write_text(
-        out / "manifest.json", json.dumps({"command": command, "seed": asked.seed, **provenance()}, indent=2) + "\n"
-    )
+    write_manifest(out, command, asked.seed)
     print(table.iloc[:, :4].to_string(index=False))
     return 0
 

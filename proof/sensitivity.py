@@ -25,7 +25,7 @@ from twinbench.common.errors import BadInput
 from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
-from twinbench.common.versions import code_version, provenance
+from twinbench.common.versions import code_version, write_manifest
 from twinbench.common.workers import side_by_side
 from twinbench.proof import blind
 from twinbench.proof.concealed.engines import ENGINES
@@ -192,9 +192,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     write_text(out / "sensitivity.csv", found.to_csv(index=False))
     write_text(out / "sensitivity.md", as_markdown(found))
     command = f"python -m twinbench.proof.sensitivity --cases {asked.cases} --seed {asked.seed}"
-    write_text(
-        out / "manifest.json", json.dumps({"command": command, "seed": asked.seed, **provenance()}, indent=2) + "\n"
-    )
+    write_manifest(out, command, asked.seed)
     print(as_markdown(found), end="")
     return 0
 

@@ -8,7 +8,6 @@ code is there.
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import tempfile
 import time
@@ -27,7 +26,7 @@ from rich.console import Console  # noqa: E402
 from twinbench.common.errors import BadInput  # noqa: E402
 from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import check_writable, write_text  # noqa: E402
-from twinbench.common.versions import provenance  # noqa: E402
+from twinbench.common.versions import write_manifest  # noqa: E402
 from twinbench.proof.blind import answer  # noqa: E402
 from twinbench.proof.concealed.engines import ENGINES  # noqa: E402
 from twinbench.proof.concealed.generate import Case, Item, draw, write  # noqa: E402
@@ -99,9 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     table = pd.DataFrame(rows, columns=list(COLUMNS)).round({"seconds": 1})
     write_text(out / "speed.csv", table.to_csv(index=False))
     command = f"python -m twinbench.proof.speed --seed {asked.seed}"
-    write_text(
-        out / "manifest.json", json.dumps({"command": command, "seed": asked.seed, **provenance()}, indent=2) + "\n"
-    )
+    write_manifest(out, command, asked.seed)
     print(table.to_string(index=False))
     return 0
 
