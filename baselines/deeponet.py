@@ -76,7 +76,7 @@ class DeepONet(Estimator):
         "windows": 160,
         "queries": 4,
         "learning_rate": 9e-3,
-        "copies": 2,
+        "copies": 3,
         "width_1": 48,
         "width_2": 96,
         "latents": 128,

@@ -44,7 +44,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         "iterations": 6000,
         "batch": 16,
         "learning_rate": 1.2e-2,
-        "copies": 2,
+        "copies": 3,
         "hidden": 112,
         "readout": 194,
         "forgetting_s": 13.47,

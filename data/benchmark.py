@@ -10,22 +10,32 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
-from twinbench.data.scenario import KINDS, Scenario, draw, latin_hypercube, stream
+from twinbench.data.population import worn_machines
+from twinbench.data.scenario import Scenario, draw, latin_hypercube, stream
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.steady import steady_state
 
 PARTS = ("train", "validation", "test")
+SINGLE = "single"
+"""What the names of the paper's recordings begin with."""
+SINGLE_KINDS = ("capacity", "leakage", "heat_transfer", "T_bias_K", "efficiency")
 
 
 @dataclass(frozen=True)
 class DesignConfig:
-    """How many sequences, how long, from which seed. The defaults are the paper's."""
+    """How many sequences, how long, from which seed.
+
+    Attributes:
+        n_train, n_validation, n_test: recordings of worn machines in each part.
+        n_single: the paper's recordings, which join the test part as a stratum of their own.
+    """
 
     seed: int = 2024
     n_train: int = 26
-    n_validation: int = 6
-    n_test: int = 10
+    n_validation: int = 20
+    n_test: int = 60
+    n_single: int = 10
     minutes: float = 30.0
     warmup_minutes: float = 5.0
 
@@ -34,6 +44,7 @@ class DesignConfig:
             ("n_train", 1, 1000),
             ("n_validation", 1, 1000),
             ("n_test", 1, 1000),
+            ("n_single", 0, 1000),
             ("minutes", 1.0, 600.0),
             ("warmup_minutes", 0.0, 60.0),
         ):
@@ -56,39 +67,31 @@ class Split:
 
 
 def design(config: DesignConfig = DesignConfig()) -> dict[str, tuple[Scenario, ...]]:
-    """The scenarios of each part.
+    """The scenarios of each part, all of the population of worn machines.
 
-    Training: half single-factor (each kind in turn), half Latin-hypercube mixes; every other
-    sequence begins worn, so that a learner sees the whole range of health. Validation and test
-    begin healthy, a fresh machine, which is what every filter's prior says. Test sequences combine
-    one health change with load and suction transients that have nothing to do with it; every kind
-    comes in turn, and the Latin hypercube spreads speed, ratio, suction and severity over each part.
+    The test part also holds the paper's recordings: a fresh machine, one health change, and load and suction
+    transients that have nothing to do with it; every parameter comes in turn.
 
-    A validation or test sequence does not depend on how many others there are. Which half of training
-    is single-factor does, and nothing else there.
+    A sequence does not depend on how many others there are.
     """
-    scenarios = {}
+    parts = {}
     for part in PARTS:
-        count = getattr(config, f"n_{part}")
-        mixes = latin_hypercube(count, getattr(DesignConfig, f"n_{part}"), config.seed, part, "lhs")
-        drawn = []
-        for i in range(count):
-            kind, worn = _role(part, i, count)
-            drawn.append(
-                draw(f"{part}-{i:02d}", kind, config.seed, config.minutes, config.warmup_minutes, worn, mixes[i])
-            )
-        scenarios[part] = tuple(drawn)
-    return scenarios
-
-
-def _role(part: str, i: int, count: int) -> tuple[str, bool]:
-    """What wears in sequence i of a part, and whether it begins worn."""
-    if part == "test":
-        return ("capacity", "leakage", "heat_transfer", "T_bias_K", "efficiency")[i % 5], False
-    if part == "validation":
-        return ("mixed", "capacity", "leakage", "heat_transfer", "T_bias_K", "efficiency")[i % 6], False
-    single = i < count // 2
-    return (KINDS[i % (len(KINDS) - 1)] if single else "mixed"), i % 2 == 1
+        usual = getattr(DesignConfig, f"n_{part}")
+        lengths = config.minutes, config.warmup_minutes
+        parts[part] = worn_machines(part, getattr(config, f"n_{part}"), usual, config.seed, *lengths)
+    mixes = latin_hypercube(config.n_single, DesignConfig.n_single, config.seed, "test", "lhs")
+    parts["test"] += [
+        draw(
+            f"{SINGLE}-{i:02d}",
+            SINGLE_KINDS[i % len(SINGLE_KINDS)],
+            config.seed,
+            config.minutes,
+            config.warmup_minutes,
+            mix,
+        )
+        for i, mix in enumerate(mixes)
+    ]
+    return {part: tuple(scenarios) for part, scenarios in parts.items()}
 
 
 def run(scenarios: tuple[Scenario, ...], warmup_minutes: float, level: Corruption = Corruption()) -> Batch:

@@ -26,12 +26,14 @@ RATE_PER_MIN = {"capacity": (0.003, 0.010), "efficiency": (0.002, 0.006), "leaka
 HEAT_TRANSFER_LOSS = (0.10, 0.35)
 HEAT_TRANSFER_RAMP_MIN = (2.0, 6.0)
 BIAS_STEP_K = (1.5, 6.0)
-KINDS = ("none", *HEALTH, "mixed")
+KINDS = ("none", *HEALTH)
+MIX = 10
+"""Latin-hypercube coordinates that ``draw`` takes."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """One health parameter: from its value at the start to ``end`` between ``begin_s`` and ``finish_s``."""
+    """One health parameter: from where it was to ``end`` between ``begin_s`` and ``finish_s``."""
 
     parameter: str
     begin_s: float
@@ -51,7 +53,7 @@ class Scenario:
         p_suc_bar: (n_knots, 2) suction pressure: seconds and bar.
         T_suc_K: suction temperature's mean in K, period in s and phase in rad.
         start: (5,) health at the beginning in the parameters' units, order HEALTH.
-        changes: what wears, and when.
+        changes: what wears, and when; of one parameter one after another.
     """
 
     name: str
@@ -84,18 +86,28 @@ class Scenario:
 
     def health(self) -> Array:
         """(N, 5) true health, order HEALTH."""
-        t = self.time_s()
-        values = np.tile(self.start, (len(t), 1))
-        for change in self.changes:
-            i = HEALTH.index(change.parameter)
-            begin, finish, a, b = change.begin_s, change.finish_s, self.start[i], change.end
-            if change.stages == 2:
-                third, middle = (finish - begin) / 3, 0.5 * (a + b)
-                knots = ([begin, begin + third, finish - third, finish], [a, middle, middle, b])
-            else:
-                knots = ([begin, finish], [a, b])
-            values[:, i] = np.interp(t, *knots)
-        return values
+        return health_of(self.start, self.changes, self.time_s())
+
+
+def health_of(start: Array, changes: tuple[Change, ...], time_s: Array) -> Array:
+    """(N, 5) health in the parameters' units, order HEALTH, at times (N,) in seconds.
+
+    Args:
+        start: (5,) at the beginning, in the same units.
+        changes: what moves; of one parameter one after another.
+    """
+    values = np.tile(start, (len(time_s), 1))
+    for change in changes:
+        i = HEALTH.index(change.parameter)
+        begin, finish, a, b = change.begin_s, change.finish_s, values[-1, i], change.end
+        if change.stages == 2:
+            third, middle = (finish - begin) / 3, 0.5 * (a + b)
+            knots = ([begin, begin + third, finish - third, finish], [a, middle, middle, b])
+        else:
+            knots = ([begin, finish], [a, b])
+        later = time_s >= begin
+        values[later, i] = np.interp(time_s[later], *knots)
+    return values
 
 
 def stream(*axes: object) -> np.random.Generator:
@@ -104,38 +116,28 @@ def stream(*axes: object) -> np.random.Generator:
     return np.random.default_rng(int.from_bytes(digest[:8], "little"))
 
 
-def draw(
-    name: str, kind: str, seed: int, minutes: float, warmup_minutes: float, worn_start: bool, mix: Array
-) -> Scenario:
-    """Draw one sequence.
+def draw(name: str, kind: str, seed: int, minutes: float, warmup_minutes: float, mix: Array) -> Scenario:
+    """Draw one sequence of the paper's: a fresh machine, of which at most one health parameter changes.
 
     Args:
         kind: what wears: one of KINDS.
-        worn_start: begin anywhere between healthy and worn, rather than healthy; what changes begins
-            at most half worn, so that it has somewhere to go.
         mix: (10,) dimensionless Latin-hypercube coordinates in [0, 1]: severities of the five health parameters, mean
             speed, mean ratio, mean suction, suction temperature, pace of the load changes.
     """
     rng = stream(seed, name)
     seconds, warm = 60.0 * minutes, 60.0 * warmup_minutes
     pace = 0.6 + 0.8 * mix[9]
-    start = HEALTHY.copy()
-    changing = {"none": (), "mixed": HEALTH}.get(kind, (kind,))
-    if worn_start:
-        wear = rng.random(5) * np.where(np.isin(HEALTH, changing), 0.5, 1.0)
-        start += wear * (WORN - HEALTHY)
-        start[HEALTH.index("T_bias_K")] = rng.uniform(-6.0, 6.0)
-    changes = tuple(_change(p, start, mix[HEALTH.index(p)], warm, seconds, rng) for p in changing)
+    changing = () if kind == "none" else (kind,)
     return Scenario(
         name=name,
         kind=kind,
         seconds=seconds,
+        changes=tuple(_change(p, mix[HEALTH.index(p)], warm, seconds, rng) for p in changing),
         N_rpm=_pieces(rng, seconds, N_LIMITS_RPM, mix[5], (60 * pace, 240 * pace), (5.0, 20.0)),
         ratio=_pieces(rng, seconds, RATIO_LIMITS, mix[6], (60 * pace, 240 * pace), (4.0, 30.0)),
         p_suc_bar=_pieces(rng, seconds, P_SUC_LIMITS_BAR, mix[7], (90.0, 300.0), (0.1, 0.2)),
         T_suc_K=(288.0 + 20.0 * mix[8], rng.uniform(300.0, 900.0), rng.uniform(0.0, 2 * np.pi)),
-        start=start,
-        changes=changes,
+        start=HEALTHY.copy(),
         seed=seed,
     )
 
@@ -161,36 +163,33 @@ def _pieces(
     return np.array(knots)
 
 
-def _change(
-    parameter: str, start: Array, severity: float, warm: float, seconds: float, rng: np.random.Generator
-) -> Change:
-    """A before of at least a minute, a transition, and an after of at least two, where time allows."""
+def _change(parameter: str, severity: float, warm: float, seconds: float, rng: np.random.Generator) -> Change:
+    """Of a fresh machine: at least a minute before, a transition, at least two minutes after, where time allows."""
     i = HEALTH.index(parameter)
     begin = warm + rng.uniform(0.04, 0.32) * (seconds - warm)
     room = 0.92 * seconds - begin
     if parameter == "T_bias_K":
         size = BIAS_STEP_K[0] + severity * (BIAS_STEP_K[1] - BIAS_STEP_K[0])
-        sign = -1.0 if start[i] > 0 else 1.0 if start[i] < 0 else rng.choice([-1.0, 1.0])
+        sign = rng.choice([-1.0, 1.0])
         at = warm + rng.uniform(0.1, 0.8) * (seconds - warm)
-        end = float(np.clip(start[i] + sign * size, -6.0, 6.0))
-        return Change(parameter, at, at + SAMPLE_PERIOD_S, end)
+        return Change(parameter, at, at + SAMPLE_PERIOD_S, float(sign * size))
     if parameter == "heat_transfer":
         loss = HEAT_TRANSFER_LOSS[0] + severity * (HEAT_TRANSFER_LOSS[1] - HEAT_TRANSFER_LOSS[0])
-        end = max(start[i] - loss, WORN[i])
+        end = HEALTHY[i] - loss
         stages = int(rng.integers(1, 3))
         last = min(60.0 * rng.uniform(*HEAT_TRANSFER_RAMP_MIN) * (3 if stages == 2 else 1), room)
         return Change(parameter, begin, begin + last, float(end), stages)
     low, high = RATE_PER_MIN[parameter]
     rate = (low + rng.random() * (high - low)) / 60.0
-    reach = (0.35 + 0.65 * severity) * (WORN[i] - start[i])
+    reach = (0.35 + 0.65 * severity) * (WORN[i] - HEALTHY[i])
     last = float(min(abs(reach) / rate, room))
-    end = start[i] + np.sign(reach) * rate * last
+    end = HEALTHY[i] + np.sign(reach) * rate * last
     return Change(parameter, begin, begin + last, float(end))
 
 
 def latin_hypercube(count: int, size: int, *axes: object) -> Array:
-    """(count, 10) coordinates for ``draw``: hypercubes of ``size`` rows, one after another, so that
+    """(count, MIX) coordinates for ``draw``: hypercubes of ``size`` rows, one after another, so that
     a row does not depend on how many others are asked for.
     """
-    sampler = qmc.LatinHypercube(10, seed=stream(*axes, size))
+    sampler = qmc.LatinHypercube(MIX, seed=stream(*axes, size))
     return np.concatenate([sampler.random(size) for _ in range(-(-count // size))])[:count]

@@ -13,7 +13,7 @@ import numpy as np
 from twinbench.data.batch import SAMPLE_PERIOD_S, Batch
 from twinbench.data.benchmark import run
 from twinbench.data.corrupt import Corruption
-from twinbench.data.scenario import HEALTHY, WORN, Change, Scenario, draw
+from twinbench.data.scenario import HEALTHY, MIX, WORN, Change, Scenario, draw
 
 WARMUP_MINUTES = 5.0
 SCENE_MINUTES = 30.0
@@ -28,7 +28,7 @@ RAMPS = ((2.4, 4.6), (2.8, 4.0), (4.6, 2.6), (3.2, 4.8), (4.0, 2.4))
 SPEEDS_RPM = ((1100.0, 1100.0), (950.0, 1500.0), (1300.0, 1300.0), (1700.0, 1200.0), (1000.0, 1750.0))
 RAMP_NAMES = tuple(f"ramp-{i + 1}" for i in range(len(RAMPS)))
 RAMP_BEGINS_S, RAMP_S = 60.0, (5.0, 10.0, 20.0, 40.0, 60.0)
-MIDDLE = np.full(10, 0.5)
+MIDDLE = np.full(MIX, 0.5)
 """Loads of no particular lean, for ``draw``."""
 
 
@@ -37,7 +37,7 @@ def load_ramps(seed: int, level: Corruption = Corruption()) -> Batch:
     warm = 60.0 * WARMUP_MINUTES
     scenarios = []
     for name, ratio, speed, ramp_s in zip(RAMP_NAMES, RAMPS, SPEEDS_RPM, RAMP_S, strict=True):
-        still = draw(name, "none", seed, RAMP_MINUTES, WARMUP_MINUTES, False, MIDDLE)
+        still = draw(name, "none", seed, RAMP_MINUTES, WARMUP_MINUTES, MIDDLE)
         scenarios.append(
             replace(
                 still,
@@ -71,5 +71,5 @@ def wearing(seed: int, level: Corruption = Corruption()) -> Batch:
 
 
 def _wearing(name: str, seed: int, changes: tuple[Change, ...]) -> Scenario:
-    fresh = draw(name, "none", seed, SCENE_MINUTES, WARMUP_MINUTES, False, MIDDLE)
+    fresh = draw(name, "none", seed, SCENE_MINUTES, WARMUP_MINUTES, MIDDLE)
     return replace(fresh, start=HEALTHY.copy(), changes=changes)

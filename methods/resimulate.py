@@ -10,30 +10,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from twinbench.data.batch import HEALTH, Array, Batch, Truth
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
-from twinbench.data.scenario import RATIO_LIMITS
-from twinbench.methods.transitions import HEALTH_HIGH, HEALTH_LOW
+from twinbench.data.population import BLOCK, courses, start_of
+from twinbench.data.scenario import RATIO_LIMITS, health_of
 from twinbench.physics.compressor import PLANT, U, Y
-from twinbench.physics.health import HEALTHY
 from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.steady import steady_state, valve_for
-
-_LOW = np.array([0.87, 0.89, 0.012, 0.63, -6.5])
-_HIGH = np.array([1.01, 1.01, 0.055, 1.02, 6.5])
 
 VALVE_LIMITS = next((v.low, v.high) for v in PLANT.inputs if v.name == "valve")
 
 
 def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
-    """The training sequences and ``copies`` times as many others, with truth. Health starts fresh in half of these."""
+    """The training sequences and ``copies`` times as many others, with truth. Their health is the population's."""
     if train.truth is None:
         raise ValueError("re-simulation needs sequences with truth, these have none")
     batch, samples = train.measured.shape[:2]
     parts = []
     for copy in range(copies):
         u = _recombined(train.truth, rng)
-        health = np.stack([_path(samples, rng) for _ in range(batch)])
+        health = health_paths(batch, samples, rng)
         x0 = np.stack([steady_state(PLANT, row) for row in u[:, 0]])
         x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
         measured = np.stack([corrupt(u[b], y[b], Corruption(), rng) for b in range(batch)])
@@ -53,19 +49,16 @@ def _recombined(truth: Truth, rng: np.random.Generator) -> Array:
     return u
 
 
-def _path(samples: int, rng: np.random.Generator) -> Array:
-    """(N, 5) health: each parameter rests, ramps (the bias steps) and rests again."""
-    t = np.arange(samples)
-    path = np.empty((samples, len(HEALTH)))
-    fresh = rng.random() < 0.5
-    for i, (name, low, high) in enumerate(zip(HEALTH, _LOW, _HIGH, strict=True)):
-        low, high = max(low, HEALTH_LOW[i]), min(high, HEALTH_HIGH[i])
-        start = HEALTHY[i] if fresh else rng.uniform(low, high)
-        end = rng.uniform(low, high) if rng.random() < 0.7 else start
-        begin = rng.uniform(0.0, 0.8) * samples
-        length = 1.0 if name == "T_bias_K" else rng.uniform(0.05, 0.8) * samples
-        path[:, i] = np.interp(t, [begin, begin + length], [start, end])
-    return path
+def health_paths(batch: int, samples: int, rng: np.random.Generator) -> Array:
+    """(B, N, 5) health of the population of worn machines, drawn anew."""
+    seconds = samples * SAMPLE_PERIOD_S
+    starts = start_of(rng.random((batch, len(HEALTH))))
+    paths = []
+    for start in starts:
+        parameters = tuple(int(i) for i in rng.permutation(len(HEALTH))[: rng.choice(BLOCK)])
+        changes = courses(start, parameters, 0.0, seconds, rng)
+        paths.append(health_of(start, changes, np.arange(samples) * SAMPLE_PERIOD_S))
+    return np.stack(paths)
 
 
 def joined(batches: list[Batch]) -> Batch:

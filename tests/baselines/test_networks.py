@@ -75,7 +75,9 @@ def test_deeponet_twin_equals_torch():
 
 @pytest.mark.parametrize("kind", [GRUKalman, LSTMRecursiveLeastSquares, DeepONet, PINNUnscentedKalman])
 def test_every_network_has_the_budget_of_the_proposed_one(kind):
-    split = simulate_benchmark(DesignConfig(n_train=1, n_validation=1, n_test=1, minutes=2.5, warmup_minutes=0.5))
+    split = simulate_benchmark(
+        DesignConfig(n_train=1, n_validation=1, n_test=1, n_single=0, minutes=2.5, warmup_minutes=0.5)
+    )
     estimator = kind(**kind.contract_settings)
     estimator.fit(split.train, split.validation, 0)
     weights = sum(a.size for name, a in estimator.arrays.items() if name.startswith("net."))

@@ -15,7 +15,9 @@ from twinbench.data.benchmark import DesignConfig
 def test_the_papers_profile_holds_the_papers_data_and_three_seeds() -> None:
     profile = load_profile("paper")
     assert profile.seeds == (0, 1, 2)
-    assert profile.data == DesignConfig(n_train=26, n_validation=6, n_test=10, minutes=30.0, warmup_minutes=5.0)
+    assert profile.data == DesignConfig(
+        n_train=26, n_validation=20, n_test=60, n_single=10, minutes=30.0, warmup_minutes=5.0
+    )
 
 
 @pytest.mark.parametrize("name", ["quick", "paper"])

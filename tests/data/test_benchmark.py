@@ -14,9 +14,9 @@ from twinbench.data.corrupt import Corruption
 from twinbench.data.scenario import N_LIMITS_RPM, P_SUC_LIMITS_BAR
 
 PAIRS = tuple(combinations(PARTS, 2))
-RATIO_RANGE = (2.1, 5.0)
+RATIO_RANGE = (2.05, 5.0)
 """What comes of RATIO_LIMITS as suction and health change, but for 0.1 % at either end."""
-SMALL = DesignConfig(n_train=2, n_validation=1, n_test=2, minutes=2.0, warmup_minutes=0.5)
+SMALL = DesignConfig(n_train=2, n_validation=1, n_test=2, n_single=0, minutes=2.0, warmup_minutes=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def parts(split):
 def test_the_papers_numbers(split):
     assert {part: b.measured.shape for part, b in parts(split).items()} == {
         "train": (26, 30_000, 7),
-        "validation": (6, 30_000, 7),
-        "test": (10, 30_000, 7),
+        "validation": (20, 30_000, 7),
+        "test": (70, 30_000, 7),
     }
     for batch in parts(split).values():
         assert batch.truth.estimated.shape == (len(batch), 30_000, len(ESTIMATED))
@@ -60,7 +60,7 @@ def test_no_sequence_is_shared_between_parts(split):
     names = [name for b in parts(split).values() for name in b.names]
     contents = [hashlib.sha256(row.tobytes()).hexdigest() for b in parts(split).values() for row in b.measured]
     paths = [hashlib.sha256(row.tobytes()).hexdigest() for b in parts(split).values() for row in b.truth.states]
-    assert len(names) == len(set(names)) == len(set(contents)) == len(set(paths)) == 42
+    assert len(names) == len(set(names)) == len(set(contents)) == len(set(paths)) == 116
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)

@@ -9,7 +9,7 @@ from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.data.benchmark import DesignConfig
 from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
 
-SMALL = DesignConfig(n_train=1, n_validation=1, n_test=2, minutes=4.0, warmup_minutes=0.5)
+SMALL = DesignConfig(n_train=1, n_validation=1, n_test=2, n_single=0, minutes=4.0, warmup_minutes=0.5)
 
 
 @pytest.fixture(scope="module")

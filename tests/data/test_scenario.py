@@ -7,15 +7,17 @@ import pytest
 
 from twinbench.common.errors import BadInput
 from twinbench.data.batch import HEALTH, INPUTS
-from twinbench.data.benchmark import PARTS, DesignConfig, design
+from twinbench.data.benchmark import PARTS, SINGLE, SINGLE_KINDS, DesignConfig, design
+from twinbench.data.population import hypercube
 from twinbench.data.scenario import (
     BIAS_STEP_K,
     HEALTHY,
     HEAT_TRANSFER_LOSS,
-    KINDS,
+    MIX,
     N_LIMITS_RPM,
     P_SUC_LIMITS_BAR,
     RATE_PER_MIN,
+    draw,
     latin_hypercube,
     stream,
 )
@@ -24,14 +26,16 @@ CONFIG = DesignConfig()
 DESIGN = design(CONFIG)
 ALL = [scenario for part in PARTS for scenario in DESIGN[part]]
 WARM_S = 60.0 * CONFIG.warmup_minutes
+SINGLES = [s for s in DESIGN["test"] if s.name.startswith(SINGLE)]
 each = pytest.mark.parametrize("scenario", ALL, ids=lambda s: s.name)
+each_single = pytest.mark.parametrize("scenario", SINGLES, ids=lambda s: s.name)
 
 
 def test_the_papers_numbers():
-    assert [len(DESIGN[part]) for part in PARTS] == [26, 6, 10]
+    assert [len(DESIGN[part]) for part in PARTS] == [26, 20, 70]
     kept = [s.samples - round(WARM_S / 0.05) for s in ALL]
     assert set(kept) == {30_000}
-    assert sum(kept) == 1_260_000
+    assert sum(kept) == 3_480_000
     assert all(s.seconds == 1800.0 for s in ALL)
 
 
@@ -45,23 +49,23 @@ def test_inputs_stay_in_their_limits_and_load_changes(scenario):
         assert np.ptp(values) > 0.1 * (high - low)
 
 
-@each
+@each_single
 def test_each_degradation_has_a_before_a_transition_and_an_after(scenario):
-    changed = {c.parameter for c in scenario.changes}
-    expected = {"none": set(), "mixed": set(HEALTH)}.get(scenario.kind, {scenario.kind})
-    assert changed == expected
+    assert np.array_equal(scenario.start, HEALTHY)
+    (changed,) = {c.parameter for c in scenario.changes}
+    assert changed == scenario.kind
     t, health = scenario.time_s(), scenario.health()
     assert np.allclose(health[0], scenario.start)
     for i, name in enumerate(HEALTH):
         moves = t[1:][np.diff(health[:, i]) != 0.0]
-        if name not in changed:
+        if name != changed:
             assert len(moves) == 0
             continue
         assert moves[0] - WARM_S >= 59.0
         assert scenario.seconds - moves[-1] >= 119.0
 
 
-@each
+@each_single
 def test_degradations_are_as_fast_and_as_large_as_the_paper_says(scenario):
     health = scenario.health()
     for change in scenario.changes:
@@ -79,22 +83,15 @@ def test_degradations_are_as_fast_and_as_large_as_the_paper_says(scenario):
             assert np.count_nonzero(np.diff(path)) <= 2
 
 
-def test_every_kind_is_in_training_and_every_degradation_in_validation_and_test():
-    kinds = {part: {s.kind for s in DESIGN[part]} for part in PARTS}
-    assert kinds["train"] == set(KINDS)
-    assert set(HEALTH) <= kinds["validation"]
-    assert kinds["test"] == set(HEALTH)
-    signs = {np.sign(c.end - s.start[4]) for s in ALL for c in s.changes if c.parameter == "T_bias_K"}
+def test_the_papers_recordings_change_every_parameter_in_turn_and_the_bias_either_way():
+    assert [s.kind for s in SINGLES] == [*SINGLE_KINDS, *SINGLE_KINDS]
+    assert set(SINGLE_KINDS) == set(HEALTH)
+    signs = {np.sign(draw("x", "T_bias_K", seed, 10.0, 1.0, np.full(MIX, 0.5)).changes[0].end) for seed in range(20)}
     assert signs == {-1.0, 1.0}
 
 
-def test_only_training_begins_worn_and_half_of_it():
-    worn = {part: sum(not np.array_equal(s.start, HEALTHY) for s in DESIGN[part]) for part in PARTS}
-    assert worn == {"train": 13, "validation": 0, "test": 0}
-
-
-@pytest.mark.parametrize("scenario", DESIGN["test"], ids=lambda s: s.name)
-def test_a_test_sequence_joins_one_health_change_with_transients_that_do_not_care(scenario):
+@each_single
+def test_a_single_sequence_joins_one_health_change_with_transients_that_do_not_care(scenario):
     (change,) = scenario.changes
     u = scenario.inputs()
     t = scenario.time_s()[1:]
@@ -108,32 +105,34 @@ def test_a_test_sequence_joins_one_health_change_with_transients_that_do_not_car
 
 
 def test_changes_come_at_no_fixed_time_and_at_no_fixed_distance_from_a_step():
-    begins = np.array([s.changes[0].begin_s for s in DESIGN["test"]])
+    begins = np.array([s.changes[0].begin_s for s in SINGLES])
     assert np.ptp(begins) > 180.0
-    steps = [s.p_suc_bar[1::2, 0] for s in DESIGN["test"]]
+    steps = [s.p_suc_bar[1::2, 0] for s in SINGLES]
     since = np.array([b - at[at < b].max() for b, at in zip(begins, steps, strict=True)])
     assert np.ptp(since) > 60.0
-    assert any((at > s.changes[0].begin_s).any() for at, s in zip(steps, DESIGN["test"], strict=True))
+    assert any((at > s.changes[0].begin_s).any() for at, s in zip(steps, SINGLES, strict=True))
 
 
 @pytest.mark.parametrize("part", PARTS)
 def test_the_hypercube_fills_every_stratum_once(part):
-    count = len(DESIGN[part])
-    mix = latin_hypercube(count, count, CONFIG.seed, part, "lhs")
-    assert mix.shape == (count, 10)
-    assert np.array_equal(np.sort(np.floor(mix * count), axis=0), np.tile(np.arange(count)[:, None], (1, 10)))
+    count = getattr(CONFIG, f"n_{part}")
+    for mix in (latin_hypercube(count, count, CONFIG.seed, part), hypercube(count, count, CONFIG.seed, part)):
+        filled = np.tile(np.arange(count)[:, None], (1, mix.shape[1]))
+        assert np.array_equal(np.sort(np.floor(mix * count), axis=0), filled)
 
 
 @pytest.mark.parametrize("count", [1, 5, 26, 40])
 def test_a_row_of_the_hypercube_does_not_depend_on_how_many_there_are(count):
-    assert np.array_equal(latin_hypercube(count, 26, "a"), latin_hypercube(60, 26, "a")[:count])
+    for mixes in (latin_hypercube, hypercube):
+        assert np.array_equal(mixes(count, 26, "a"), mixes(60, 26, "a")[:count])
 
 
-@pytest.mark.parametrize("part", ["validation", "test"])
+@pytest.mark.parametrize("part", PARTS)
 def test_a_sequence_does_not_depend_on_how_many_others_there_are(part):
-    few = design(DesignConfig(n_train=3, n_validation=2, n_test=3))[part]
-    for one, same in zip(few, DESIGN[part], strict=False):
-        assert one.name == same.name
+    few = design(DesignConfig(n_train=3, n_validation=2, n_test=3, n_single=2))[part]
+    whole = {s.name: s for s in DESIGN[part]}
+    for one in few:
+        same = whole[one.name]
         assert np.array_equal(one.inputs(), same.inputs())
         assert np.array_equal(one.health(), same.health())
 
@@ -149,6 +148,7 @@ def test_streams_are_told_apart_by_every_axis():
     [
         ({"n_train": 0}, "n_train is 0"),
         ({"n_test": 1001}, "n_test is 1001"),
+        ({"n_single": -1}, "n_single is -1"),
         ({"minutes": 0.5}, "minutes is 0.5"),
         ({"minutes": float("nan")}, "minutes is nan"),
         ({"warmup_minutes": -1.0}, "warmup_minutes is -1.0"),

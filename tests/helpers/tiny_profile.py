@@ -8,6 +8,7 @@ scenes = false
 n_train = 2
 n_validation = 1
 n_test = 2
+n_single = 1
 minutes = 2.5
 warmup_minutes = 0.5
 
