@@ -11,7 +11,7 @@ from twinbench.common.errors import BadInput
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.data.population import worn_machines
-from twinbench.data.scenario import Scenario, draw, latin_hypercube, stream
+from twinbench.data.scenario import MIX, Scenario, draw, latin_hypercube, stream
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.steady import steady_state
@@ -79,7 +79,7 @@ def design(config: DesignConfig = DesignConfig()) -> dict[str, tuple[Scenario, .
         usual = getattr(DesignConfig, f"n_{part}")
         lengths = config.minutes, config.warmup_minutes
         parts[part] = worn_machines(part, getattr(config, f"n_{part}"), usual, config.seed, *lengths)
-    mixes = latin_hypercube(config.n_single, DesignConfig.n_single, config.seed, "test", "lhs")
+    mixes = latin_hypercube(config.n_single, DesignConfig.n_single, MIX, config.seed, "test", "lhs")
     parts["test"] += [
         draw(
             f"{SINGLE}-{i:02d}",

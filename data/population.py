@@ -12,10 +12,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import qmc
 
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array
-from twinbench.data.scenario import MIX, WORN, Change, Scenario, draw, stream
+from twinbench.data.scenario import MIX, WORN, Change, Scenario, draw, latin_hypercube, stream
 from twinbench.physics.health import HEALTHY, SPAN, to_zeta
 
 COMMISSIONING_S = 300.0
@@ -124,12 +123,6 @@ def _end(i: int, start: float, size: float, recovers: bool, sign: float) -> floa
     return ends[0] if abs(ends[0] - start) >= SIZE[0] * SPAN[i] else ends[1]
 
 
-def hypercube(count: int, size: int, *axes: object) -> Array:
-    """(count, MIX + 5) coordinates of loads and of wear at the start: hypercubes of ``size`` rows one after another."""
-    sampler = qmc.LatinHypercube(MIX + len(HEALTH), seed=stream(*axes, size))
-    return np.concatenate([sampler.random(size) for _ in range(-(-count // size))])[:count]
-
-
 def worn_machines(part: str, count: int, size: int, seed: int, minutes: float, warmup_minutes: float) -> list[Scenario]:
     """The population's recordings of one part. A recording does not depend on how many others there are.
 
@@ -141,7 +134,7 @@ def worn_machines(part: str, count: int, size: int, seed: int, minutes: float, w
         minutes: how long each is, warm-up included.
         warmup_minutes: how much of that nobody sees.
     """
-    mixes = hypercube(count, size, seed, part, "population")
+    mixes = latin_hypercube(count, size, MIX + len(HEALTH), seed, part, "population")
     scenarios = []
     for k in range(count):
         name = f"{part}-{k:02d}"

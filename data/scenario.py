@@ -187,9 +187,9 @@ def _change(parameter: str, severity: float, warm: float, seconds: float, rng: n
     return Change(parameter, begin, begin + last, float(end))
 
 
-def latin_hypercube(count: int, size: int, *axes: object) -> Array:
-    """(count, MIX) coordinates for ``draw``: hypercubes of ``size`` rows, one after another, so that
-    a row does not depend on how many others are asked for.
+def latin_hypercube(count: int, size: int, columns: int, *axes: object) -> Array:
+    """(count, columns) coordinates in [0, 1]: hypercubes of ``size`` rows, one after another, so that a row does not
+    depend on how many others are asked for.
     """
-    sampler = qmc.LatinHypercube(MIX, seed=stream(*axes, size))
-    return np.concatenate([sampler.random(size) for _ in range(-(-count // size))])[:count]
+    sampler = qmc.LatinHypercube(columns, seed=stream(*axes, size))
+    return np.concatenate([sampler.random(size) for _ in range(max(1, -(-count // size)))])[:count]

@@ -51,13 +51,11 @@ def _recombined(truth: Truth, rng: np.random.Generator) -> Array:
 
 def health_paths(batch: int, samples: int, rng: np.random.Generator) -> Array:
     """(B, N, 5) health of the population of worn machines, drawn anew."""
-    seconds = samples * SAMPLE_PERIOD_S
-    starts = start_of(rng.random((batch, len(HEALTH))))
+    time_s = np.arange(samples, dtype=np.float64) * SAMPLE_PERIOD_S
     paths = []
-    for start in starts:
+    for start in start_of(rng.random((batch, len(HEALTH)))):
         parameters = tuple(int(i) for i in rng.permutation(len(HEALTH))[: rng.choice(BLOCK)])
-        changes = courses(start, parameters, 0.0, seconds, rng)
-        paths.append(health_of(start, changes, np.arange(samples) * SAMPLE_PERIOD_S))
+        paths.append(health_of(start, courses(start, parameters, 0.0, samples * SAMPLE_PERIOD_S, rng), time_s))
     return np.stack(paths)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
-from twinbench.data.scenario import Scenario, draw, stream
+from twinbench.data.scenario import MIX, Scenario, draw, stream
 from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.simulator import Simulator
 from twinbench.physics.steady import steady_state
@@ -70,8 +70,8 @@ def _scenario(part: Part, i: int, seed: int, number: int) -> Scenario:
     name = f"{part.name}_{i + 1}"
     rng = stream(seed, "flagship", number, name)
     minutes = WARMUP_MIN + part.minutes
-    worn = [draw(f"{number}-{name}-{p}", p, seed, minutes, WARMUP_MIN, False, rng.random(10)) for p in part.wear[i]]
-    idle = draw(f"{number}-{name}", "none", seed, minutes, WARMUP_MIN, False, rng.random(10))
+    worn = [draw(f"{number}-{name}-{p}", p, seed, minutes, WARMUP_MIN, rng.random(MIX)) for p in part.wear[i]]
+    idle = draw(f"{number}-{name}", "none", seed, minutes, WARMUP_MIN, rng.random(MIX))
     slowed = tuple(
         replace(c, end=float(s.start[HEALTH.index(c.parameter)] * (1.0 - part.pace) + c.end * part.pace))
         for s in worn

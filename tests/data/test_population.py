@@ -21,10 +21,9 @@ from twinbench.data.population import (
     changing,
     commissioning_s,
     courses,
-    hypercube,
     start_of,
 )
-from twinbench.data.scenario import MIX, WORN, health_of
+from twinbench.data.scenario import WORN, health_of, latin_hypercube
 from twinbench.physics.health import HEALTHY, SPAN, to_theta, to_zeta
 
 CONFIG = DesignConfig()
@@ -86,7 +85,7 @@ def test_the_prior_is_the_mean_and_covariance_of_the_starts():
 
 
 def test_starts_span_a_life():
-    starts = start_of(hypercube(40, 40, "a")[:, MIX:])
+    starts = start_of(latin_hypercube(40, 40, 5, "a"))
     assert np.allclose(start_of(np.zeros(5))[:4], HEALTHY[:4])
     assert np.allclose(start_of(np.ones(5))[:4], WORN[:4])
     assert np.ptp(starts[:, BIAS]) > 1.8 * BIAS_START_K
