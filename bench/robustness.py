@@ -15,7 +15,7 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Evaluation, Profile
 from twinbench.bench.results import HARDER
-from twinbench.bench.roster import PROPOSED
+from twinbench.bench.roster import PROPOSED, is_ablation
 from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
 from twinbench.common.store import Store, key_of
 from twinbench.common.versions import code_version
@@ -27,6 +27,7 @@ COLUMNS = list(HARDER)
 METRICS = (
     *STATE_ERRORS,
     *FORECAST_ERRORS,
+    "health_life_pct",
     "parameter_error_pct",
     "coverage95_pct",
     "nis_ratio",
@@ -35,7 +36,7 @@ AFTERWARDS = {
     "p_nrmse_pct": "p_after_pct",
     "T_nrmse_pct": "T_after_pct",
     "m_nrmse_pct": "m_after_pct",
-    "parameter_error_pct": "parameter_after_pct",
+    "health_life_pct": "health_after_fault_pct",
 }
 """Scores of the time after a fault, and what they are called."""
 RECOVERY_S = 60.0
@@ -56,18 +57,18 @@ class Trial:
 
 
 def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
-    """Every condition for the proposed method; for the others all but noise and dropout, of which the paper shows one
-    map; for the proposed method's other treatments of the envelope, that. The first seed of each."""
+    """Every condition for every estimator with every seed, once where seeds share what they learnt; for the proposed
+    method's other treatments of the envelope, that."""
     found = []
-    for cell in cells.of_first_seed(done, profile):
-        for condition in (UNDISTURBED, *CONDITIONS):
-            if cell.estimator == PROPOSED or condition.group != "noise and dropout":
-                found.append(_trial(cell, condition, profile))
+    for cell in done:
+        if is_ablation(cell.estimator):
+            continue
+        found += [_trial(cell, condition, profile) for condition in (UNDISTURBED, *CONDITIONS)]
         if cell.estimator == PROPOSED:
             treated = [cells.make_cell(f"{cell.spec}:{name}", cell.seed, profile) for name in TREATMENTS]
             beyond = [c for c in CONDITIONS if c.group == "envelope"]
             found += [_trial(other, condition, profile) for other in treated for condition in beyond]
-    return found
+    return list({t.key: t for t in found[::-1]}.values())[::-1]
 
 
 def _trial(cell: Cell, condition: Condition, profile: Profile) -> Trial:

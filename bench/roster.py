@@ -83,7 +83,7 @@ def label(name: str) -> str:
 
 def condition_label(name: str) -> str:
     """``stuck: mass flow`` of a fault of one sensor; any other condition keeps its name."""
-    kind, _, channel = name.partition(" ")
+    kind, _, channel = name.rpartition(" ")
     return f"{kind}: {SENSORS[channel]}" if channel in SENSORS else name
 
 

@@ -1,4 +1,7 @@
-"""Test sequences under harder conditions: noisier sensors, faster wear, loads beyond the envelope, sensor faults."""
+"""Fresh sequences under harder conditions: noisier sensors, faster wear, loads beyond the envelope, sensor faults.
+
+The machines are of the same population as the test's, drawn from a seed of their own: no rule was made with them.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,9 @@ from twinbench.data.corrupt import Corruption
 from twinbench.data.scenario import N_LIMITS_RPM, RATIO_LIMITS, Scenario, stream
 from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE
 
-DISTURBED_MINUTES = 10.0
-"""Length of a disturbed sequence: a filter has settled by half of it, and has time to recover in the other half."""
+DISTURBED_MINUTES, MOST_DISTURBED, FRESH = 12.0, 8, 1
+"""Length of a disturbed sequence, in which a filter settles before a fault begins and has minutes to recover after the
+longest; how many there are at most; and what is added to the benchmark's seed to draw others."""
 FAULT_BEGINS_S = 300.0
 NOISE_LEVELS = (0.5, 1.0, 1.5, 2.0, 3.0)
 DROPOUT_LEVELS = (0.0, 0.02, 0.05, 0.10, 0.20, 0.30)
@@ -31,6 +35,7 @@ class SensorFault:
         channels: whose.
         seconds: for how long.
         size: of spikes, drift and bias in standard deviations of the sensor's noise; of jitter in samples.
+        rise_s: for how long a bias grows until it is whole, and fades at its end.
     """
 
     name: str
@@ -38,6 +43,7 @@ class SensorFault:
     channels: tuple[str, ...]
     seconds: float = 60.0
     size: float = 0.0
+    rise_s: float = 0.0
 
 
 FAULTS = (
@@ -45,6 +51,11 @@ FAULTS = (
     *(SensorFault(f"spikes {c}", "spikes", (c,), size=30.0) for c in OUTPUTS),
     *(SensorFault(f"drift {c}", "drift", (c,), size=6.0) for c in OUTPUTS),
     *(SensorFault(f"bias {c}", "bias", (c,), size=6.0) for c in OUTPUTS),
+    *(SensorFault(f"gradual bias {c}", "bias", (c,), size=6.0, rise_s=20.0) for c in OUTPUTS),
+    *(SensorFault(f"bias for 20 s {c}", "bias", (c,), seconds=20.0, size=6.0) for c in OUTPUTS),
+    *(SensorFault(f"bias for 180 s {c}", "bias", (c,), seconds=180.0, size=6.0) for c in OUTPUTS),
+    *(SensorFault(f"drift for 180 s {c}", "drift", (c,), seconds=180.0, size=6.0) for c in OUTPUTS),
+    *(SensorFault(f"stuck for 180 s {c}", "stuck", (c,), seconds=180.0) for c in OUTPUTS),
     SensorFault("jitter", "jitter", CHANNELS, size=1.0),
     *(SensorFault(f"loss {c}", "loss", (c,)) for c in (*INPUTS[:3], *OUTPUTS)),
     SensorFault("all lost", "loss", CHANNELS, seconds=10.0),
@@ -55,7 +66,7 @@ SPIKED = 0.2
 
 @dataclass(frozen=True)
 class Condition:
-    """One way in which the test sequences are harder.
+    """One way in which sequences are harder.
 
     Attributes:
         group: ``noise and dropout``, ``pace``, ``envelope`` or ``fault``.
@@ -86,9 +97,10 @@ CONDITIONS = (
 
 
 def simulate_condition(config: DesignConfig, condition: Condition) -> Batch:
-    """The test sequences, shortened to DISTURBED_MINUTES after the warm-up, under a condition; with their truth."""
+    """Fresh sequences of DISTURBED_MINUTES after the warm-up, under a condition; with their truth."""
     minutes = min(config.minutes, config.warmup_minutes + DISTURBED_MINUTES)
-    scenarios = design(replace(config, minutes=minutes))["test"]
+    count = min(config.n_test, MOST_DISTURBED)
+    scenarios = design(replace(config, seed=config.seed + FRESH, n_test=count, n_single=0, minutes=minutes))["test"]
     harder = tuple(_harder(s, condition) for s in scenarios)
     batch = run(harder, config.warmup_minutes, condition.corruption)
     if condition.fault is None:
@@ -140,13 +152,21 @@ def with_fault(measured: Array, fault: SensorFault, rng: np.random.Generator) ->
         elif fault.kind == "drift":
             values += sd * np.linspace(0.0, 1.0, len(values))
         elif fault.kind == "bias":
-            values += sd
+            values += sd * _envelope(len(values), fault.rise_s)
         elif fault.kind == "jitter":
             late = np.clip(rng.normal(size=len(values)) * fault.size, -3.0, 3.0)
             values[:] = np.interp(np.arange(len(values)) + late, np.arange(len(values)), values)
         else:
             values[:] = np.nan
     return out
+
+
+def _envelope(samples: int, rise_s: float) -> Array:
+    """(N,) share of a bias that is there: it grows for so long from its first sample on, and fades as long."""
+    if rise_s == 0.0:
+        return np.ones(samples)
+    ramp = np.arange(1, samples + 1) * SAMPLE_PERIOD_S / rise_s
+    return np.minimum(np.minimum(ramp, ramp[::-1]), 1.0)
 
 
 def _noise_sd(channel: str, readings: Array) -> float:

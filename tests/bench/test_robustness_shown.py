@@ -20,10 +20,8 @@ def scores() -> pd.DataFrame:
     for name in ("oracle", "deeponet_kalman", *(f"deeponet_kalman:{t}" for t in TREATMENTS)):
         tried = [("fault", "none", 1.0), *((c.group, c.name, c.corruption.noise) for c in CONDITIONS)]
         for group, condition, noise in tried:
-            if group == "noise and dropout" and name != "deeponet_kalman":
-                continue
-            for metric in (*METRICS, "parameter_after_pct"):
-                hurt = 3.0 if condition == "stuck m_flow_kg_s" and metric == "parameter_after_pct" else 1.0
+            for metric in (*METRICS, "health_after_fault_pct"):
+                hurt = 3.0 if condition == "stuck m_flow_kg_s" and metric == "health_after_fault_pct" else 1.0
                 rows += [
                     (name, 0, group, condition, f"s{i}", metric, noise * hurt * (1 + 0.01 * rng.random()))
                     for i in range(3)
@@ -57,7 +55,7 @@ def test_after_faults_one_is_recovered(scores):
 
 
 def test_the_tables_hold_errors_and_their_multiples(scores):
-    harder, faults = robustness_tables(scores)
+    harder, faults, pressure, health = robustness_tables(scores)
     assert list(faults.frame.columns) == ["condition", "oracle", "deeponet_kalman"]
     row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
     assert faults.frame["oracle"][row] == pytest.approx(3.0, rel=0.05)
@@ -65,4 +63,13 @@ def test_the_tables_hold_errors_and_their_multiples(scores):
     assert [r[0].text for r in harder.rows[:2]] == ["none", "wear at pace 0.5"]
     assert faults.rows[row][1].times.startswith("×3")
     assert len(harder.rows) == 1 + sum(c.group in ("pace", "envelope") for c in CONDITIONS)
+    for grid in (pressure, health):
+        assert len(grid.rows) == 1 + len(NOISE_LEVELS) * len(DROPOUT_LEVELS)
     assert robustness_tables(scores[:0]) == []
+
+
+def test_a_multiple_has_the_interval_of_its_recordings(scores):
+    _, faults, _, _ = robustness_tables(scores)
+    row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
+    low, high = (float(end) for end in faults.rows[row][1].times.partition("[")[2].rstrip("]").split("–"))
+    assert 2.9 < low <= high < 3.1

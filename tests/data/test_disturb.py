@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
-from twinbench.data.benchmark import DesignConfig
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
 
 SMALL = DesignConfig(n_train=1, n_validation=1, n_test=2, n_single=0, minutes=4.0, warmup_minutes=0.5)
@@ -49,3 +49,20 @@ def test_every_condition_has_a_name_of_its_own():
     names = [c.name for c in CONDITIONS]
     assert len(set(names)) == len(names)
     assert sum(c.group == "noise and dropout" for c in CONDITIONS) == 30
+
+
+def test_a_gradual_bias_grows_and_fades():
+    readings = np.ones((12_000, len(CHANNELS)))
+    (fault,) = (f for f in FAULTS if f.name == "gradual bias p_dis_bar")
+    shift = (with_fault(readings, fault, np.random.default_rng(0)) - readings)[:, CHANNELS.index("p_dis_bar")]
+    there = np.flatnonzero(shift)
+    assert len(there) * SAMPLE_PERIOD_S == pytest.approx(fault.seconds)
+    whole = shift[there] == shift.max()
+    assert whole.sum() * SAMPLE_PERIOD_S == pytest.approx(fault.seconds - 2.0 * fault.rise_s, abs=0.2)
+    assert np.abs(np.diff(shift)).max() < 1.01 * shift.max() * SAMPLE_PERIOD_S / fault.rise_s
+
+
+def test_the_sequences_are_none_of_the_benchmarks(undisturbed):
+    ours = simulate_benchmark(SMALL)
+    seen = {row.tobytes() for part in (ours.train, ours.validation, ours.test) for row in part.truth.inputs[:, :100]}
+    assert not seen & {row.tobytes() for row in undisturbed.truth.inputs[:, :100]}

@@ -63,13 +63,13 @@ def noise_and_dropout(table: pd.DataFrame) -> Figure:
 
 @styled
 def beyond_the_envelope(table: pd.DataFrame) -> Figure:
-    """Fig. 6b: coverage and parameter error against how far loads reach beyond training, by treatment."""
+    """Fig. 6b: coverage and health error against how far loads reach beyond training, by treatment."""
     figure = canvas(PAGE_MM, 62.0)
     left, right = figure.subplots(1, 2)
     names = {c.beyond: c.name for c in CONDITIONS if c.group == "envelope"}
     for treatment, (says, colour, marker, line) in TREATMENTS.items():
         estimator = f"{PROPOSED}{ABLATION}{treatment}" if treatment else PROPOSED
-        for axes, metric in ((left, "coverage95_pct"), (right, "parameter_error_pct")):
+        for axes, metric in ((left, "coverage95_pct"), (right, "health_life_pct")):
             means = _means(table, estimator, metric)
             values = [means.get(names[b], np.nan) for b in BEYOND]
             axes.plot(
@@ -84,7 +84,7 @@ def beyond_the_envelope(table: pd.DataFrame) -> Figure:
             )
     left.axhline(RIGHT_PCT, color=MUTED, linewidth=0.8, linestyle="--")
     left.set_ylabel("95 % interval holds, %")
-    right.set_ylabel("parameter error, %")
+    right.set_ylabel("health error, % of a life")
     for axes in (left, right):
         axes.set_xlabel("speeds and pressure ratios reach farther by, %")
     figure.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -93,14 +93,14 @@ def beyond_the_envelope(table: pd.DataFrame) -> Figure:
 
 @styled
 def after_faults(table: pd.DataFrame) -> Figure:
-    """Parameter error from a minute after each sensor fault on, over that without the fault; 1 is recovered."""
+    """Health error from a minute after each sensor fault on, over that without the fault; 1 is recovered."""
     names = [n for n in ordered(table["estimator"].unique()) if not is_ablation(n)]
     figure = canvas(PAGE_MM, 6.0 * len(FAULTS) + 22.0)
     axes = figure.subplots()
     rows = np.arange(len(FAULTS))
     offsets = np.linspace(-0.32, 0.32, len(names)) if len(names) > 1 else np.zeros(1)
     for offset, (name, look) in zip(offsets, looks(names).items(), strict=True):
-        means = _means(table, name, "parameter_after_pct")
+        means = _means(table, name, "health_after_fault_pct")
         share = np.array([means.get(f.name, np.nan) for f in FAULTS]) / means.get(UNDISTURBED.name, np.nan)
         axes.plot(
             share,
@@ -118,6 +118,6 @@ def after_faults(table: pd.DataFrame) -> Figure:
     axes.set_yticks(rows, [condition_label(f.name) for f in FAULTS])
     axes.set_ylim(len(FAULTS) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
-    axes.set_xlabel("parameter error a minute after the fault, over that without it")
+    axes.set_xlabel("health error a minute after the fault, over that without it")
     figure.legend(handles=legend_handles(names), loc="outside lower center", ncols=4)
     return figure
