@@ -44,13 +44,17 @@ for longer after its fault has gone."""
 MOST_OUT_UPDATES = 2400
 """After two minutes it is believed in any case: what it reads then is how the machine is."""
 
+SETTLING_UPDATES = 600
+"""For the first half minute the states find their place, and the readings surprise without cause: nothing is weighed.
+Less takes the start for a leap, more misses a real one."""
+
 
 class Jumps(NamedTuple):
     """What is carried from tick to tick besides the filter, B machines.
 
     Attributes:
         sums: (B, 2, 2, 3) dimensionless, of Page's test.
-        left: (B, 1) updates for which the causes are still weighed.
+        left: (B, 1) updates for which the causes are still weighed; negative: until the test begins.
         out: (B, 3) updates for which an output is still not believed.
         fits: (B, 3) updates in a row in which one of these fitted.
         scores: (B, 8) log scores of the causes.
@@ -158,7 +162,9 @@ def watch(rhs, output, model, leaps, z, P, started, jumps, b, read, info):  # ty
         z[b], P[b], innovation[b], S[b], nis[b] = correct_one(
             output, model, z[b], P[b], u[b], measured[b], white[b], coloured[b], jumps.out[b]
         )
-        if _alarm(jumps.sums[b], innovation[b], S[b], jumps.out[b]):
+        if jumps.left[b, 0] < 0:
+            jumps.left[b, 0] += 1
+        elif _alarm(jumps.sums[b], innovation[b], S[b], jumps.out[b]):
             _part(jumps, b, z[b], P[b], leaps[0], at)
             jumps.left[b, 0] = leaps[1]
     _rejoin(jumps.out[b], jumps.fits[b], innovation[b], S[b])
@@ -201,7 +207,7 @@ class JumpAwareEKF(ModelEKF):
         n, causes = self._size, len(CAUSES)
         return Jumps(
             np.tile(no_shifts(N_NOISE), (batch, 1, 1, 1)),
-            np.zeros((batch, 1), np.int64),
+            np.full((batch, 1), -SETTLING_UPDATES),
             np.zeros((batch, N_NOISE), np.int64),
             np.zeros((batch, N_NOISE), np.int64),
             np.zeros((batch, causes)),
