@@ -74,6 +74,8 @@ class DeepONetKalman(Estimator):
         "channel_gate": 6.0,
         "rollback": True,
         "steps": True,
+        "leap": 3.0,
+        "weighed_s": 10.0,
         "inflation": 3.204,
         "difference": 0.0,
     }
@@ -103,6 +105,7 @@ class DeepONetKalman(Estimator):
         "no_gate": {"channel_gate": np.inf, "hampel": False},
         "no_rollback": {"rollback": False},
         "no_steps": {"steps": False},
+        "no_slow_errors": {"slow_error": 0.0},
         "no_augmentation": {"augmented": False},
         "no_strata": {"stratified": False},
         "no_refinement": {"refinement": 0},
