@@ -2,7 +2,7 @@
 
 While a sensor drifts, no filter can tell it from the machine, and health gives way to it. When the readings step, the
 causes of ``methods.weighing`` are told apart by what follows. Health that leaps is free to be elsewhere in one parameter.
-A sensor that comes back takes health to where it was two minutes ago. A sensor that fails is left out until it fits
+A sensor that comes back takes health to where it was two minutes ago, if that is far away. A sensor that fails is left out until it fits
 again. What of them is supposed is written into the copy of the filter that the cause has.
 """
 
@@ -23,6 +23,8 @@ FITS_SD, FITS_UPDATES = 2.0, 10
 """An output fits again whose readings have been so near for half a second."""
 KEPT_PLACES, KEEP_UPDATES = 8, 300
 """Places on the way of health that are kept, and the updates between two: two minutes."""
+MOVED_SD = 2.0
+"""By which health has moved unusually far on that way. More sends health back less often when a sensor comes back."""
 
 STEPS = record(
     {
@@ -121,6 +123,15 @@ def note_way(way, updates, health):  # type: ignore[no-untyped-def]
 def _oldest(updates):  # type: ignore[no-untyped-def]
     """Row of the ring that is written next."""
     return ((updates - 1) // KEEP_UPDATES + 1) % KEPT_PLACES
+
+
+@njit(cache=True, error_model="numpy")
+def moved(way, updates, z, P, at):  # type: ignore[no-untyped-def]
+    """Is a health parameter farther from where it was two minutes ago than its sd allows?"""
+    for i in range(N_HEALTH):
+        if abs(z[at + i] - way[_oldest(updates), i]) > MOVED_SD * np.sqrt(P[at + i, at + i]):
+            return True
+    return False
 
 
 @njit(cache=True, error_model="numpy")

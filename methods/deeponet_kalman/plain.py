@@ -11,7 +11,7 @@ import torch
 
 from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, STATE, Array
 from twinbench.methods.deeponet_kalman.augmented import SHIFTS, SLOW
-from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, note_way, stepped, suppose
+from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, moved, note_way, stepped, suppose
 from twinbench.methods.deeponet_kalman.cycle import KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
@@ -217,6 +217,8 @@ class PlainTwin:
         self.score, self.rivals = LOG_PRIOR.copy(), []
         for k in range(N_CAUSES):
             z, P, safety = self.z.copy(), self.P.copy(), self.safety.copy()
+            if k == BACK and not moved(safety["steps"]["way"], safety["counts"][UPDATES], z, P, ZETA):
+                self.score[k] = -np.inf
             safety["counts"][[OUTSIDE, FROZEN, INFLATING]] = 0
             suppose(k, safety["steps"], safety["counts"][UPDATES], z, P, ZETA, settings.leap)
             if k == BACK:

@@ -12,7 +12,7 @@ from numba import njit
 
 from twinbench.data.batch import SAMPLE_PERIOD_S
 from twinbench.methods.deeponet_kalman.augmented import SHIFTS, correct, foresee
-from twinbench.methods.deeponet_kalman.causes import stepped, suppose
+from twinbench.methods.deeponet_kalman.causes import moved, stepped, suppose
 from twinbench.methods.deeponet_kalman.forecast import predict
 from twinbench.methods.deeponet_kalman.model import BIAS, GAS, PROBE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
@@ -100,6 +100,8 @@ def _begin(model, m, which, t):  # type: ignore[no-untyped-def]
             fill(rivals.P[k, i], m.P[i])
         rivals.safety[k] = m.safety
         safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
+        if k == BACK and not moved(safety.steps.way, safety.counts[UPDATES], z, P, ZETA):
+            rivals.score[k] = -np.inf  # a way back that leads nowhere would only let the readings' states be anything
         safety.counts[OUTSIDE] = safety.counts[FROZEN] = safety.counts[INFLATING] = 0
         suppose(k, safety.steps, safety.counts[UPDATES], z, P, ZETA, model.settings.leap)
         if k == BACK:
