@@ -37,10 +37,10 @@ from twinbench.methods.weighing import BACK, FAILING, FAILS, LEAP, N_CAUSES, NOT
 from twinbench.physics.health import map_one
 
 NOTHING_READ = (np.nan, np.nan, np.nan)
-BEGIN, WEIGHED_S = 100, 5.0
+BEGIN, WEIGHED_S = 100, 10.0
 
 
-def watched(problem, leaps=None, fails=None, size=0.0, ticks=350):
+def watched(problem, leaps=None, fails=None, size=0.0, ticks=300):
     """A machine that the filter knows exactly, but for what happens to it in tick BEGIN.
 
     The operator's sensitivities to health are made five times as large: an untrained one hardly has any.
@@ -86,17 +86,17 @@ def test_where_nothing_happens_nothing_is_weighed(problem):
 
 
 def test_a_leap_of_capacity_is_found_and_keeps_every_sensor_in(problem):
-    memory, z, weighed, found = watched(problem, leaps=0, size=2.0)
+    memory, z, weighed, found = watched(problem, leaps=0, size=2.0, ticks=400)
     assert found == [LEAP]
     assert weighed[0] >= BEGIN
-    assert len(weighed) == round(WEIGHED_S / SAMPLE_PERIOD_S) - 1  # the last of its ticks decides
+    assert len(weighed) == round(WEIGHED_S / SAMPLE_PERIOD_S) - 1  # after the last of its ticks it is decided
     assert not memory["safety"]["steps"]["out"].any()
     assert memory["z"][ZETA] == pytest.approx(z[ZETA], abs=0.2)
 
 
 @pytest.mark.parametrize("output", FAILING)
 def test_an_output_that_fails_is_found_and_left_out_and_health_stays(problem, output):
-    memory, z, weighed, found = watched(problem, fails=output, size=25.0 * WHITE[output], ticks=220)
+    memory, z, weighed, found = watched(problem, fails=output, size=25.0 * WHITE[output], ticks=320)
     assert weighed[0] - BEGIN < 5
     assert found == [FAILS + FAILING.index(output)]
     out = memory["safety"]["steps"]["out"]
@@ -241,7 +241,7 @@ def test_health_that_moved_may_go_back_when_an_output_steps_and_none_else(proble
         assert np.isfinite(rivals["score"][BACK]) == goes
         assert np.isfinite(np.delete(rivals["score"], BACK)).all()
         if goes:
-            assert rivals["z"][BACK][ZETA:BIAS] == pytest.approx(was[:4], abs=0.05)
+            assert (np.diag(rivals["P"][BACK])[[ZETA, ZETA + 1, BIAS]] > 0.01).all()
             # What the bias does not explain any more is temperature.
             assert rivals["z"][BACK][PROBE] != pytest.approx(rivals["z"][NOTHING][PROBE], abs=0.1)
 
