@@ -79,7 +79,7 @@ FLAG_GATED = 4
 FLAG_FROZEN = 8
 """Innovations stay inconsistent: health is as before, and is not corrected."""
 FLAG_UNINFORMED = 16
-"""The last minute does not tell all health parameters apart: some of them are known only together."""
+"""Of some health parameter hardly more is known than before the first reading: its sd is still nearly what it was."""
 
 
 class Estimator(ABC):
@@ -148,7 +148,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def init(self, batch: int) -> State:
-        """The state before the first sample: a fresh, healthy one.
+        """The state before the first sample: what is known of the population.
 
         Args:
             batch: how many machines, B.

@@ -64,12 +64,9 @@ def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def gain_into(P, innovation, H, R, K, S, HP, L, X):  # type: ignore[no-untyped-def]
-    """``gain`` written into K and S; HP (m, n), which keeps ``H P``, L (m, m) and X (m, n) are scratch. Returns NIS.
-
-    The function takes plain arrays because it is compiled.
-    """
-    n, m_all = P.shape[0], innovation.size
+def innovation_cov_into(P, H, R, S, HP):  # type: ignore[no-untyped-def]
+    """Eq. (8): ``S = H P H' + R`` into S (m, m), ``H P`` into HP (m, n); few entries of H are not zero."""
+    n, m_all = P.shape[0], R.shape[0]
     for a in range(m_all):
         for j in range(n):
             HP[a, j] = 0.0
@@ -82,6 +79,22 @@ def gain_into(P, innovation, H, R, K, S, HP, L, X):  # type: ignore[no-untyped-d
             S[a, b] = R[a, b]
             for k in range(n):
                 S[a, b] += HP[a, k] * H[b, k]
+
+
+@njit(cache=True, error_model="numpy")
+def gain_into(P, innovation, H, R, K, S, HP, L, X):  # type: ignore[no-untyped-def]
+    """``gain`` written into K and S; HP (m, n), which keeps ``H P``, L (m, m) and X (m, n) are scratch. Returns NIS.
+
+    The function takes plain arrays because it is compiled.
+    """
+    innovation_cov_into(P, H, R, S, HP)
+    return solve_gain_into(innovation, S, HP, K, L, X)
+
+
+@njit(cache=True, error_model="numpy")
+def solve_gain_into(innovation, S, HP, K, L, X):  # type: ignore[no-untyped-def]
+    """``gain_into`` from what ``innovation_cov_into`` left in S and HP. Returns NIS."""
+    n, m_all = HP.shape[1], innovation.size
     m = 0
     for a in range(m_all):
         for j in range(n):

@@ -15,8 +15,8 @@ import numpy as np
 from numba import njit
 
 from twinbench.data.batch import STATE
-from twinbench.methods.deeponet_kalman.forecast import predict
-from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, note_way
+from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, NOISE, PROBE, SIZE, ZETA
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
@@ -29,8 +29,6 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     UPDATES,
     WIDEST,
     bound_health,
-    carry_sensitivity,
-    distance,
     gather,
     informed,
     left_out,
@@ -40,11 +38,8 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     scale_health,
     watch,
 )
-from twinbench.methods.deeponet_kalman.steps import follow_steps, free_to_return, note_way
 from twinbench.methods.deeponet_kalman.stream import fill
-from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
-from twinbench.methods.kalman import bound_into, gain_into, joseph_into
-from twinbench.methods.operator import N_STATES
+from twinbench.methods.kalman import bound_into, innovation_cov_into, joseph_into, solve_gain_into
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import map_one
 
@@ -52,10 +47,6 @@ SHIFTS = (STATE.p_exh_bar, BIAS, FLOW)
 """Entries of z that a shift of each output is put down to: pressure, bias, flow."""
 SLOW = (STATE.T_wall_K, *range(ZETA, NOISE), *range(ERROR, SIZE))
 """Entries of z that change over minutes: the wall, health, the slow errors. They stay while the query is not known."""
-WANDERING = 3.0
-"""What the states move by in a tick meanwhile, in training increments."""
-LATE = 0.5
-"""Of a tick: what was read no longer ago than this counts as read at the tick."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -160,11 +151,8 @@ def _present(values):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyped-def]
-    """Eqs. (8)-(14) with the outputs ``measured`` (3,), NaN where missing: z, P and ``safety`` move on in place.
-
-    Channels that stepped and are left out become NaN in ``measured``. Leaves ``t.innovation``, the same without the
-    channels that the gate left out in ``t.used``, and ``t.S``. Returns NIS.
+def foresee(model, safety, z, P, measured, white_sd, coloured_sd, t):  # type: ignore[no-untyped-def]
+    """Eqs. (8) and (9) before anything is judged: innovation, H, R, S and ``H P`` of all outputs, into the room.
 
     The function takes plain arrays because it is compiled.
     """
@@ -177,25 +165,37 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
             t.push[i] = settings.inflation ** (1.0 / INFLATION_UPDATES)
         scale_health(P, ZETA, t.push)
     _observe(model, safety, z, measured, white_sd, coloured_sd, t)
-    nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
-    bias_K, _ = map_one(N_HEALTH - 1, z[BIAS])
-    if settings.steps and follow_steps(safety, counts[UPDATES], t.innovation, t.S, t.H, SHIFTS, z, P, ZETA):
-        now_K, _ = map_one(N_HEALTH - 1, z[BIAS])
-        for i in (GAS, PROBE):  # what the bias does not explain any more is temperature
-            z[i] += bias_K - now_K
-        for c in range(N_OUTPUTS):
-            if safety.steps.out[c] > 0:
-                measured[c] = np.nan
-        _observe(model, safety, z, measured, white_sd, coloured_sd, t)
-        nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
-    if settings.rollback and safety.unknown == 0 and watch(counts, nis, _present(t.innovation)):
+    innovation_cov_into(P, t.H, t.R, t.S, t.HP)
+
+
+@njit(cache=True, error_model="numpy")
+def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, alone, t):  # type: ignore[no-untyped-def]
+    """Eqs. (9)-(14) with what ``foresee`` left of the outputs ``measured`` (3,): z, P and ``safety`` move on in place.
+
+    Outputs that are left out become NaN in ``measured``. Leaves ``t.innovation``, the same without the
+    channels that the gate left out in ``t.used``, and ``t.S``. Returns NIS.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        alone: False while causes are weighed: nothing is rolled back then, since each cause is to show what it is worth.
+    """
+    settings, counts = model.settings, safety.counts
+    if let_in(safety.steps, t.innovation, t.S, t.H, SHIFTS, P):
+        innovation_cov_into(P, t.H, t.R, t.S, t.HP)
+    for c in range(N_OUTPUTS):
+        if safety.steps.out[c] > 0:
+            measured[c] = t.innovation[c] = np.nan
+    nis = solve_gain_into(t.innovation, t.S, t.HP, t.K, t.L, t.X)
+    if alone and settings.rollback and safety.unknown == 0 and watch(counts, nis, _present(t.innovation)):
         _roll_back(safety, z, P, t.push)
         _observe(model, safety, z, measured, white_sd, coloured_sd, t)
-        nis = gain_into(P, t.innovation, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+        innovation_cov_into(P, t.H, t.R, t.S, t.HP)
+        nis = solve_gain_into(t.innovation, t.S, t.HP, t.K, t.L, t.X)
     fill(t.used, t.innovation)
     left_out(settings, counts, t.used, t.S)
     if _present(t.used) < _present(t.innovation):
-        nis = gain_into(P, t.used, t.H, t.R, t.K, t.S, t.HP, t.L, t.X)
+        nis = solve_gain_into(t.used, t.S, t.HP, t.K, t.L, t.X)
     bound_into(t.used, t.S, clip, t.r)
     if counts[FROZEN] == 0 and counts[INFLATING] == 0:
         for i in range(N_OUTPUTS):
@@ -212,80 +212,3 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, t):  # t
     _bounded_states(model, z)
     _remember(model, safety, z, P, white_sd, coloured_sd, t)
     return nis
-
-
-@njit(cache=True, error_model="numpy")
-def _next_readings(left, lag, now):  # type: ignore[no-untyped-def]
-    """Move what is read next from ``left`` (3,) to ``now`` (3,). Returns when in the tick; the rest is at 1."""
-    to = 1.0
-    for c in range(N_OUTPUTS):
-        if not np.isnan(left[c]) and LATE < lag[c] <= 1.0:
-            to = min(to, 1.0 - lag[c])
-    for c in range(N_OUTPUTS):
-        due = 1.0 - lag[c] == to if lag[c] > LATE else to == 1.0
-        now[c] = left[c] if due else np.nan
-        if due:
-            left[c] = np.nan
-    return to
-
-
-@njit(cache=True, error_model="numpy")
-def _report(out, t, last):  # type: ignore[no-untyped-def]
-    """Put one of a tick's corrections into its diagnostics; the last one speaks for what is missing, too."""
-    for i in range(N_OUTPUTS):
-        for j in range(N_OUTPUTS):
-            both = not np.isnan(t.innovation[i]) and not np.isnan(t.innovation[j])
-            if both or (last and np.isnan(out.innovation[i]) and np.isnan(out.innovation[j])):
-                out.S[i, j] = t.S[i, j]
-    for c in range(N_OUTPUTS):
-        if not np.isnan(t.innovation[c]):
-            out.innovation[c] = t.innovation[c]
-            out.accepted[c] = not np.isnan(t.used[c])
-
-
-@njit(cache=True, error_model="numpy")
-def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t):  # type: ignore[no-untyped-def]
-    """Forecast one machine by a tick and correct it by its outputs, in place on ``m``, ``measured`` and ``out``.
-
-    The function takes plain arrays because it is compiled.
-
-    Args:
-        m: the machine's z, P, stream and safety.
-        query: (5,) standardised, of what the operator has last taken in.
-        measured: (3,) outputs, NaN where missing or rejected.
-        lag: (3,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
-            gets a correction of its own at its time; what is older than the last tick is left out.
-        white_sd: (3,) present sd of the outputs' white noise, in their units.
-        coloured_sd: (3,) present sd of the outputs' coloured noise, in their units.
-        out: innovation (3,), S (3, 3), nis, accepted (3,), flags.
-    """
-    safety, informs = m.safety, model.settings.least_information > 0.0
-    away = distance(model.envelope, query)
-    out.nis, at = np.nan, 0.0
-    for i in range(N_OUTPUTS):
-        out.innovation[i], out.accepted[i] = np.nan, False
-        for j in range(N_OUTPUTS):
-            out.S[i, j] = 0.0
-    while at < 1.0:
-        to = _next_readings(measured, lag, t.now)
-        if m.stream.ticks[0] > 0 and to > at:
-            predict(w, model, m.stream.base, m.z, m.P, away, safety.push, to - at, t)
-            if safety.unknown > 0:
-                for i in range(N_STATES):
-                    m.P[i, i] += (to - at) * (WANDERING * model.increment[i]) ** 2
-            if informs:
-                carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
-        nis = correct(model, safety, m.z, m.P, t.now, white_sd, coloured_sd, clip, t)
-        _report(out, t, to == 1.0)
-        if not np.isnan(nis):
-            out.nis = nis if np.isnan(out.nis) else out.nis + nis
-        at = to
-    out.flags = FLAG_FROZEN if safety.counts[FROZEN] > 0 else 0
-    known = 0.0
-    for i in range(N_HEALTH):
-        known += safety.observable[i, i]
-    if informs and known < N_HEALTH - 0.5:
-        out.flags |= FLAG_UNINFORMED
-    for c in range(N_OUTPUTS):
-        if safety.steps.out[c] > 0 or (not out.accepted[c] and not np.isnan(out.innovation[c])):
-            out.flags |= FLAG_GATED

@@ -12,13 +12,14 @@ import numpy as np
 from numba import njit
 
 from twinbench.data.batch import CHANNEL, CHANNELS, ESTIMATED, INPUTS, SAMPLE_PERIOD_S, STATES, Array
-from twinbench.methods.deeponet_kalman.augmented import readings, tick
+from twinbench.methods.deeponet_kalman.augmented import readings
 from twinbench.methods.deeponet_kalman.forecast import predict_mean
 from twinbench.methods.deeponet_kalman.layout import stream_type
-from twinbench.methods.deeponet_kalman.model import BIAS, FLOW, MODEL, NOISE, SIZE, ZETA, Model, room_type
+from twinbench.methods.deeponet_kalman.model import BIAS, FLOW, MODEL, NOISE, RIVALS, SIZE, ZETA, Model, room_type
 from twinbench.methods.deeponet_kalman.records import one_record, record
 from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, SAFETY
 from twinbench.methods.deeponet_kalman.stream import N_QUERY, fill, push
+from twinbench.methods.deeponet_kalman.tick import tick
 from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE
 from twinbench.methods.frontend import HAMPEL_WINDOW, Fitted, gate_one
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
@@ -86,6 +87,7 @@ def memory_type(weights: np.ndarray) -> np.dtype[np.void]:
             "safety": (SAFETY, ()),
             "z": ("f8", (SIZE,)),
             "P": ("f8", (SIZE, SIZE)),
+            "rivals": (RIVALS, ()),
         }
     )
 

@@ -8,7 +8,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
 from twinbench.methods.deeponet_kalman.cycle import (
     KEEP,
     SAID,
@@ -33,6 +35,28 @@ ZETA_LOW = to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0]))
 ZETA_HIGH = to_zeta(np.array([1.08, 1.08, 0.12, 1.40, 11.0]))
 ENVELOPE = (0.001, 0.999)
 """Quantiles of each training query that bound the envelope."""
+LEAST_COSINE, MOST_SIZE = 0.9, 1.5
+"""The checkpoint rule: how well the operator's sensitivities to health agree with the plant's in direction, and by which
+factor their size may differ. Stricter ones refuse short trainings; without them health is corrected the wrong way."""
+
+
+def check_audit(cosine: Array, size: Array) -> None:
+    """Refuse an operator whose sensitivities to health are not the machine's.
+
+    Args:
+        cosine: (4,) dimensionless, agreement in direction of each health parameter's sensitivities with the plant's.
+        size: (4,) dimensionless, their size over the plant's.
+
+    Raises:
+        BadInput: which parameter, and what the audit found.
+    """
+    for name, agreement, ratio in zip(HEALTH, cosine, size, strict=False):
+        if not (agreement > LEAST_COSINE and 1.0 / MOST_SIZE < ratio < MOST_SIZE):
+            raise BadInput(
+                f"deeponet_kalman: the operator fails its audit: its sensitivity to {name} has cosine {agreement:.3g}"
+                f" with the plant's (more than {LEAST_COSINE:g} is needed) and {ratio:.3g} of its size"
+                f" ({1.0 / MOST_SIZE:.2g} to {MOST_SIZE:g}); train it longer, or on more recordings"
+            )
 
 
 @register
@@ -74,8 +98,11 @@ class DeepONetKalman(Estimator):
         "channel_gate": 6.0,
         "rollback": True,
         "steps": True,
+        "leap": 3.0,
+        "weighed_s": 10.0,
         "inflation": 3.204,
         "difference": 0.0,
+        "audited": True,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [5e-3, 1e-2, 2e-2],
@@ -88,7 +115,10 @@ class DeepONetKalman(Estimator):
         "least_information": (0.03, 3.0),
     }
     online = frozenset(
-        {*Settings._fields, "hampel", "update_every", "model_noise", "slow_error", "error_tau_s", "health_walk"}
+        {
+            *Settings._fields,
+            *("hampel", "update_every", "model_noise", "slow_error", "error_tau_s", "health_walk", "audited"),
+        }
     )
     ablations: ClassVar[dict[str, dict[str, Any]]] = {
         "no_covariance_adaptation": {"q_gain": 0.0, "r_gain": 0.0},
@@ -97,12 +127,13 @@ class DeepONetKalman(Estimator):
         "no_trust": {"trust_reach": np.inf, "extrapolation": 0.0},
         "trust_alone": {"extrapolation": 0.0},
         "extrapolation_alone": {"trust_reach": np.inf},
-        "no_counterfactuals": {"counterfactual": False},
-        "no_conditioning": {"conditioned": False},
+        "no_counterfactuals": {"counterfactual": False, "audited": False},
+        "no_conditioning": {"conditioned": False, "audited": False},
         "no_observability": {"least_information": 0.0},
         "no_gate": {"channel_gate": np.inf, "hampel": False},
         "no_rollback": {"rollback": False},
         "no_steps": {"steps": False},
+        "no_slow_errors": {"slow_error": 0.0},
         "no_augmentation": {"augmented": False},
         "no_strata": {"stratified": False},
         "no_refinement": {"refinement": 0},
@@ -110,7 +141,13 @@ class DeepONetKalman(Estimator):
         "update_10_hz": {"update_every": 2},
         "update_5_hz": {"update_every": 4},
     }
-    contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "windows": 64, "copies": 1, "transitions": 3000}
+    contract_settings: ClassVar[dict[str, Any]] = {
+        "iterations": 60,
+        "windows": 64,
+        "copies": 1,
+        "transitions": 3000,
+        "audited": False,
+    }
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train the operator on the training sequences and their re-simulations; residuals come from validation."""
@@ -161,11 +198,13 @@ class DeepONetKalman(Estimator):
         self.restore()
 
     def restore(self) -> None:
-        """Pack the weights and assemble Q.
+        """Pack the weights and assemble Q, if the operator passes its audit.
 
         Sets ``weights``, ``front_end``, ``model`` and ``scaling``, and ``twin``, the last three in one record.
         """
         a = self.arrays
+        if self.config["audited"]:
+            check_audit(a["audit.G_cosine"], a["audit.G_size"])
         self.weights = pack(a)
         self.front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
         Q = np.zeros((SIZE, SIZE))
@@ -188,6 +227,7 @@ class DeepONetKalman(Estimator):
             ZETA_HIGH,
             Settings(*(self.config[name] for name in Settings._fields)),
             Envelope(a["query.low"], a["query.high"]),
+            np.sqrt(np.diag(PRIOR_COV)),
         )
         self.scaling = Scaling(a["query.mean"], a["query.scale"])
         self.twin = twin_record(self.model, self.front_end.fitted, self.scaling, self.config["update_every"])
@@ -196,14 +236,17 @@ class DeepONetKalman(Estimator):
         for name, part in self.front_end.init(1)._asdict().items():
             self._fresh[name] = part
         self._fresh["safety"] = empty_safety(1)
+        self._fresh["safety"]["valid"] = PRIOR_MEAN, self.model.prior_sd
         self._fresh["z"][:, :ZETA] = a["prior.mean"]
+        self._fresh["z"][:, ZETA:NOISE] = PRIOR_MEAN
         P = self._fresh["P"][0]
         P[:ZETA, :ZETA] = a["prior.cov"]
-        P[ZETA:ERROR, ZETA:ERROR] = np.eye(ERROR - ZETA)
+        P[ZETA:NOISE, ZETA:NOISE] = PRIOR_COV
+        P[NOISE:ERROR, NOISE:ERROR] = np.eye(N_OUTPUTS)
         P[ERROR:, ERROR:] = np.diag(first_error_var)
 
     def init(self, batch: int) -> State:
-        """States as anywhere in the training split, a healthy machine."""
+        """States as anywhere in the training split, health as anywhere in the population."""
         memory = np.repeat(self._fresh, batch)
         return report(np.ascontiguousarray(memory["z"]), np.ascontiguousarray(memory["P"]), KEEP, (memory,))
 

@@ -13,8 +13,9 @@ import numpy as np
 from twinbench.data.batch import STATE, Array
 from twinbench.methods.deeponet_kalman.layout import scratch_type
 from twinbench.methods.deeponet_kalman.records import record
-from twinbench.methods.deeponet_kalman.safeguards import N_HEALTH, N_MOVED, N_OUTPUTS, Envelope, Settings
+from twinbench.methods.deeponet_kalman.safeguards import N_HEALTH, N_MOVED, N_OUTPUTS, SAFETY, Envelope, Settings
 from twinbench.methods.operator import N_STATES
+from twinbench.methods.weighing import N_CAUSES
 
 PROBE = N_STATES
 ZETA = PROBE + 1
@@ -39,6 +40,7 @@ class Model(NamedTuple):
         zeta_high: (5,) dimensionless upper bounds.
         settings: of the safeguards.
         envelope: where the operator was trained.
+        prior_sd: (5,) dimensionless sd of health's coordinates before the first reading.
     """
 
     state_mean: Array
@@ -51,6 +53,7 @@ class Model(NamedTuple):
     zeta_high: Array
     settings: Settings
     envelope: Envelope
+    prior_sd: Array
 
 
 MODEL = record({
@@ -59,7 +62,14 @@ MODEL = record({
     "zeta_low": ("f8", (N_HEALTH,)), "zeta_high": ("f8", (N_HEALTH,)),
     "settings": (record(dict.fromkeys(Settings._fields, ("f8", ()))), ()),
     "envelope": (record(dict.fromkeys(Envelope._fields, ("f8", (N_HEALTH,)))), ()),
+    "prior_sd": ("f8", (N_HEALTH,)),
 })  # fmt: skip
+
+RIVALS = record({
+    "left": ("i8", ()), "score": ("f8", (N_CAUSES,)),
+    "z": ("f8", (N_CAUSES, SIZE)), "P": ("f8", (N_CAUSES, SIZE, SIZE)), "safety": (SAFETY, (N_CAUSES,)),
+})  # fmt: skip
+"""Copies of the filter, one for each cause that is weighed: ticks that are left, log scores, and what a filter carries."""
 
 
 def room_type(weights: np.ndarray) -> np.dtype[np.void]:
@@ -81,7 +91,9 @@ def room_type(weights: np.ndarray) -> np.dtype[np.void]:
             "R": ("f8", narrow),
             "S": ("f8", narrow),
             "L": ("f8", narrow),
-            **dict.fromkeys(("innovation", "used", "r", "now", "accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+            **dict.fromkeys(("innovation", "used", "r", "now", "read", "whitened"), ("f8", (N_OUTPUTS,))),
+            **dict.fromkeys(("accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
+            "probability": ("f8", (N_CAUSES,)),
             "column": ("f8", (SIZE,)),
             "rows": ("f8", (N_HEALTH, N_OUTPUTS)),
             "push": ("f8", (N_HEALTH,)),

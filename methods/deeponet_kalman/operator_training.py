@@ -237,7 +237,7 @@ def _along_the_recordings(
 
 @dataclass(frozen=True)
 class Audit:
-    """Is the operator fit to be a filter's model? Each checkpoint is asked before it is used.
+    """Is the operator fit to be a filter's model? ``method.check_audit`` asks each checkpoint before it is used.
 
     Attributes:
         residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation recordings themselves,
@@ -258,11 +258,6 @@ class Audit:
     G_cosine: Array
     G_size: Array
     F_cosine: Array
-
-    @property
-    def passed(self) -> bool:
-        """The checkpoint rule: signs right and sizes within a third, for every health parameter."""
-        return bool((self.G_cosine > 0.9).all() and (np.abs(np.log(self.G_size)) < np.log(1.5)).all())
 
 
 def audit(

@@ -10,7 +10,8 @@ import numpy as np
 import torch
 
 from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, STATE, Array
-from twinbench.methods.deeponet_kalman.augmented import LATE, SHIFTS, SLOW, WANDERING
+from twinbench.methods.deeponet_kalman.augmented import SHIFTS, SLOW
+from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, moved, note_way, stepped, suppose
 from twinbench.methods.deeponet_kalman.cycle import KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
@@ -18,6 +19,7 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
     INFLATION_UPDATES,
+    KNOWN,
     LEAST_VARIANCE,
     N_HEALTH,
     N_OUTPUTS,
@@ -28,7 +30,6 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     bound_health,
     carry_sensitivity,
     distance,
-    empty_safety,
     gather,
     informed,
     left_out,
@@ -40,8 +41,8 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     walk_factor,
     watch,
 )
-from twinbench.methods.deeponet_kalman.steps import follow_steps, free_to_return, note_way
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT
+from twinbench.methods.deeponet_kalman.tick import LATE, WANDERING
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import (
     FLAG_FROZEN,
@@ -60,6 +61,7 @@ from twinbench.methods.operator import N_STATES, N_ZETA, SLOW_TAU_S, Operator
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import report
 from twinbench.methods.training import load_weights
+from twinbench.methods.weighing import BACK, LOG_PRIOR, N_CAUSES, log_likelihood
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import ZETA_SCALE, theta_and_slope
 
@@ -84,7 +86,9 @@ class PlainTwin:
         fresh = twin.init(1).memory[0]
         self.z, self.P = fresh["z"][0].copy(), fresh["P"][0].copy()
         self.memory = Memory(*(part[0] for part in self.front_end.init(1)))
-        self.safety = empty_safety(1)[0]
+        self.safety = fresh["safety"][0].copy()
+        self.rivals: list[tuple[Array, Array, np.void]] = []  # z, P and safety of each cause that is weighed
+        self.score, self.left = LOG_PRIOR.copy(), 0
         self.ticks = 0
         self.mask = np.zeros(N_CHANNELS)  # of the last sample, which the window takes in when the next one is there
 
@@ -151,20 +155,76 @@ class PlainTwin:
         when = np.where(lag > LATE, 1.0 - lag, 1.0)
         outputs = np.where(when >= 0.0, outputs, np.nan)  # older than the last tick
         for to in sorted({*when[~np.isnan(outputs)], 1.0}):
-            if self.ticks > 0 and to > at:
-                self._predict(away, to - at)
-            now = np.where(when == to, outputs, np.nan)
-            own, used, own_S, own_nis = self._correct(now)
+            part = to - at if self.ticks > 0 else 0.0
+            own, used, own_S, own_nis = self._piece(np.where(when == to, outputs, np.nan), away, part)
             there = ~np.isnan(own)
             told = there if to < 1.0 else there | np.isnan(innovation)
             S = np.where(np.outer(there, there) | (np.outer(told, told) & (to == 1.0)), own_S, S)
             innovation, accepted = np.where(there, own, innovation), np.where(there, ~np.isnan(used), accepted)
             nis = np.nansum([nis, own_nis]) if np.isfinite([nis, own_nis]).any() else np.nan
             at = to
+        if self.left > 0:
+            self.left -= 1
+            if self.left == 0:
+                self.z, self.P, self.safety = self.rivals[int(np.argmax(self.score))]
+        safety = self.safety
         gated = (safety["steps"]["out"] > 0) | (~accepted & ~np.isnan(innovation))
-        uninformed = m.settings.least_information > 0.0 and np.trace(safety["observable"]) < N_HEALTH - 0.5
+        uninformed = (np.diag(self.P)[HEALTH] > (KNOWN * m.prior_sd) ** 2).any()
         flags = FLAG_FROZEN * (safety["counts"][FROZEN] > 0) | FLAG_UNINFORMED * uninformed | FLAG_GATED * gated.any()
         return Info(innovation[None], S[None], np.array([nis]), accepted[None], np.array([flags]), np.empty((1, 7)))
+
+    def _piece(self, now: Array, away: float, part: float) -> tuple[Array, Array, Array, float]:
+        """A part of the tick and the readings (3,) at its end, alone or as one rival for each cause."""
+        if self.left == 0:
+            if part > 0.0:
+                self._predict(away, part)
+            seen = self._foresee(now)
+            innovation, H, _, S = seen
+            which = -1
+            if self.model.settings.steps:
+                which = stepped(self.safety["steps"], self.safety["unknown"], innovation, S)
+            if which < 0:
+                return self._correct(now, seen, True)
+            self._begin(which, innovation[which], H[which])
+            part = 0.0
+        shown, unknown = int(np.argmax(self.score)), self.safety["unknown"]
+        told = []
+        for k, rival in enumerate(self.rivals):
+            self.z, self.P, self.safety = rival
+            self.safety["unknown"] = unknown
+            if part > 0.0:
+                self._predict(away, part)
+            innovation, H, R, S = seen = self._foresee(now)
+            if unknown == 0:
+                out = self.safety["steps"]["out"]
+                self.score[k] += log_likelihood(innovation, S, out, np.empty((3, 3)), np.empty(3))
+            told.append(self._correct(now, seen, False))
+            self.rivals[k] = self.z, self.P, self.safety
+        self.safety = self.rivals[int(np.argmax(self.score))][2].copy()
+        weight = np.exp(self.score - self.score.max())
+        weight /= weight.sum()
+        self.z = np.sum([w * z for w, (z, _, _) in zip(weight, self.rivals, strict=True)], axis=0)
+        self.P = np.sum(
+            [w * (P + np.outer(z - self.z, z - self.z)) for w, (z, P, _) in zip(weight, self.rivals, strict=True)],
+            axis=0,
+        )
+        return told[shown]
+
+    def _begin(self, which: int, innovation: float, slope: Array) -> None:
+        """A copy of the filter for every cause why output ``which`` stepped."""
+        settings = self.model.settings
+        self.left = max(round(settings.weighed_s / SAMPLE_PERIOD_S), 1)
+        self.score, self.rivals = LOG_PRIOR.copy(), []
+        for k in range(N_CAUSES):
+            z, P, safety = self.z.copy(), self.P.copy(), self.safety.copy()
+            if k == BACK and not moved(safety["steps"]["way"], safety["counts"][UPDATES], z, P, ZETA):
+                self.score[k] = -np.inf
+            safety["counts"][[OUTSIDE, FROZEN, INFLATING]] = 0
+            suppose(k, safety["steps"], safety["counts"][UPDATES], z, P, ZETA, settings.leap)
+            if k == BACK:
+                P[SHIFTS[which], SHIFTS[which]] += (innovation / slope[SHIFTS[which]]) ** 2
+                z[[GAS, PROBE]] += theta_and_slope(self.z[HEALTH])[0][-1] - theta_and_slope(z[HEALTH])[0][-1]
+            self.rivals.append((z, P, safety))
 
     def _predict(self, away: float, part: float) -> None:
         """Eqs. (6) and (7) over a part of the tick."""
@@ -222,27 +282,30 @@ class PlainTwin:
         K[:, there] = np.linalg.solve(own, H[there] @ self.P).T
         return K, S, float(innovation[there] @ np.linalg.solve(own, innovation[there]))
 
-    def _correct(self, measured: Array) -> tuple[Array, Array, Array, float]:
-        """Eqs. (8)-(14) with readings (3,): innovation, that of the channels used, S, NIS."""
-        m, safety, counts = self.model, self.safety, self.safety["counts"]
-        settings = m.settings
+    def _foresee(self, measured: Array) -> tuple[Array, Array, Array, Array]:
+        """Innovation (3,), H (3, 19), R (3, 3) and S (3, 3) of readings (3,), before anything is judged."""
+        counts, settings = self.safety["counts"], self.model.settings
         if counts[INFLATING] > 0:
             if counts[INFLATING] == INFLATION_UPDATES:
-                free_to_return(safety["steps"]["way"], self.z, self.P, ZETA)
+                free_to_return(self.safety["steps"]["way"], self.z, self.P, ZETA)
             counts[INFLATING] -= 1
             scale_health(self.P, ZETA, np.full(N_HEALTH, settings.inflation ** (1.0 / INFLATION_UPDATES)))
         innovation, H, R = self._observe(measured)
+        return innovation, H, R, H @ self.P @ H.T + R
+
+    def _correct(
+        self, measured: Array, seen: tuple[Array, Array, Array, Array], alone: bool
+    ) -> tuple[Array, Array, Array, float]:
+        """Eqs. (9)-(14) with readings (3,) and what ``_foresee`` says of them: innovation, that used, S, NIS."""
+        m, safety, counts = self.model, self.safety, self.safety["counts"]
+        settings = m.settings
+        innovation, H, R, S = seen
+        let_in(safety["steps"], innovation, S, H, np.array(SHIFTS), self.P)
+        measured = np.where(safety["steps"]["out"] > 0, np.nan, measured)
+        innovation = np.where(safety["steps"]["out"] > 0, np.nan, innovation)
         K, S, nis = self._gain(innovation, H, R)
-        bias_K = theta_and_slope(self.z[HEALTH])[0][-1]
-        if settings.steps and follow_steps(
-            safety, counts[UPDATES], innovation, S, H, np.array(SHIFTS), self.z, self.P, ZETA
-        ):
-            self.z[[GAS, PROBE]] += bias_K - theta_and_slope(self.z[HEALTH])[0][-1]
-            measured = np.where(safety["steps"]["out"] > 0, np.nan, measured)
-            innovation, H, R = self._observe(measured)
-            K, S, nis = self._gain(innovation, H, R)
         present = int((~np.isnan(innovation)).sum())
-        if settings.rollback and safety["unknown"] == 0 and watch(counts, nis, present):
+        if alone and settings.rollback and safety["unknown"] == 0 and watch(counts, nis, present):
             self.z[HEALTH] = safety["valid"][0]
             scale_health(self.P, ZETA, safety["valid"][1] / np.sqrt(np.diag(self.P)[HEALTH]))
             innovation, H, R = self._observe(measured)

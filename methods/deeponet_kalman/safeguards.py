@@ -9,7 +9,7 @@
 - *Gates*: a channel that is far off is left out for a few updates. If the innovation as a whole stays
   outside its chi-square gate, health returns to the last valid posterior and is frozen while the
   operator goes on predicting; afterwards its covariance is inflated, smoothly, over eight updates.
-  What a step of one channel means is in ``steps``.
+  What a step of the readings means is in ``causes``.
 
 Each is a small function on arrays, which ``augmented`` calls in its tick; what it needs room for, it is given. Their
 memory is ``SAFETY``.
@@ -24,7 +24,7 @@ from numba import njit
 
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 from twinbench.methods.deeponet_kalman.records import record
-from twinbench.methods.deeponet_kalman.steps import STEPS
+from twinbench.methods.deeponet_kalman.causes import STEPS
 from twinbench.physics.health import HEALTHY, SPAN, to_zeta
 
 N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3
@@ -44,6 +44,8 @@ MOST_SENSITIVE = 1e4
 """Bound on what a state moves by for one unit of health, in its own unit; real ones stay below a hundred."""
 LEAST_VARIANCE = 1e-12
 """Of a reading."""
+KNOWN = 0.9
+"""Share of its first sd below which a health parameter is known. More of it calls parameters known sooner."""
 WIDEST = (0.5 * to_zeta(HEALTHY + np.array([-1.0, -1.0, 1.0, -1.0, 1.0]) * SPAN)) ** 2
 """Variance of a health coordinate of which nothing is known: two sd reach the end of a machine's life."""
 REFRESH = 20
@@ -68,7 +70,9 @@ class Settings(NamedTuple):
     r_most: float
     channel_gate: float  # sd beyond which a channel is left out at first [inf]
     rollback: bool  # freeze, roll back, inflate
-    steps: bool  # leave out channels that step, let health return
+    steps: bool  # weigh what made the readings step
+    leap: float  # sd of a leap of health that is weighed, in its coordinates
+    weighed_s: float  # for which causes of a step are weighed
     inflation: float  # of the health parameters' sd, all eight updates together
     difference: float  # sensitivities by finite differences of this step instead of derivatives [0]
 

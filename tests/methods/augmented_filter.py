@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from twinbench.methods.deeponet_kalman.augmented import correct, tick
+from twinbench.methods.deeponet_kalman.augmented import correct, foresee
 from twinbench.methods.deeponet_kalman.cycle import SAID, Scaling, memory_type, scratch, twin_record
 from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, ZETA, room_type
 from twinbench.methods.deeponet_kalman.safeguards import Settings, empty_safety
+from twinbench.methods.deeponet_kalman.tick import tick
 from twinbench.methods.frontend import Fitted
 from twinbench.physics.compressor import M_REF_KG_S
 from twinbench.physics.health import theta_and_slope
 
 OFF = Settings(
     trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
-    channel_gate=np.inf, rollback=False, steps=False, inflation=1.0, difference=0.0,
+    channel_gate=np.inf, rollback=False, steps=False, leap=3.0, weighed_s=10.0, inflation=1.0, difference=0.0,
 )  # fmt: skip
 """No safeguard at all: the plain augmented filter."""
 WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
@@ -24,7 +25,8 @@ def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None
     """z, P, innovation, the same of what was used, S and NIS after a correction; ``safety`` (1,) moves on."""
     weights, own, *_ = problem
     z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
-    nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, room[0])
+    foresee(model or own, safety[0], z, P, measured, white, coloured, room[0])
+    nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, True, room[0])
     return z, P, *(room[name][0] for name in ("innovation", "used", "S")), nis
 
 

@@ -31,6 +31,7 @@ def problem():
         zeta_high=np.full(5, 10.0),
         settings=OFF,
         envelope=Envelope(np.full(5, -3.0), np.full(5, 3.0)),
+        prior_sd=np.ones(5),
     )
     z = np.concatenate([model.state_mean, [435.0], rng.normal(size=SIZE - 6) * 0.1])
     B = rng.normal(size=(SIZE, SIZE))

@@ -7,6 +7,7 @@ import pytest
 import torch
 from helpers.compressor_recordings import small_batch
 
+from twinbench.common.errors import BadInput
 from twinbench.data.batch import CHANNELS, HEALTH, Batch
 from twinbench.methods.deeponet_kalman.augmentation import (
     DROPOUT,
@@ -17,6 +18,7 @@ from twinbench.methods.deeponet_kalman.augmentation import (
     TEMPERATURE,
     augmented,
 )
+from twinbench.methods.deeponet_kalman.method import check_audit
 from twinbench.methods.deeponet_kalman.operator_training import Recipe, Scales, audit, feasibility, fit_operator
 from twinbench.methods.deeponet_kalman.windows import WindowSource
 from twinbench.methods.frontend import FrontEnd
@@ -56,7 +58,7 @@ def counterfactual(train, validation):
 def test_counterfactuals_give_true_sensitivities(counterfactual):
     _, checked = counterfactual
     assert (checked.G_cosine > 0.9).all()
-    assert checked.passed
+    check_audit(checked.G_cosine, checked.G_size)
 
 
 def test_windows_of_transients_are_drawn_more_often_than_there_are(train):
@@ -90,7 +92,8 @@ def test_what_the_operator_errs_by_at_first_is_told_from_what_it_errs_by_for_goo
 def test_the_recordings_alone_teach_the_operator_to_ignore_health(train, validation):
     """The identifiability trap, as a negative control."""
     _, checked = trained(train, validation, perturbed=False)
-    assert not checked.passed
+    with pytest.raises(BadInput, match="fails its audit: its sensitivity to capacity"):
+        check_audit(checked.G_cosine, checked.G_size)
 
 
 def test_transitions_are_what_the_plant_does(train):

@@ -1,0 +1,206 @@
+"""One tick of the augmented filter: alone, or as one rival for each cause of a step that is weighed.
+
+While causes are weighed, the machine's own z and P are the rivals' mixture, and its safety is that of the likeliest.
+Steps are not looked for then: the causes are supposed from where the weighing begins, and what comes later is found
+when it is over.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.methods.deeponet_kalman.augmented import SHIFTS, correct, foresee
+from twinbench.methods.deeponet_kalman.causes import moved, stepped, suppose
+from twinbench.methods.deeponet_kalman.forecast import predict
+from twinbench.methods.deeponet_kalman.model import BIAS, GAS, PROBE, ZETA
+from twinbench.methods.deeponet_kalman.safeguards import (
+    FROZEN,
+    INFLATING,
+    KNOWN,
+    N_HEALTH,
+    N_OUTPUTS,
+    OUTSIDE,
+    UPDATES,
+    carry_sensitivity,
+    distance,
+)
+from twinbench.methods.deeponet_kalman.stream import fill
+from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
+from twinbench.methods.operator import N_STATES
+from twinbench.methods.weighing import (
+    BACK,
+    LOG_PRIOR,
+    N_CAUSES,
+    likeliest,
+    log_likelihood,
+    mixture_into,
+    probabilities,
+)
+from twinbench.physics.health import map_one
+
+WANDERING = 3.0
+"""What the states move by in a tick while the query is not known, in training increments."""
+LATE = 0.5
+"""Of a tick: what was read no longer ago than this counts as read at the tick."""
+
+
+@njit(cache=True, error_model="numpy")
+def _next_readings(left, lag, now):  # type: ignore[no-untyped-def]
+    """Move what is read next from ``left`` (3,) to ``now`` (3,). Returns when in the tick; the rest is at 1."""
+    to = 1.0
+    for c in range(N_OUTPUTS):
+        if not np.isnan(left[c]) and LATE < lag[c] <= 1.0:
+            to = min(to, 1.0 - lag[c])
+    for c in range(N_OUTPUTS):
+        due = 1.0 - lag[c] == to if lag[c] > LATE else to == 1.0
+        now[c] = left[c] if due else np.nan
+        if due:
+            left[c] = np.nan
+    return to
+
+
+@njit(cache=True, error_model="numpy")
+def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
+    """Put one of a tick's corrections into its diagnostics; the last one speaks for what is missing, too."""
+    for i in range(N_OUTPUTS):
+        for j in range(N_OUTPUTS):
+            both = not np.isnan(t.innovation[i]) and not np.isnan(t.innovation[j])
+            if both or (last and np.isnan(out.innovation[i]) and np.isnan(out.innovation[j])):
+                out.S[i, j] = t.S[i, j]
+    for c in range(N_OUTPUTS):
+        if not np.isnan(t.innovation[c]):
+            out.innovation[c] = t.innovation[c]
+            out.accepted[c] = not np.isnan(t.used[c])
+    if not np.isnan(nis):
+        out.nis = nis if np.isnan(out.nis) else out.nis + nis
+
+
+@njit(cache=True, error_model="numpy")
+def _go_on(w, model, base, safety, z, P, away, part, t):  # type: ignore[no-untyped-def]
+    """Forecast over a part of the tick, in place. The function takes plain arrays because it is compiled."""
+    predict(w, model, base, z, P, away, safety.push, part, t)
+    if safety.unknown > 0:
+        for i in range(N_STATES):
+            P[i, i] += part * (WANDERING * model.increment[i]) ** 2
+    if model.settings.least_information > 0.0:
+        carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
+
+
+@njit(cache=True, error_model="numpy")
+def _begin(model, m, which, t):  # type: ignore[no-untyped-def]
+    """Output ``which`` stepped: a copy of the filter for every cause, in which it is supposed."""
+    rivals = m.rivals
+    rivals.left = max(round(model.settings.weighed_s / SAMPLE_PERIOD_S), 1)
+    for k in range(N_CAUSES):
+        rivals.score[k] = LOG_PRIOR[k]
+        fill(rivals.z[k], m.z)
+        for i in range(m.z.size):
+            fill(rivals.P[k, i], m.P[i])
+        rivals.safety[k] = m.safety
+        safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
+        if k == BACK and not moved(safety.steps.way, safety.counts[UPDATES], z, P, ZETA):
+            rivals.score[k] = -np.inf  # a way back that leads nowhere would only let the readings' states be anything
+        safety.counts[OUTSIDE] = safety.counts[FROZEN] = safety.counts[INFLATING] = 0
+        suppose(k, safety.steps, safety.counts[UPDATES], z, P, ZETA, model.settings.leap)
+        if k == BACK:
+            entry = SHIFTS[which]
+            P[entry, entry] += (t.innovation[which] / t.H[which, entry]) ** 2
+            for i in (GAS, PROBE):  # what the bias does not explain any more is temperature
+                z[i] += map_one(N_HEALTH - 1, m.z[BIAS])[0] - map_one(N_HEALTH - 1, z[BIAS])[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, last, t):  # type: ignore[no-untyped-def]
+    """All rivals go on over a part of the tick and take its readings in; their mixture is the machine's.
+
+    The function takes plain arrays because it is compiled.
+    """
+    rivals = m.rivals
+    shown = likeliest(rivals.score)
+    for k in range(N_CAUSES):
+        safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
+        safety.unknown = m.safety.unknown
+        if part > 0.0:
+            _go_on(w, model, m.stream.base, safety, z, P, away, part, t)
+        fill(t.read, t.now)
+        foresee(model, safety, z, P, t.read, white_sd, coloured_sd, t)
+        if safety.unknown == 0:
+            rivals.score[k] += log_likelihood(t.innovation, t.S, safety.steps.out, t.L, t.whitened)
+        nis = correct(model, safety, z, P, t.read, white_sd, coloured_sd, clip, False, t)
+        if k == shown:
+            _report(out, nis, t, last)
+    m.safety = rivals.safety[likeliest(rivals.score)]
+    probabilities(rivals.score, t.probability)
+    mixture_into(t.probability, rivals.z, rivals.P, m.z, m.P)
+
+
+@njit(cache=True, error_model="numpy")
+def _decide(m):  # type: ignore[no-untyped-def]
+    """A tick of the weighing is over; after the last one, the likeliest rival goes on alone."""
+    rivals = m.rivals
+    rivals.left -= 1
+    if rivals.left == 0:
+        best = likeliest(rivals.score)
+        fill(m.z, rivals.z[best])
+        for i in range(m.z.size):
+            fill(m.P[i], rivals.P[best, i])
+
+
+@njit(cache=True, error_model="numpy")
+def _flags(model, m, out):  # type: ignore[no-untyped-def]
+    """FLAG_ constants of what the filter did."""
+    flags = FLAG_FROZEN if m.safety.counts[FROZEN] > 0 else 0
+    for i in range(N_HEALTH):
+        if m.P[ZETA + i, ZETA + i] > (KNOWN * model.prior_sd[i]) ** 2:
+            flags |= FLAG_UNINFORMED
+    for c in range(N_OUTPUTS):
+        if m.safety.steps.out[c] > 0 or (not out.accepted[c] and not np.isnan(out.innovation[c])):
+            flags |= FLAG_GATED
+    return flags
+
+
+@njit(cache=True, error_model="numpy")
+def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t):  # type: ignore[no-untyped-def]
+    """Forecast one machine by a tick and correct it by its outputs, in place on ``m``, ``measured`` and ``out``.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        m: the machine's z, P, stream, safety and rivals.
+        query: (5,) standardised, of what the operator has last taken in.
+        measured: (3,) outputs, NaN where missing or rejected.
+        lag: (3,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
+            gets a correction of its own at its time; what is older than the last tick is left out.
+        white_sd: (3,) present sd of the outputs' white noise, in their units.
+        coloured_sd: (3,) present sd of the outputs' coloured noise, in their units.
+        out: innovation (3,), S (3, 3), nis, accepted (3,), flags.
+    """
+    away, at = distance(model.envelope, query), 0.0
+    out.nis = np.nan
+    for i in range(N_OUTPUTS):
+        out.innovation[i], out.accepted[i] = np.nan, False
+        for j in range(N_OUTPUTS):
+            out.S[i, j] = 0.0
+    while at < 1.0:
+        to = _next_readings(measured, lag, t.now)
+        part = to - at if m.stream.ticks[0] > 0 else 0.0
+        if m.rivals.left == 0:
+            if part > 0.0:
+                _go_on(w, model, m.stream.base, m.safety, m.z, m.P, away, part, t)
+                part = 0.0
+            fill(t.read, t.now)
+            foresee(model, m.safety, m.z, m.P, t.read, white_sd, coloured_sd, t)
+            which = stepped(m.safety.steps, m.safety.unknown, t.innovation, t.S) if model.settings.steps else -1
+            if which >= 0:
+                _begin(model, m, which, t)
+            else:
+                nis = correct(model, m.safety, m.z, m.P, t.read, white_sd, coloured_sd, clip, True, t)
+                _report(out, nis, t, to == 1.0)
+        if m.rivals.left > 0:
+            _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, to == 1.0, t)
+        at = to
+    if m.rivals.left > 0:
+        _decide(m)
+    out.flags = _flags(model, m, out)
