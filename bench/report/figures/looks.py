@@ -25,6 +25,9 @@ class Look(NamedTuple):
 _LOOKS = {
     "oracle": Look(INK, "D"),
     "always_prior": Look("#5C5C5C", "*"),
+    "training_mean": Look("#7A7A7A", "1"),
+    "last_value": Look("#7A7A7A", "2"),
+    "true_start_held": Look("#9A9A9A", "3"),
     "nominal_ekf": Look("#E69F00", "s"),
     "nominal_ekf_mended": Look("#5A3CE0", "P"),
     "gru_kf": Look("#56B4E9", "^"),
