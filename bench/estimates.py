@@ -58,7 +58,9 @@ class Estimates:
     def calibrated(self) -> Estimates:
         """The same estimates, with every interval so much wider on either side as ``factors`` says."""
         mean, low, high = (values.astype(np.float64) for values in (self.mean, self.low, self.high))
-        return replace(self, low=mean - self.factors * (mean - low), high=mean + self.factors * (high - mean))
+        with np.errstate(invalid="ignore"):  # an infinite bound stays one, an infinite estimate has no interval
+            low, high = mean - self.factors * (mean - low), mean + self.factors * (high - mean)
+        return replace(self, low=low, high=high)
 
     def save(self, path: Path) -> None:
         """Write one ``.npz``, without pickle."""

@@ -12,7 +12,7 @@ import pandas as pd
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import PRIOR, QUANTITIES, REFERENCE, UNRANKED, is_ablation, label, ordered
 from twinbench.bench.statistics.censored import CENSORED
-from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.scores import DEFINITIONS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH

@@ -47,14 +47,14 @@ HEALTH_DEFINITIONS = {
 """Every metric that ``health_scores`` returns, in one sentence to print under a table."""
 
 
-def health_scores(time_s: Array, estimated: Array, true: Array, since_s: float = COMMISSIONING_S) -> dict[str, Array]:
+def health_scores(time_s: Array, estimated: Array, true: Array, since_s: float | None = None) -> dict[str, Array]:
     """Metrics as in HEALTH_DEFINITIONS, (B,) each; NaN where a recording has none.
 
     Args:
         time_s: (M,) seconds, the stored ticks.
         estimated: (B, M, 5) in the parameters' units, order HEALTH; NaN where there is no estimate.
         true: (B, M, 5) likewise.
-        since_s: the end of commissioning.
+        since_s: the end of commissioning; that of the population if left out.
     """
     ranked = time_s >= ranked_from(time_s, since_s)
     life = 100.0 * np.abs(estimated - true) / SPAN

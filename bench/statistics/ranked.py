@@ -10,21 +10,17 @@ from dataclasses import replace
 
 from twinbench.bench.estimates import Estimates
 from twinbench.data.batch import Array
-from twinbench.data.population import COMMISSIONING_S
-
-LEAST_RANKED_S = 60.0
-"""Of a recording that ends sooner after commissioning all is ranked, so that short ones have scores, too. The
-benchmark's are 20 minutes longer; anything from a few seconds to that ranks the same of them."""
+from twinbench.data.population import commissioning_s
 
 
-def ranked_from(time_s: Array, since_s: float = COMMISSIONING_S) -> float:
+def ranked_from(time_s: Array, since_s: float | None = None) -> float:
     """The time, seconds, from which on a recording is ranked.
 
     Args:
-        time_s: (M,) seconds, the stored ticks.
-        since_s: the end of commissioning.
+        time_s: (M,) seconds, the stored ticks, from 0 on.
+        since_s: the end of commissioning; that of the population if left out.
     """
-    return since_s if time_s[-1] >= since_s + LEAST_RANKED_S else float(time_s[0])
+    return commissioning_s(float(time_s[-1])) if since_s is None else since_s
 
 
 def cut_to(estimates: Estimates, first_s: float) -> Estimates:

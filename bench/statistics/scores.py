@@ -16,7 +16,6 @@ from twinbench.bench.statistics.health import HEALTH_DEFINITIONS, health_scores,
 from twinbench.bench.statistics.ranked import cut_to, ranked_from
 from twinbench.bench.statistics.tracking import LONGEST_DELAY_S, RECOVERED, change_scores
 from twinbench.data.batch import ESTIMATED, STATES, Array, Batch, Truth
-from twinbench.data.population import COMMISSIONING_S
 
 ZERO_C_IN_K = 273.15
 LEADS_S = (1, 10, 60)
@@ -84,12 +83,12 @@ IDEAL = {
 """What a calibration metric should be. Of every other metric less is better."""
 
 
-def score(estimates: Estimates, truth: Batch, since_s: float = COMMISSIONING_S) -> pd.DataFrame:
+def score(estimates: Estimates, truth: Batch, since_s: float | None = None) -> pd.DataFrame:
     """All metrics of one cell.
 
     Args:
         truth: recordings that hold the estimates' sequences and times, with their truth.
-        since_s: the end of commissioning: what comes before is in no score but its own.
+        since_s: the end of commissioning, before which nothing is ranked; that of the population if left out.
 
     Returns:
         Columns ``sequence, metric, value``, metrics as in METRICS and, for each change of health, its times; NaN

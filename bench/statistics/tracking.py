@@ -82,7 +82,7 @@ def health_changes(time_s: Array, health: Array) -> list[HealthChange]:
             size = abs(float(health[last, i] - health[first, i]))
             if size > MOVED_SHARE * span:
                 own.append(HealthChange(i, float(time_s[first + 1]), float(time_s[last]), size))
-        ends = [change.start_s for change in own[1:]] + [np.inf]
+        ends = [*(change.start_s for change in own[1:]), np.inf][: len(own)]
         found += [change._replace(until_s=end) for change, end in zip(own, ends, strict=True)]
     return found
 
