@@ -60,7 +60,7 @@ class Estimates:
         mean, low, high = (values.astype(np.float64) for values in (self.mean, self.low, self.high))
         with np.errstate(invalid="ignore"):  # an infinite bound stays one, an infinite estimate has no interval
             low, high = mean - self.factors * (mean - low), mean + self.factors * (high - mean)
-        return replace(self, low=low, high=high)
+        return replace(self, low=low.astype(np.float32), high=high.astype(np.float32))
 
     def save(self, path: Path) -> None:
         """Write one ``.npz``, without pickle."""

@@ -82,11 +82,12 @@ MARKS = (
 REFERENCES = f"{label(REFERENCE)} and {label(PRIOR)} are shown to compare with; they are not ranked and not marked."
 CENSORING = (
     "Delay and recovery: Kaplan-Meier median over the changes of health in all runs, and after how many of them it was "
-    "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one another count once."
+    "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one "
+    "another count once."
 )
 RANK = (
-    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by the mean of the "
-    "three 60 s errors."
+    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by the "
+    "mean of the three 60 s errors."
 )
 LATENCY = (
     "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "

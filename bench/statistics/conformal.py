@@ -63,7 +63,7 @@ def stretch(misses: Array, level: float = INTERVAL_LEVEL) -> float:
     shares = np.stack([np.searchsorted(np.sort(own), FACTORS, side="right") for own in misses]) / misses.shape[1]
     n = len(shares)
     together = shares.mean(axis=0)
-    if n == 1:
+    if n == 1 or together[-1] <= level:
         return _reaching(together, level)
     others = (n * together - shares) / (n - 1)
 
@@ -71,18 +71,14 @@ def stretch(misses: Array, level: float = INTERVAL_LEVEL) -> float:
         found = [np.interp(_reaching(row, raised), FACTORS, own) for row, own in zip(others, shares, strict=True)]
         return float(np.mean(found)) - level
 
-    most = float(min(together[-1], others[:, -1].min()))
-    low, high = min(level, most), most
-    if left_out(low) >= 0.0 or left_out(high) <= 0.0:
-        return _reaching(together, low if left_out(low) >= 0.0 else high)
-    return _reaching(together, float(brentq(left_out, low, high, xtol=1e-5)))
+    if left_out(level) >= 0.0 or left_out(1.0) <= 0.0:
+        return _reaching(together, level if left_out(level) >= 0.0 else 1.0)
+    return _reaching(together, float(brentq(left_out, level, 1.0, xtol=1e-5)))
 
 
 def _reaching(shares: Array, level: float) -> float:
     """The least factor at which a share of time, ascending over FACTORS, reaches a level; the largest if none does."""
-    return float(np.interp(level, *_strictly(shares)))
-
-
-def _strictly(shares: Array) -> tuple[Array, Array]:
+    if shares[-1] < level:
+        return float(FACTORS[-1])
     first = np.concatenate([[True], np.diff(shares) > 0.0])
-    return shares[first], FACTORS[first]
+    return float(np.interp(level, shares[first], FACTORS[first]))

@@ -24,7 +24,10 @@ _RANGE = "in % of the range that a machine's life moves it over"
 _FOUR = "the mean relative error of capacity, efficiency, leakage and heat transfer"
 HEALTH_DEFINITIONS = {
     "health_life_pct": f"Mean absolute error of a health parameter {_RANGE}, mean of the five.",
-    **{f"{name}_life_pct": f"Mean absolute error of {name}, {_RANGE}, {span:g}." for name, span in zip(HEALTH, SPAN)},
+    **{
+        f"{name}_life_pct": f"Mean absolute error of {name}, {_RANGE}, {span:g}."
+        for name, span in zip(HEALTH, SPAN, strict=True)
+    },
     "health_moving_pct": f"Mean absolute error {_RANGE}, of the parameters that change in that recording.",
     "health_still_pct": f"Mean absolute error {_RANGE}, of the parameters that do not change in that recording.",
     "health_after_sudden_pct": "The same as the error of all five, in recordings in which capacity, efficiency, "

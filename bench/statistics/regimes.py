@@ -79,7 +79,7 @@ def regimes(time_s: Array, truth: Truth, changes: Changes) -> dict[str, np.ndarr
 def _since_moved(time_s: Array, inputs: Array) -> Array:
     """(B, M) seconds since speed or valve last moved; inf where they have not."""
     held = inputs[..., [INPUTS.index("N_rpm"), INPUTS.index("valve")]]
-    moves = (np.abs(np.diff(held, axis=1)) > HELD * np.abs(held[:, 1:])).any(axis=-1)
-    moves = np.concatenate([np.zeros((len(moves), 1), dtype=bool), moves], axis=1)
+    moves = np.zeros(held.shape[:2], dtype=bool)
+    moves[:, 1:] = (np.abs(np.diff(held, axis=1)) > HELD * np.abs(held[:, 1:])).any(axis=-1)
     last_s = np.maximum.accumulate(np.where(moves, time_s, -np.inf), axis=1)
     return time_s - last_s

@@ -24,7 +24,7 @@ COLUMNS = ["estimator", "seed", "sequence", "metric", "value"]
 
 
 def rows(times: dict[str, list[list[float]]], kind="recovery", limit_s=100.0) -> pd.DataFrame:
-    """Times after one change of capacity: per estimator and seed a list over sequences; errors besides, which differ."""
+    """Times after one change of capacity: per estimator and seed a list over sequences; errors besides."""
     found = []
     for e, (estimator, seeds) in enumerate(times.items()):
         for seed, values in enumerate(seeds):
