@@ -86,8 +86,8 @@ CENSORING = (
     "another count once."
 )
 RANK = (
-    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by the "
-    "mean of the three 60 s errors."
+    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by "
+    "the mean of the three 60 s errors."
 )
 LATENCY = (
     "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "

@@ -92,8 +92,8 @@ def _wide(rows: pd.DataFrame) -> pd.DataFrame:
     """By estimator, regime and sequence, seeds averaged: ``ticks``, and both of SHARES of each quantity and of all."""
     cell = ["estimator", "regime", "sequence"]
     wide = rows.pivot(index=[*cell, "seed", "ticks"], columns="quantity", values=list(SHARES))
-    of_all = {(share, "mean"): wide.xs(share, axis=1).mean(axis=1, skipna=False) for share in SHARES}
-    wide = pd.concat([wide, pd.DataFrame(of_all)], axis=1).reset_index("ticks")
+    of_all = {(share, "mean"): wide.xs(share, axis=1).to_numpy(dtype=float).mean(axis=1) for share in SHARES}
+    wide = pd.concat([wide, pd.DataFrame(of_all, index=wide.index)], axis=1).reset_index("ticks")
     return wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
 
 
