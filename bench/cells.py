@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from twinbench.bench import calibrate
 from twinbench.bench.estimates import Estimates
-from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Profile
 from twinbench.bench.registry import find, one_line
 from twinbench.bench.roster import is_ablation
@@ -72,7 +72,7 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
         data=data,
     )
     evaluation = asdict(profile.evaluation)
-    code = code_version("twinbench.bench.evaluate")
+    code = code_version("twinbench.bench.calibrate")
     estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code)
     return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
@@ -108,11 +108,12 @@ def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
 
 def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
-    """Run a trained estimator over the test split unless that is done."""
+    """Run a trained estimator over the test and the validation split unless that is done."""
 
     def run() -> Estimates:
-        test = load_split(store, cell.data).test.without_truth()
-        return evaluate(load_fit(store, cell), test, profile.evaluation, cell.seed)
+        split = load_split(store, cell.data)
+        test = split.test.without_truth()
+        return calibrate.run(load_fit(store, cell), test, split.validation, profile.evaluation, cell.seed)
 
     return attempt(store, "estimate", cell, cell.estimates, lambda: run().save)
 

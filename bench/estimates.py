@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,8 @@ class Estimates:
             loop.
         mean_at_origin: (B, O, 10) float64, in the quantities' units, order ESTIMATED.
         cov_at_origin: (B, O, 10, 10) float64, in those units squared.
+        factors: (10,) dimensionless: how much wider each quantity's intervals must be, by the validation recordings, to
+            hold what they promise; NaN where nobody has asked.
     """
 
     estimator: str
@@ -51,6 +53,14 @@ class Estimates:
     forecast: NDArray[np.float64]
     mean_at_origin: NDArray[np.float64]
     cov_at_origin: NDArray[np.float64]
+    factors: NDArray[np.float64] = field(default_factory=lambda: np.full(len(ESTIMATED), np.nan))
+
+    def calibrated(self) -> Estimates:
+        """The same estimates, with every interval so much wider on either side as ``factors`` says."""
+        mean, low, high = (values.astype(np.float64) for values in (self.mean, self.low, self.high))
+        with np.errstate(invalid="ignore"):  # an infinite bound stays one, an infinite estimate has no interval
+            low, high = mean - self.factors * (mean - low), mean + self.factors * (high - mean)
+        return replace(self, low=low.astype(np.float32), high=high.astype(np.float32))
 
     def save(self, path: Path) -> None:
         """Write one ``.npz``, without pickle."""
@@ -88,6 +98,7 @@ class Estimates:
             "forecast": (*origins, len(self.leads_s), len(OUTPUTS)),
             "mean_at_origin": (*origins, n),
             "cov_at_origin": (*origins, n, n),
+            "factors": (n,),
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:

@@ -31,7 +31,8 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     B, N = batch.measured.shape[:2]
     stored = np.arange(0, N, evaluation.stride)
     leads = np.round(np.array(evaluation.leads_s) / SAMPLE_PERIOD_S).astype(int)
-    origins = _origins(N, round(evaluation.origin_every_s / SAMPLE_PERIOD_S), int(leads.max()))
+    every = round(min(evaluation.origin_every_s / SAMPLE_PERIOD_S, N))
+    origins = _origins(N, every, int(leads.max()))
     inputs = fill_gaps(batch.measured[..., : len(INPUTS)])
     mean, low, high = (np.empty((B, len(stored), len(ESTIMATED)), np.float32) for _ in range(3))
     nis, dof = np.empty((B, len(stored)), np.float32), np.empty((B, len(stored)), np.int8)

@@ -20,7 +20,7 @@ from twinbench.bench.registry import find
 from twinbench.bench.robustness import Trial
 from twinbench.bench.roster import is_ablation, ordered
 from twinbench.bench.scenes import Take
-from twinbench.bench.statistics.scores import DEFINITIONS
+from twinbench.bench.statistics.scores import METRICS
 from twinbench.common.store import Store, write_csv, write_text
 from twinbench.common.versions import code_version, provenance
 
@@ -76,7 +76,7 @@ def write_scores(
 ) -> None:
     """``scores.csv`` in a fixed order; cells that have no estimates as NaN."""
     scored = {(e, seed) for table in tables for e, seed in table[["estimator", "seed"]].to_numpy()[:1].tolist()}
-    nothing = [(s, m, np.nan) for s in names for m in DEFINITIONS]
+    nothing = [(s, m, np.nan) for s in names for m in METRICS]
     for outcome in failed:
         if (outcome.cell.estimator, outcome.cell.seed) not in scored:
             frame = pd.DataFrame(nothing, columns=["sequence", "metric", "value"])

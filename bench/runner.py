@@ -25,8 +25,9 @@ from twinbench.bench.registry import discover, find
 from twinbench.bench.report.table_formats import Table
 from twinbench.bench.report.words import names_of
 from twinbench.bench.report.write import write_report
-from twinbench.bench.roster import ABLATION, is_ablation, label, ordered
+from twinbench.bench.roster import ABLATION, TRUE_START, is_ablation, label, ordered
 from twinbench.bench.settings import check_settings
+from twinbench.bench.statistics.health import true_start_held
 from twinbench.bench.statistics.scores import score
 from twinbench.common.errors import BadInput
 from twinbench.common.filespec import join_spec, split_spec
@@ -152,6 +153,8 @@ def _chain(stages: _Stages, store: Store, profile: Profile, todo: list[Cell], ha
     failed += _failures(stages.over("estimate", cells.estimate, store, profile, runs), ready, ESTIMATES)
     good = _without(ready, failed)
     tables = stages.over("score", _score, store, good)
+    if good:
+        tables.append(_true_start(store, good[0]))
     takes = scenes.takes(good, profile) if profile.scenes else []
     if takes:
         stages.over("simulate scenes", scenes.ensure_recordings, store, profile, [takes[0].recordings])
@@ -261,6 +264,13 @@ def _without(todo: list[Cell], failed: list[Outcome]) -> list[Cell]:
 def _score(store: Store, cell: Cell) -> pd.DataFrame:
     table = score(cells.load_estimates(store, cell), cells.load_split(store, cell.data).test)
     return table.assign(estimator=cell.estimator, seed=cell.seed)
+
+
+def _true_start(store: Store, cell: Cell) -> pd.DataFrame:
+    """The row that cannot be had, at the ticks of a cell's estimates; all seeds would have the same."""
+    time_s = cells.load_estimates(store, cell).time_s
+    table = true_start_held(cells.load_split(store, cell.data).test, time_s)
+    return table.assign(estimator=TRUE_START, seed=cell.seed)
 
 
 def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path, before: Earlier) -> None:

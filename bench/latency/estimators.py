@@ -11,7 +11,7 @@ from twinbench.bench import cells
 from twinbench.bench.cells import Cell, Outcome
 from twinbench.bench.latency.timing import Name, Timed, back_to_back, percentiles
 from twinbench.bench.registry import find, one_line
-from twinbench.bench.roster import PRIOR
+from twinbench.bench.roster import TRIVIAL
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, key_of, write_csv
 from twinbench.common.threads import pin_torch
@@ -60,7 +60,7 @@ def samples(readings: Array) -> list[Sample]:
 
 
 def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name, tuple[Timed, Stepped]], list[Outcome]]:
-    """Warm runners of every implementation, and who fails before it is warm; the prior does nothing worth timing.
+    """Warm runners of every implementation, and who fails before it is warm; the trivial rows do nothing worth timing.
 
     Args:
         readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
@@ -68,7 +68,7 @@ def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name,
     ready: dict[Name, tuple[Timed, Stepped]] = {}
     failed = []
     ticks = samples(readings)
-    for cell in (c for c in todo if c.estimator != PRIOR):
+    for cell in (c for c in todo if c.estimator not in TRIVIAL):
         kind = find(cell.spec)
         for implementation in () if kind.two_sided else kind.implementations:
             try:

@@ -15,7 +15,8 @@ from twinbench.bench.report.table_formats import Cell, Column, Table, number
 from twinbench.bench.report.tables import quickest
 from twinbench.bench.roster import ABLATION, PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.coverage import nis_median_ratio
-from twinbench.bench.statistics.scores import STATE_ERRORS, TERMINAL_S
+from twinbench.bench.statistics.health import TERMINAL_S
+from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import PARAMETERS, Summary
 from twinbench.bench.statistics.tracking import effective_delay, health_change, recovery_time
 from twinbench.data.batch import ESTIMATED, HEALTH, STATES

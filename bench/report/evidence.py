@@ -14,6 +14,7 @@ from twinbench.bench.roster import PROPOSED
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table
 from twinbench.bench.statistics.scores import parameter_error_series
+from twinbench.bench.statistics.strata import select
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
 from twinbench.data.scenes import ONSET_S
@@ -97,8 +98,9 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
     coverage, errors = [], dict[str, list[Array]]()
     flow = np.empty((2, 0))
     for cell in cells:
-        coverage.append(coverage_by_regime(cell, truth).assign(estimator=cell.estimator, seed=cell.seed))
-        errors.setdefault(cell.estimator, []).append(parameter_error_series(cell, truth).ravel())
+        ranked = select(cell, "worn")
+        coverage.append(coverage_by_regime(ranked, truth).assign(estimator=cell.estimator, seed=cell.seed))
+        errors.setdefault(cell.estimator, []).append(parameter_error_series(ranked, truth).ravel())
         if cell.estimator == PROPOSED and not flow.size:
             flow = _flow(cell, truth)
         _add_tracks(examples, cell, truth, set(wanted.values()))

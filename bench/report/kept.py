@@ -8,13 +8,13 @@ import pandas as pd
 
 from twinbench.bench.report.claims import Claim
 from twinbench.bench.report.evidence import Evidence
-from twinbench.bench.roster import PROPOSED, REFERENCE
+from twinbench.bench.roster import PROPOSED, REFERENCE, TRUE_START
 from twinbench.bench.statistics.summary import Summary
 
 
 def lacking(summary: Summary, evidence: Evidence) -> list[str]:
     """The estimators that did not fail and whose estimates are not in the store."""
-    return [e for e in summary.estimators if e not in evidence.errors and e not in summary.failures]
+    return [e for e in summary.estimators if e not in (*evidence.errors, *summary.failures, TRUE_START)]
 
 
 def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) -> pd.DataFrame:

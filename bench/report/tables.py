@@ -12,9 +12,9 @@ import pandas as pd
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import PRIOR, QUANTITIES, REFERENCE, UNRANKED, is_ablation, label, ordered
 from twinbench.bench.statistics.censored import CENSORED
-from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.scores import DEFINITIONS
-from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary, Value
+from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH
 
 
@@ -81,12 +81,13 @@ MARKS = (
 )
 REFERENCES = f"{label(REFERENCE)} and {label(PRIOR)} are shown to compare with; they are not ranked and not marked."
 CENSORING = (
-    "Delay and recovery: Kaplan-Meier median over the runs, and in how many of them it was seen at all. A run in which "
-    "it was not counts as one that takes longer than was watched. Seeds that repeat one another count once."
+    "Delay and recovery: Kaplan-Meier median over the changes of health in all runs, and after how many of them it was "
+    "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one "
+    "another count once."
 )
 RANK = (
-    "Rank: mean over the sequences, 1 is best, the reference rows left out; by parameter error, and by the mean of the "
-    "three 60 s errors."
+    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by "
+    "the mean of the three 60 s errors."
 )
 LATENCY = (
     "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "
@@ -134,7 +135,7 @@ def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
     """Mean ranks, and what an update takes; nothing is marked: ranks have a figure, times are of one machine."""
     ranks = {q: dict(zip(r.estimators, map(float, r.mean_ranks), strict=True)) for q, r in summary.rankings.items()}
     columns = {
-        "mean_rank_parameters": (Column("health", "mean rank"), ranks.get(PARAMETERS, {})),
+        "mean_rank_parameters": (Column("health", "mean rank"), ranks.get(LIFE, {})),
         "mean_rank_forecast": (Column("60 s ahead", "mean rank"), ranks.get(FORECAST, {})),
         "latency_p50_us": (Column("median, µs", "one update"), quickest(latency, "p50_us")),
         "memory_kB": (Column("kB", "memory"), quickest(latency, "memory_kB")),

@@ -6,15 +6,15 @@ import math
 
 from twinbench.bench.report.table_formats import number, span
 from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, label
+from twinbench.bench.statistics.apart import FAMILY_LEVEL
 from twinbench.bench.statistics.bootstrap import differences
-from twinbench.bench.statistics.marks import FAMILY_LEVEL
 from twinbench.bench.statistics.ranks import Ranking
 from twinbench.bench.statistics.scores import IDEAL
-from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary
+from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
 
-WHERE = {PARAMETERS: "in health", FORECAST: "in the forecast"}
-BEST = {PARAMETERS: "knows the machine's health best", FORECAST: "foretells the next minute best"}
-ERROR = {PARAMETERS: "mean parameter error", FORECAST: "60 s forecast error"}
+WHERE = {LIFE: "in health", FORECAST: "in the forecast"}
+BEST = {LIFE: "knows the machine's health best", FORECAST: "foretells the next minute best"}
+ERROR = {LIFE: "error of health in % of life", FORECAST: "60 s forecast error"}
 COUNT = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
@@ -25,7 +25,7 @@ def headline(summary: Summary) -> str:
     alike = {q: _alike(summary, q) for q in BEST}
     leader = {q: _by_mean(summary, q)[0] for q in BEST}
     if len(set(leader.values())) == 1 and not any(alike.values()):
-        return f"{label(leader[PARAMETERS])} keeps the twin truest"
+        return f"{label(leader[LIFE])} keeps the twin truest"
     first, then = BEST
     if leader[first] == leader[then] and all(alike.values()):
         return (
@@ -111,8 +111,8 @@ def _more(gap: float) -> str:
 
 def _against_prior(summary: Summary) -> list[str]:
     """Who has learnt something of the machine's health from its sensors, by the paired interval."""
-    scores = summary.by_sequence.get(PARAMETERS)
-    if scores is None or PRIOR not in scores.estimators or not math.isfinite(summary.value(PRIOR, PARAMETERS).mean):
+    scores = summary.by_sequence.get(LIFE)
+    if scores is None or PRIOR not in scores.estimators or not math.isfinite(summary.value(PRIOR, LIFE).mean):
         return []
     rows = differences(scores, PRIOR).set_index("estimator")
     rows = rows[rows["low"].notna()]
@@ -121,7 +121,7 @@ def _against_prior(summary: Summary) -> list[str]:
     said = [f"Better by the paired 95 % interval: {names_of(map(label, better)) if better else 'none'}."]
     said += [f"No significant difference: {names_of(map(label, level))}."] if level else []
     said += [f"Worse: {names_of(map(label, worse))}."] if worse else []
-    prior = number(summary.value(PRIOR, PARAMETERS).mean)
+    prior = number(summary.value(PRIOR, LIFE).mean)
     return [
         f"{label(PRIOR)} uses no measurement, calls every machine healthy, and errs by {prior} % in health. "
         f"{' '.join(said)}"

@@ -20,8 +20,11 @@ from twinbench.data.batch import Array
 RESAMPLES = 10_000
 BOOTSTRAP_SEED = 2_024
 INTERVAL_LEVEL = 0.95
-NEED_A_CHANGE = ("delay_s", "recovery_s", "recovery_limit_s")
-"""Metrics that have no value in a sequence whose health does not change."""
+NOT_EVERYWHERE = (
+    "delay_s", "recovery_s", "health_moving_pct", "health_still_pct", "health_after_sudden_pct",
+    "health_without_sudden_pct", "health_commissioning_pct",
+)  # fmt: skip
+"""Metrics that have no value in some sequences: nothing moves there, or everything does, or nothing at once."""
 
 
 @dataclass(frozen=True)
@@ -31,8 +34,7 @@ class SequenceScores:
     Attributes:
         values: (E, S) in the metric's unit, seeds averaged; NaN where an estimator has no score.
         reasons: why an estimator's scores are incomplete; complete ones have no entry.
-        undefined: sequences left out because the metric needs a change of health and no estimator
-            has a score there.
+        undefined: sequences left out because the metric is one of NOT_EVERYWHERE and no estimator has a score there.
     """
 
     metric: str
@@ -77,7 +79,7 @@ def sequence_scores(scores: pd.DataFrame, metric: str, failed: Mapping[str, str]
     wide = chosen.pivot(index=["estimator", "seed"], columns="sequence", values="value")
     wide = wide.astype(float).reindex(cells)
     wide = wide.where(np.isfinite(wide))
-    undefined = wide.isna().all(axis=0) & (metric in NEED_A_CHANGE)
+    undefined = wide.isna().all(axis=0) & (metric in NOT_EVERYWHERE)
     wide = wide.loc[:, ~undefined]
     failed = dict(failed or {})
     estimators = tuple(ordered({*wide.index.get_level_values("estimator"), *failed}))

@@ -1,6 +1,6 @@
 """Times until something happens, some of which had not come when the recording ended.
 
-A run that never recovered is no missing value: it says that recovery takes longer than could be watched.
+A change that nobody recovered from is no missing value: it says that recovery takes longer than could be watched.
 Such a time is censored on the right, and the median over the runs is Kaplan and Meier's (1958), Journal
 of the American Statistical Association 53(282), 457-481. Without it the slowest look quick, because only
 their successes count.
@@ -17,9 +17,9 @@ from twinbench.bench.statistics.bootstrap import interval, resample_weights
 from twinbench.bench.statistics.tracking import LONGEST_DELAY_S
 from twinbench.data.batch import Array
 
-RECOVERY_LIMIT = "recovery_limit_s"
-"""The metric that says how long a recovery could be watched; NaN where no health changes."""
 CENSORED = ("delay_s", "recovery_s")
+OF_ONE_CHANGE = r"^(delay|recovery|watched)_(.+_\d+)_s$"
+"""The metrics of one change of health, ``delay_capacity_1_s``: what was timed, and of which change."""
 LEAST_WATCHED = 0.2
 """Share of the runs that must still be watched where a median is read off: beyond it two or three long recordings speak
 for all. 10 to 20 % is the advice of Pocock, Clayton and Altman (2002), The Lancet 359(9318), 1686-1689; with less,
@@ -30,12 +30,12 @@ Stored ticks are 0.2 s apart; anything from one tick to a few seconds finds the 
 
 
 class Waiting(NamedTuple):
-    """One estimator's times over its n runs.
+    """One estimator's times over the changes of health of all its runs.
 
     Attributes:
-        median_s: Kaplan-Meier; inf where more than half of the runs outlast what was watched.
+        median_s: Kaplan-Meier; inf where more than half outlast what was watched.
         low_s, high_s: its 95 % interval over the sequences; NaN with fewer than two.
-        happened: in how many of ``runs`` it happened while watched.
+        happened: after how many of the ``runs``, changes that were watched, it happened; after the others it never did.
     """
 
     median_s: float
@@ -46,32 +46,42 @@ class Waiting(NamedTuple):
 
 
 def watched(scores: pd.DataFrame, metric: str) -> pd.DataFrame:
-    """Every run's time, or the time until which it was watched.
+    """The time after every change of health in every run, or the time until which it was watched.
 
     Args:
-        scores: columns ``estimator, seed, sequence, metric, value``. Without ``recovery_limit_s`` (as old runs
-            wrote it) a run that never recovered counts as one that outlasts all others.
+        scores: columns ``estimator, seed, sequence, metric, value``, metrics of single changes among them.
         metric: of CENSORED.
 
     Returns:
-        Columns ``estimator, seed, sequence, time_s, seen``; sequences without a change of health are left
-        out, and so are seeds that repeat another one's scores, as of who draws nothing at random.
+        Columns ``estimator, seed, sequence, change, time_s, seen``; seeds that repeat another one's scores, as of who
+        draws nothing at random, are left out.
     """
-    limit_s = scores[scores["metric"] == RECOVERY_LIMIT].groupby("sequence")["value"].max()
-    chosen = scores[scores["metric"] == metric].set_index(["estimator", "seed", "sequence"])["value"]
-    runs = _distinct(scores)
-    anyone = scores[scores["metric"].isin(CENSORED)].groupby("sequence")["value"].count()
-    changed = list(limit_s.index[limit_s.notna()] if len(limit_s) else anyone.index[anyone > 0])
-    index = pd.MultiIndex.from_tuples([(*run, s) for run in runs for s in changed], names=chosen.index.names)
+    parts = scores["metric"].str.extract(OF_ONE_CHANGE)
+    timed = scores.assign(kind=parts[0], change=parts[1])
+    where = ["sequence", "change"]
+    limit_s = timed[timed["kind"] == "watched"].groupby(where)["value"].max()
+    runs = _distinct(scores) if len(limit_s) else []
+    names = ["estimator", "seed", *where]
+    index = pd.MultiIndex.from_tuples([(*run, *at) for run in runs for at in limit_s.index], names=names)
+    chosen = timed[timed["kind"] == metric.removesuffix("_s")].set_index(names)["value"]
     times_s = chosen.reindex(index).rename("time_s").reset_index()
     if metric == "delay_s":
         times_s["seen"] = times_s["time_s"] < LONGEST_DELAY_S - EDGE_S
         until_s = pd.Series(LONGEST_DELAY_S, index=times_s.index)
     else:
         times_s["seen"] = times_s["time_s"].notna()
-        until_s = times_s["sequence"].map(limit_s).astype(float).fillna(np.inf)
+        until_s = limit_s.reindex(pd.MultiIndex.from_frame(times_s[where])).reset_index(drop=True)
     times_s["time_s"] = times_s["time_s"].where(times_s["seen"], until_s)
     return times_s
+
+
+def restricted(times_s: pd.DataFrame, metric: str) -> pd.DataFrame:
+    """Scores for paired tests: a run's mean over its changes of the times, cut off at what was watched.
+
+    Who never got there comes last, and each recording counts once.
+    """
+    mean_s = times_s.groupby(["estimator", "seed", "sequence"])["time_s"].mean().rename("value")
+    return mean_s.reset_index().assign(metric=metric)
 
 
 def waiting(times_s: pd.DataFrame) -> Waiting:

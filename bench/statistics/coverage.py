@@ -14,26 +14,12 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.roster import ordered
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.bootstrap import INTERVAL_LEVEL, interval, resample_weights
-from twinbench.bench.statistics.tracking import health_change
+from twinbench.bench.statistics.ranked import ranked_from
+from twinbench.bench.statistics.regimes import REGIMES, changes_of, regimes
 from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
-from twinbench.physics.compressor import U, Y
 
-SETTLE_S = 60.0
-"""The regime ``health_during`` lasts this long past the change, or a step would have none."""
-
-REGIMES = {
-    "all": "all samples",
-    "speed_low": "lowest third of speed",
-    "speed_middle": "middle third of speed",
-    "speed_high": "highest third of speed",
-    "ratio_low": "lowest third of pressure ratio",
-    "ratio_middle": "middle third of pressure ratio",
-    "ratio_high": "highest third of pressure ratio",
-    "health_before": "before the health changes, or where it never does",
-    "health_during": "while the health changes and one minute after",
-    "health_after": "from one minute after the health changed",
-}
-"""Every regime and what it is; the thirds are those of the whole split's samples."""
+SHARES = ("inside_pct", "calibrated_pct")
+"""Columns of ``coverage_by_regime``: of the intervals as they are, and as the validation recordings stretch them."""
 
 
 def inside(estimates: Estimates, truth: Truth) -> Array:
@@ -47,61 +33,30 @@ def inside(estimates: Estimates, truth: Truth) -> Array:
     return np.where(np.isfinite(low) & np.isfinite(high), hit, np.nan)
 
 
-def regimes(time_s: Array, truth: Truth, changes: list[tuple[float, float] | None]) -> dict[str, np.ndarray]:
-    """Masks (B, M) of the samples in each of REGIMES.
-
-    Args:
-        time_s: (M,) seconds, the stored ticks.
-        truth: at those ticks, as ``truth_at`` gives it.
-        changes: start and end of each sequence's health change, seconds; None where it has none.
-    """
-    speed = truth.inputs[..., U.N_rpm]
-    ratio = truth.outputs[..., Y.p_dis_bar] / truth.inputs[..., U.p_suc_bar]
-    masks = {"all": np.ones(speed.shape, dtype=bool)}
-    for name, values in (("speed", speed), ("ratio", ratio)):
-        first, second = np.quantile(values, [1 / 3, 2 / 3])
-        masks |= {
-            f"{name}_low": values <= first,
-            f"{name}_middle": (first < values) & (values <= second),
-            f"{name}_high": second < values,
-        }
-    start = np.array([change[0] if change else np.inf for change in changes])[:, None]
-    end = np.array([change[1] + SETTLE_S if change else np.inf for change in changes])[:, None]
-    masks["health_before"] = time_s < start
-    masks["health_during"] = (start <= time_s) & (time_s < end)
-    masks["health_after"] = end <= time_s
-    return masks
-
-
 def coverage_by_regime(estimates: Estimates, truth: Batch) -> pd.DataFrame:
-    """Share of samples whose 95 % interval holds the truth, by sequence, regime and quantity.
+    """Share of ranked samples whose 95 % interval holds the truth, by sequence, regime and quantity.
 
     Returns:
-        Columns ``sequence, regime, quantity, inside_pct, ticks``; quantities as in ESTIMATED. A
-        sequence that never enters a regime has no row there; NaN where an interval is not finite.
+        Columns ``sequence, regime, quantity, inside_pct, calibrated_pct, ticks``; quantities as in ESTIMATED. A
+        sequence that never enters a regime has no row there; NaN where an interval is not finite, and in
+        ``calibrated_pct`` where nobody has calibrated them.
     """
     at = truth_at(truth, estimates.names, estimates.time_s)
-    hit = inside(estimates, at)
-    changes = [change_times(truth, name) for name in estimates.names]
+    hits = inside(estimates, at), inside(estimates.calibrated(), at)
+    ranked = estimates.time_s >= ranked_from(estimates.time_s)
     rows = []
-    for regime, mask in regimes(estimates.time_s, at, changes).items():
+    for regime, mask in regimes(estimates.time_s, at, changes_of(truth, estimates.names)).items():
+        mask &= ranked
         for b in np.flatnonzero(mask.any(axis=1)):
-            shares = 100.0 * hit[b, mask[b]].mean(axis=0)
-            for quantity, share in zip(ESTIMATED, shares, strict=True):
-                rows.append((estimates.names[b], regime, quantity, float(share), int(mask[b].sum())))
-    return pd.DataFrame(rows, columns=["sequence", "regime", "quantity", "inside_pct", "ticks"])
-
-
-def change_times(truth: Batch, name: str) -> tuple[float, float] | None:
-    """Start and end of the health change of one simulated sequence, seconds."""
-    assert truth.truth is not None
-    change = health_change(truth.time_s, truth.truth.health[truth.names.index(name)])
-    return change and (change.start_s, change.end_s)
+            shares = [100.0 * hit[b, mask[b]].mean(axis=0) for hit in hits]
+            for quantity, *both in zip(ESTIMATED, *shares, strict=True):
+                rows.append((estimates.names[b], regime, quantity, *map(float, both), int(mask[b].sum())))
+    return pd.DataFrame(rows, columns=["sequence", "regime", "quantity", *SHARES, "ticks"])
 
 
 COLUMNS = [
     "estimator", "regime", "quantity", "coverage_pct", "low", "high", "n_sequences", "expected_pct", "expected_low",
-    "expected_high", "reason",
+    "expected_high", "reason", "calibrated_pct", "calibrated_low", "calibrated_high",
 ]  # fmt: skip
 """Of ``coverage_table``."""
 
@@ -116,37 +71,46 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
         failed: estimators with a failed cell and its reason; one without rows gets a NaN ``mean`` of ``all``.
 
     Returns:
-        Columns COLUMNS; quantity ``mean`` is the mean of all ten. Where an
-        interval is not finite the coverage is NaN and ``reason`` says in which sequences.
+        Columns COLUMNS; quantity ``mean`` is the mean of all ten, and ``calibrated_pct`` the coverage of the
+        calibrated intervals. Where an interval is not finite the coverage is NaN and ``reason`` says in which
+        sequences.
     """
     failed = failed or {}
-    cell = ["estimator", "regime", "sequence"]
-    wide = rows.pivot(index=[*cell, "seed", "ticks"], columns="quantity", values="inside_pct")
-    wide = wide[list(ESTIMATED)].assign(mean=wide.mean(axis=1, skipna=False)).reset_index("ticks")
-    by_sequence = wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
     table: list[tuple[Any, ...]] = []
+    wide = _wide(rows)
     for estimator, regime in product(ordered(rows["estimator"].unique()), REGIMES):
-        group = by_sequence.query("estimator == @estimator and regime == @regime")
+        group = wide.query("estimator == @estimator and regime == @regime")
         if len(group):
             table += [(estimator, regime, *row) for row in _by_quantity(group, failed.get(estimator))]
     missing = [name for name in failed if name not in set(rows["estimator"])]
     nothing = (np.nan, np.nan, np.nan, 0, 100 * INTERVAL_LEVEL, np.nan, np.nan)
-    table += [(name, "all", "mean", *nothing, failed[name]) for name in ordered(missing)]
+    table += [(name, "all", "mean", *nothing, failed[name], *nothing[:3]) for name in ordered(missing)]
     return pd.DataFrame(table, columns=COLUMNS)
+
+
+def _wide(rows: pd.DataFrame) -> pd.DataFrame:
+    """By estimator, regime and sequence, seeds averaged: ``ticks``, and both of SHARES of each quantity and of all."""
+    cell = ["estimator", "regime", "sequence"]
+    wide = rows.pivot(index=[*cell, "seed", "ticks"], columns="quantity", values=list(SHARES))
+    of_all = {(share, "mean"): wide.xs(share, axis=1).to_numpy(dtype=float).mean(axis=1) for share in SHARES}
+    wide = pd.concat([wide, pd.DataFrame(of_all, index=wide.index)], axis=1).reset_index("ticks")
+    return wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
 
 
 def _by_quantity(group: pd.DataFrame, failed: str | None) -> Iterator[tuple[Any, ...]]:
     """Rows of one estimator in one regime, COLUMNS from ``quantity`` on; ``group`` has a row for each sequence."""
-    n, ticks = len(group), group["ticks"].to_numpy()
+    n, ticks = len(group), group["ticks"].to_numpy(dtype=float).ravel()
     weights = resample_weights(n) * ticks
     weights /= weights.sum(axis=1, keepdims=True)
     for quantity in (*ESTIMATED, "mean"):
-        shares = group[quantity].to_numpy()
-        lost = group.index.get_level_values("sequence")[np.isnan(shares)]
+        found = []
+        for share in SHARES:
+            shares = group[share, quantity].to_numpy(dtype=float)
+            found.append((float(shares @ ticks / ticks.sum()), *interval(weights @ shares, n)))
+        lost = group.index.get_level_values("sequence")[group["inside_pct", quantity].isna()]
         reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
-        share = float(shares @ ticks / ticks.sum())
-        bounds = (*interval(weights @ shares, n), n, 100 * INTERVAL_LEVEL, *expected_band(n))
-        yield quantity, share, *bounds, "; ".join(filter(None, [failed, reason]))
+        about = (n, 100 * INTERVAL_LEVEL, *expected_band(n), "; ".join(filter(None, [failed, reason])))
+        yield quantity, *found[0], *about, *found[1]
 
 
 def expected_band(n: int, level: float = INTERVAL_LEVEL) -> tuple[float, float]:

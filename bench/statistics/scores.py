@@ -10,21 +10,14 @@ import pandas as pd
 
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.aligned import truth_at
+from twinbench.bench.statistics.censored import CENSORED
 from twinbench.bench.statistics.coverage import inside, nees, nis_scores
-from twinbench.bench.statistics.tracking import (
-    LONGEST_DELAY_S,
-    RECOVERED,
-    effective_delay,
-    health_change,
-    recovery_time,
-)
-from twinbench.data.batch import ESTIMATED, HEALTH, STATES, Array, Batch, Truth
-from twinbench.physics.health import SPAN
+from twinbench.bench.statistics.health import HEALTH_DEFINITIONS, health_scores, relative_errors
+from twinbench.bench.statistics.ranked import cut_to, ranked_from
+from twinbench.bench.statistics.tracking import LONGEST_DELAY_S, RECOVERED, change_scores
+from twinbench.data.batch import ESTIMATED, STATES, Array, Batch, Truth
 
 ZERO_C_IN_K = 273.15
-TERMINAL_S = 60.0
-RELATIVE = HEALTH[:4]
-"""The health parameters whose relative error means something; the bias is zero when healthy."""
 LEADS_S = (1, 10, 60)
 STATE_ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
 """Errors of the filtered pressure, temperature and mass flow."""
@@ -33,7 +26,7 @@ FORECAST_ERRORS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")
 
 _CLEAN = {"p": "exhaust pressure", "T": "gas temperature in degC", "m": "mass flow"}
 _READ = {"p": "discharge pressure", "T": "discharge temperature in degC", "m": "mass flow"}
-_FOUR = "the mean relative error of capacity, efficiency, leakage and heat transfer"
+_WIDENED = "once every interval is made wider or narrower by the factor that fits the validation recordings"
 
 DEFINITIONS = {
     **{
@@ -50,27 +43,21 @@ DEFINITIONS = {
         for lead in LEADS_S
         for key, name in _READ.items()
     },
-    "parameter_error_pct": f"Over time, the mean of {_FOUR}.",
-    "parameter_median_pct": f"Over time, the median of {_FOUR}.",
-    "parameter_p90_pct": f"Over time, the 90th percentile of {_FOUR}.",
-    "parameter_terminal_pct": f"Over the last {TERMINAL_S:g} s, the mean of {_FOUR}.",
-    **{f"{name}_error_pct": f"Mean absolute error of {name}, in % of its true value." for name in RELATIVE},
-    "T_bias_error_K": "Mean absolute error of the temperature sensor's bias, in K.",
-    **{
-        f"{name}_range_pct": f"RMSE of {name}, in % of the range of {span:g} that degradation moves it over."
-        for name, span in zip(HEALTH, SPAN, strict=True)
-    },
-    "parameter_range_pct": "Mean over the five health parameters of the RMSE in % of their ranges.",
-    "delay_s": "Effective delay: the lag at which the estimate of the parameter that changes fits its truth "
-    f"best (least RMSE around the change; 0 to {LONGEST_DELAY_S:g} s); none if a constant fits no worse.",
-    "recovery_s": "Time from the end of a health change until the error of that parameter stays below "
-    f"{100 * RECOVERED:g} % of the change; none if it never does.",
-    "recovery_limit_s": "Time from the end of a health change to the end of the recording: how long a recovery could "
-    "be watched.",
+    **HEALTH_DEFINITIONS,
+    "delay_s": "Effective delay after a change of health: the lag at which the estimate of that parameter fits its "
+    f"truth best (least RMSE around the change; 0 to {LONGEST_DELAY_S:g} s); none if a constant fits no worse.",
+    "recovery_s": "Time from the end of a change of health until the error of that parameter stays below "
+    f"{100 * RECOVERED:g} % of the change, to its next change or the recording's end; none if it never does.",
     "coverage95_pct": "Share of samples whose 95 % interval holds the truth, mean of the five states and the "
     "five health parameters; 95 is right.",
     **{
         f"coverage_{name}_pct": f"Share of samples whose 95 % interval holds the true {name}; 95 is right."
+        for name in ESTIMATED
+    },
+    "calibrated_coverage95_pct": f"The mean coverage of the ten quantities, {_WIDENED}; 95 is right.",
+    **{
+        f"calibrated_coverage_{name}_pct": f"Share of samples whose interval holds the true {name}, {_WIDENED}; 95 is "
+        "right."
         for name in ESTIMATED
     },
     "nis_ratio": "Mean normalised innovation squared over its mean degrees of freedom; 1 is right, but says "
@@ -81,10 +68,13 @@ DEFINITIONS = {
     "nees_ratio": "Mean normalised estimation error squared of all ten quantities at the forecast origins, "
     "over 10; 1 is right, more is overconfident.",
 }
-"""Every metric that ``score`` returns, in one sentence to print under a table."""
+"""Every metric that ``score`` returns, in one sentence to print under a table; of the times that CENSORED names it
+returns one for each change of health, as ``bench.statistics.tracking.change_scores`` names them."""
+METRICS = tuple(metric for metric in DEFINITIONS if metric not in CENSORED)
+"""Those that every recording has one of."""
 
 IDEAL = {
-    **{metric: 95.0 for metric in DEFINITIONS if metric.startswith("coverage")},
+    **{metric: 95.0 for metric in DEFINITIONS if "coverage" in metric},
     "nis_inside_pct": 95.0,
     "nis_ratio": 1.0,
     "nis_median_ratio": 1.0,
@@ -93,32 +83,40 @@ IDEAL = {
 """What a calibration metric should be. Of every other metric less is better."""
 
 
-def score(estimates: Estimates, truth: Batch) -> pd.DataFrame:
+def score(estimates: Estimates, truth: Batch, since_s: float | None = None) -> pd.DataFrame:
     """All metrics of one cell.
 
     Args:
         truth: recordings that hold the estimates' sequences and times, with their truth.
+        since_s: the end of commissioning, before which nothing is ranked; that of the population if left out.
 
     Returns:
-        Columns ``sequence, metric, value``, metrics as in DEFINITIONS; NaN where there is no value:
-        an estimate or interval that is not finite, nothing to recover from.
+        Columns ``sequence, metric, value``, metrics as in METRICS and, for each change of health, its times; NaN
+        where there is no value: an estimate or interval that is not finite, nothing that moves.
 
     Raises:
         ValueError: ``truth`` has no truth, or lacks a sequence or a time.
     """
-    at = truth_at(truth, estimates.names, estimates.time_s)
-    columns = _state_scores(estimates, at) | _open_loop_scores(estimates, truth)
-    columns |= _parameter_scores(estimates, at) | _tracking_scores(estimates, truth, at)
-    columns |= _calibration_scores(estimates, truth, at)
-    frame = pd.DataFrame({metric: columns[metric] for metric in DEFINITIONS})
+    everything = truth_at(truth, estimates.names, estimates.time_s)
+    first_s = ranked_from(estimates.time_s, since_s)
+    ranked = cut_to(estimates, first_s)
+    at = truth_at(truth, ranked.names, ranked.time_s)
+    health = _finite(estimates.mean[..., len(STATES) :])
+    columns = _state_scores(ranked, at) | _open_loop_scores(ranked, truth, first_s)
+    columns |= health_scores(estimates.time_s, health, everything.health, since_s)
+    columns |= _calibration_scores(ranked, truth, at)
+    frame = pd.DataFrame({metric: columns[metric] for metric in METRICS})
     frame = frame.where(np.isfinite(frame)).assign(sequence=estimates.names)
-    return frame.melt("sequence", var_name="metric", value_name="value")
+    long = frame.melt("sequence", var_name="metric", value_name="value")
+    times = change_scores(estimates.names, estimates.time_s, health, truth)
+    return pd.concat([long, times], ignore_index=True) if len(times) else long
 
 
 def parameter_error_series(estimates: Estimates, truth: Batch) -> Array:
-    """(B, M) per cent: at each stored tick the mean relative error of the four parameters."""
-    at = truth_at(truth, estimates.names, estimates.time_s)
-    return _relative_errors(_finite(estimates.mean), at).mean(axis=-1)
+    """(B, M) per cent: at each ranked tick the mean relative error of the four parameters."""
+    ranked = cut_to(estimates, ranked_from(estimates.time_s))
+    at = truth_at(truth, ranked.names, ranked.time_s)
+    return relative_errors(_finite(ranked.mean[..., len(STATES) :]), at.health).mean(axis=-1)
 
 
 def _finite(values: np.ndarray) -> Array:
@@ -143,10 +141,10 @@ def _state_scores(estimates: Estimates, at: Truth) -> dict[str, Array]:
     return scores
 
 
-def _open_loop_scores(estimates: Estimates, truth: Batch) -> dict[str, Array]:
+def _open_loop_scores(estimates: Estimates, truth: Batch, first_s: float) -> dict[str, Array]:
     assert truth.truth is not None
     rows = [truth.names.index(name) for name in estimates.names]
-    base = truth.truth.outputs[rows].mean(axis=1) - np.array([0.0, ZERO_C_IN_K, 0.0])
+    base = truth.truth.outputs[rows][:, truth.time_s >= first_s].mean(axis=1) - np.array([0.0, ZERO_C_IN_K, 0.0])
     leads = [float(lead) for lead in estimates.leads_s]
     scores: dict[str, Array] = {}
     for lead in LEADS_S:
@@ -161,54 +159,17 @@ def _open_loop_scores(estimates: Estimates, truth: Batch) -> dict[str, Array]:
     return scores
 
 
-def _relative_errors(mean: Array, at: Truth) -> Array:
-    """(B, M, 4) per cent."""
-    true = at.health[..., : len(RELATIVE)]
-    first = len(STATES)
-    return 100 * np.abs(mean[..., first : first + len(RELATIVE)] - true) / np.abs(true)
-
-
-def _parameter_scores(estimates: Estimates, at: Truth) -> dict[str, Array]:
-    mean = _finite(estimates.mean)
-    each = _relative_errors(mean, at)
-    four = each.mean(axis=-1)
-    error = mean[..., len(STATES) :] - at.health
-    percent_of_range = 100 * _rms(error) / SPAN
-    last = estimates.time_s > estimates.time_s[-1] - TERMINAL_S
-    return {
-        "parameter_error_pct": four.mean(axis=1),
-        "parameter_median_pct": np.quantile(four, 0.5, axis=1),
-        "parameter_p90_pct": np.quantile(four, 0.9, axis=1),
-        "parameter_terminal_pct": four[:, last].mean(axis=1),
-        **{f"{name}_error_pct": each[..., i].mean(axis=1) for i, name in enumerate(RELATIVE)},
-        "T_bias_error_K": np.abs(error[..., HEALTH.index("T_bias_K")]).mean(axis=1),
-        **{f"{name}_range_pct": percent_of_range[:, i] for i, name in enumerate(HEALTH)},
-        "parameter_range_pct": percent_of_range.mean(axis=1),
-    }
-
-
-def _tracking_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str, Array]:
-    assert truth.truth is not None
-    mean = _finite(estimates.mean)
-    delay, recovery, limit = (np.full(len(estimates.names), np.nan) for _ in range(3))
-    for b, name in enumerate(estimates.names):
-        change = health_change(truth.time_s, truth.truth.health[truth.names.index(name)])
-        if change is not None:
-            estimate, true = mean[b, :, len(STATES) + change.parameter], at.health[b, :, change.parameter]
-            delay[b] = effective_delay(estimates.time_s, estimate, true, change)
-            recovery[b] = recovery_time(estimates.time_s, estimate, true, change)
-            limit[b] = max(float(estimates.time_s[-1]) - change.end_s, 0.0)
-    return {"delay_s": delay, "recovery_s": recovery, "recovery_limit_s": limit}
-
-
 def _calibration_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str, Array]:
     covered = 100 * inside(estimates, at).mean(axis=1)
+    calibrated = 100 * inside(estimates.calibrated(), at).mean(axis=1)
     ratio, median, within = nis_scores(estimates.nis.astype(np.float64), estimates.nis_dof)
     error = estimates.mean_at_origin - truth_at(truth, estimates.names, estimates.forecast_time_s).estimated
     squared = nees(error, estimates.cov_at_origin)
     return {
         "coverage95_pct": covered.mean(axis=1),
         **{f"coverage_{name}_pct": covered[:, i] for i, name in enumerate(ESTIMATED)},
+        "calibrated_coverage95_pct": calibrated.mean(axis=1),
+        **{f"calibrated_coverage_{name}_pct": calibrated[:, i] for i, name in enumerate(ESTIMATED)},
         "nis_ratio": ratio,
         "nis_median_ratio": median,
         "nis_inside_pct": within,

@@ -3,30 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from twinbench.bench.roster import REFERENCE, UNRANKED, ordered
+from twinbench.bench.statistics.apart import told_apart
 from twinbench.bench.statistics.bootstrap import SequenceScores, differences, means, ratios, sequence_scores
-from twinbench.bench.statistics.censored import CENSORED, Waiting, waiting, watched
+from twinbench.bench.statistics.censored import CENSORED, Waiting, restricted, waiting, watched
 from twinbench.bench.statistics.marks import marked
 from twinbench.bench.statistics.ranks import Ranking, rank
 from twinbench.bench.statistics.scores import DEFINITIONS, FORECAST_ERRORS, IDEAL
+from twinbench.bench.statistics.skill import Skill, skills
+from twinbench.bench.statistics.strata import Stratum, of_stratum
 
+LIFE = "health_life_pct"
 PARAMETERS = "parameter_error_pct"
+"""The paper's measure of health. A small leakage decides it; LIFE weighs the five alike."""
 FORECAST = "forecast60_pct"
-QUESTIONS = {PARAMETERS: "parameter error", FORECAST: "60 s forecast error (mean of p, T and m)"}
+QUESTIONS = {LIFE: "error of health in % of life", FORECAST: "60 s forecast error (mean of p, T and m)"}
 """What the estimators are ranked by: knowing the machine's health, and foretelling what it does."""
 
 
 class Value(NamedTuple):
     """A metric's mean over the sequences and its multiple of the reference, with 95 % intervals; NaN: none.
 
-    Of a time that may not have come, ``mean`` is the median over the runs, inf where it lies beyond what was
-    watched; ``happened`` of ``runs`` did come.
+    Of a time that may not have come, ``mean`` is the median over the changes of health in all runs, inf where it lies
+    beyond what was watched; ``happened`` of ``runs`` changes did come.
     """
 
     mean: float = np.nan
@@ -41,12 +46,13 @@ class Value(NamedTuple):
 
 @dataclass(frozen=True)
 class Summary:
-    """What the benchmark found.
+    """What the benchmark found on the recordings of one stratum.
 
     Attributes:
         estimators: everyone who took part, failed ones included, in the roster's order.
         values: by (estimator, metric).
-        by_sequence: per question of QUESTIONS, scores by sequence.
+        skills: by (estimator, metric) of every error, against the best row that costs nothing.
+        by_sequence: per metric, scores by sequence.
         marked: per metric, whom its column marks, as ``bench.statistics.marks.marked`` finds them.
         rankings: per question; reference rows are left out. Missing where nothing could be ranked.
         unranked: per question without a ranking, why.
@@ -55,11 +61,13 @@ class Summary:
 
     estimators: tuple[str, ...]
     values: dict[tuple[str, str], Value]
+    skills: dict[tuple[str, str], Skill]
     by_sequence: dict[str, SequenceScores]
     marked: dict[str, tuple[str, ...]]
     rankings: dict[str, Ranking]
     unranked: dict[str, str]
     failures: dict[str, str]
+    _tested: dict[tuple[str, ...], bool] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def notes(self) -> list[str]:
@@ -72,30 +80,60 @@ class Summary:
         """All NaN where the estimator has no such score."""
         return self.values.get((estimator, metric), Value())
 
-    def difference(self, estimator: str, reference: str, question: str) -> tuple[float, float, float]:
+    def skill(self, estimator: str, metric: str) -> Skill:
+        """All NaN where the estimator has none."""
+        return self.skills.get((estimator, metric), Skill())
+
+    def difference(self, estimator: str, reference: str, metric: str) -> tuple[float, float, float]:
         """Mean paired difference, estimator minus reference, with its 95 % interval."""
-        frame = differences(self.by_sequence[question], reference).set_index("estimator")
+        frame = differences(self.by_sequence[metric], reference).set_index("estimator")
         mean, low, high = frame.loc[[estimator], ["difference", "low", "high"]].to_numpy(dtype=float)[0]
         return float(mean), float(low), float(high)
 
+    def ratio(self, estimator: str, reference: str, metric: str) -> tuple[float, float, float]:
+        """The estimator's mean over the reference's, paired by sequence, with its 95 % interval."""
+        frame = ratios(self.by_sequence[metric], reference).set_index("estimator")
+        ratio, low, high = frame.loc[[estimator], ["ratio", "low", "high"]].to_numpy(dtype=float)[0]
+        return float(ratio), float(low), float(high)
 
-def summarise(scores: pd.DataFrame, failures: Mapping[str, str]) -> Summary:
-    """The statistics of a whole run.
+    def told_apart(self, first: str, second: str, question: str) -> bool:
+        """Do paired tests, Holm-corrected, tell two estimators apart by a metric? Not where a score is missing.
+
+        No sentence may call one better without it. ``bench.statistics.apart.family`` says which pairs are tested
+        together.
+        """
+        table = self.by_sequence.get(question)
+        key = (*sorted((first, second)), question)
+        if key not in self._tested:
+            self._tested[key] = table is not None and told_apart(table, first, second)
+        return self._tested[key]
+
+    def better(self, first: str, second: str, question: str) -> bool:
+        """Is the first told apart from the second by an error, and errs less?"""
+        mean = self.value(first, question).mean
+        return self.told_apart(first, second, question) and mean < self.value(second, question).mean
+
+
+def summarise(scores: pd.DataFrame, failures: Mapping[str, str], stratum: Stratum = "worn") -> Summary:
+    """The statistics of a whole run, on the recordings of one stratum.
 
     Args:
         scores: columns ``estimator, seed, sequence, metric, value``.
         failures: per estimator with failed cells, which and why.
+        stratum: the worn machines, which the benchmark ranks by, or the paper's recordings.
     """
+    scores = of_stratum(scores, stratum)
     scores = pd.concat([scores, _forecast_scores(scores)], ignore_index=True)
     metrics = [m for m in (*DEFINITIONS, FORECAST) if m in set(scores["metric"]) and m not in CENSORED]
     tables = {metric: sequence_scores(scores, metric, failures) for metric in metrics}
     values = {key: value for table in tables.values() for key, value in _values(table).items()}
+    won = {(e, m): s for m, table in tables.items() if m not in IDEAL for e, s in skills(table).items()}
     for metric in CENSORED:
         times_s = watched(scores, metric)
         if times_s.empty:
             continue
         values |= {(str(e), metric): _waited(waiting(own)) for e, own in times_s.groupby("estimator")}
-        tables[metric] = _restricted(times_s, metric, failures)
+        tables[metric] = sequence_scores(restricted(times_s, metric), metric, failures)
     rankings, unranked = {}, {}
     ranked = scores[~scores["estimator"].isin(UNRANKED)]
     lost = {name: why for name, why in failures.items() if name not in UNRANKED}
@@ -107,20 +145,13 @@ def summarise(scores: pd.DataFrame, failures: Mapping[str, str]) -> Summary:
     return Summary(
         estimators=tuple(ordered({*scores["estimator"], *failures})),
         values=values,
-        by_sequence={q: tables[q] for q in QUESTIONS if q in tables},
+        skills=won,
+        by_sequence=tables,
         marked={metric: marked(table) for metric, table in tables.items()},
         rankings=rankings,
         unranked=unranked,
         failures=dict(failures),
     )
-
-
-def _restricted(times_s: pd.DataFrame, metric: str, failures: Mapping[str, str]) -> SequenceScores:
-    """Waiting times cut off at what was watched, as scores for paired tests: who never got there comes last."""
-    # Where an old run does not say how long it watched, any number beyond all others ranks the same.
-    longest = times_s["time_s"].replace(np.inf, np.nan).max()
-    cut = times_s.assign(metric=metric, value=times_s["time_s"].replace(np.inf, 2.0 * longest))
-    return sequence_scores(cut, metric, failures)
 
 
 def _waited(w: Waiting) -> Value:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 
-from twinbench.data.batch import Array
+from twinbench.data.batch import HEALTH, Array, Batch
 from twinbench.physics.health import SPAN
 
 MOVED_SHARE = 0.01
@@ -16,21 +18,32 @@ RAMP_EDGE = 0.005
 LONGEST_DELAY_S = 120.0
 AROUND_CHANGE_S = 60.0
 RECOVERED = 0.2
+STILL_SHARE = 1e-9
+"""From one sample to the next less than this share of its range is no movement. A ramp over hours moves more, and the
+round-off of a value that is held moves less: nothing depends on it in between."""
 
 
 class HealthChange(NamedTuple):
-    """The change of one sequence. ``parameter`` indexes HEALTH: the one that moved most of its range."""
+    """A change of one sequence.
+
+    Attributes:
+        parameter: where it stands in HEALTH.
+        start_s, end_s: when it begins and is done.
+        size: how far the parameter moves, in its own unit, positive.
+        until_s: when the same parameter moves again; inf where it does not.
+    """
 
     parameter: int
     start_s: float
     end_s: float
-    size: float  # how far the parameter moved, its own unit, positive
+    size: float
+    until_s: float = np.inf
 
 
 def health_change(time_s: Array, health: Array) -> HealthChange | None:
     """When a sequence's health changed, from its true health (N, 5); None if it did not.
 
-    Start and end span every parameter that changed.
+    Start and end span every parameter that changed; ``parameter`` is the one that moved most of its range.
 
     Args:
         time_s: (N,) seconds.
@@ -49,11 +62,70 @@ def health_change(time_s: Array, health: Array) -> HealthChange | None:
     return HealthChange(parameter, float(time_s[start]), float(time_s[end]), float(moved[parameter]))
 
 
+def health_changes(time_s: Array, health: Array) -> list[HealthChange]:
+    """Every change of every parameter, by parameter and then in time.
+
+    A change goes one way, pauses included; one that goes back is another.
+
+    Args:
+        time_s: (N,) seconds.
+        health: (N, 5) true health, in the parameters' units, order HEALTH.
+    """
+    found = []
+    for i, span in enumerate(SPAN):
+        steps = np.diff(health[:, i])
+        moving = np.flatnonzero(np.abs(steps) > STILL_SHARE * span)
+        turns = np.flatnonzero(np.diff(np.sign(steps[moving]))) + 1
+        own = []
+        for ticks in np.split(moving, turns) if len(moving) else []:
+            first, last = int(ticks[0]), int(ticks[-1]) + 1
+            size = abs(float(health[last, i] - health[first, i]))
+            if size > MOVED_SHARE * span:
+                own.append(HealthChange(i, float(time_s[first + 1]), float(time_s[last]), size))
+        ends = [*(change.start_s for change in own[1:]), np.inf][: len(own)]
+        found += [change._replace(until_s=end) for change, end in zip(own, ends, strict=True)]
+    return found
+
+
+def change_scores(names: Sequence[str], time_s: Array, estimated: Array, truth: Batch) -> pd.DataFrame:
+    """Delay, recovery and how long a recovery could be watched, for each change of health of each recording.
+
+    Args:
+        names: of the B recordings.
+        time_s: (M,) seconds, the stored ticks.
+        estimated: (B, M, 5) in the parameters' units, order HEALTH.
+        truth: recordings that hold those, with their truth.
+
+    Returns:
+        Columns ``sequence, metric, value``. The metrics are ``delay_capacity_1_s``, ``recovery_capacity_1_s`` and
+        ``watched_capacity_1_s`` of a recording's first change of capacity, and so on; NaN: it never came.
+    """
+    assert truth.truth is not None
+    rows = []
+    ticks = np.searchsorted(truth.time_s, time_s - 1e-9).clip(max=len(truth.time_s) - 1)
+    for b, name in enumerate(names):
+        health = truth.truth.health[truth.names.index(name)]
+        counts = dict.fromkeys(HEALTH, 0)
+        for change in health_changes(truth.time_s, health):
+            parameter = HEALTH[change.parameter]
+            counts[parameter] += 1
+            estimate, true = estimated[b, :, change.parameter], health[ticks, change.parameter]
+            watched = max(min(float(time_s[-1]), change.until_s) - change.end_s, 0.0)
+            for kind, value in (
+                ("delay", effective_delay(time_s, estimate, true, change)),
+                ("recovery", recovery_time(time_s, estimate, true, change)),
+                ("watched", watched),
+            ):
+                rows.append((name, f"{kind}_{parameter}_{counts[parameter]}_s", value))
+    return pd.DataFrame(rows, columns=["sequence", "metric", "value"])
+
+
 def effective_delay(time_s: Array, estimate: Array, true: Array, change: HealthChange) -> float:
     """The lag at which the estimate, (M,), fits the truth, (M,), best around its change; NaN if none does.
 
     Resolved to one stored tick. The stretch that is compared reaches a minute past the change on
-    either side, less where the recording ends, so that all lags are judged on the same truth.
+    either side, less where the recording ends or the parameter moves again, so that all lags are judged on the same
+    truth.
 
     Args:
         time_s: (M,) seconds, the stored ticks.
@@ -67,7 +139,7 @@ def effective_delay(time_s: Array, estimate: Array, true: Array, change: HealthC
     lags = np.arange(int(LONGEST_DELAY_S / period) + 1)
     around = (time_s >= change.start_s - AROUND_CHANGE_S) & (time_s <= change.end_s + AROUND_CHANGE_S)
     ticks = np.flatnonzero(around)
-    ticks = ticks[ticks + lags[-1] < len(time_s)]
+    ticks = ticks[ticks + lags[-1] < (time_s < change.until_s).sum()]
     if not len(ticks):
         return np.nan
     misfit = np.array([np.sqrt(np.mean((estimate[ticks + lag] - true[ticks]) ** 2)) for lag in lags])
@@ -80,13 +152,15 @@ def effective_delay(time_s: Array, estimate: Array, true: Array, change: HealthC
 def recovery_time(time_s: Array, estimate: Array, true: Array, change: HealthChange) -> float:
     """Seconds from the end of the change until the error stays below a fifth of it; NaN if it never does.
 
+    It has to stay there until the parameter moves again, or the recording ends.
+
     Args:
         time_s: (M,) seconds, the stored ticks.
         estimate: (M,) of the parameter that changed, in its unit.
         true: (M,) its true values, in its unit.
         change: as ``health_change`` found it.
     """
-    after = time_s >= change.end_s
+    after = (time_s >= change.end_s) & (time_s < change.until_s)
     if not after.any():
         return np.nan
     astray = np.flatnonzero(~(np.abs(estimate - true)[after] < RECOVERED * change.size))

@@ -10,9 +10,9 @@ from statsmodels.duration.survfunc import SurvfuncRight
 from twinbench.bench.report.tables import build_tables
 from twinbench.bench.statistics.censored import (
     LEAST_WATCHED,
-    RECOVERY_LIMIT,
     Waiting,
     median,
+    restricted,
     survival,
     waiting,
     watched,
@@ -23,15 +23,15 @@ from twinbench.bench.statistics.tracking import LONGEST_DELAY_S
 COLUMNS = ["estimator", "seed", "sequence", "metric", "value"]
 
 
-def rows(times: dict[str, list[list[float]]], metric="recovery_s", limit_s=100.0) -> pd.DataFrame:
-    """Scores of one metric: per estimator and seed a list over sequences; errors besides, which differ."""
+def rows(times: dict[str, list[list[float]]], kind="recovery", limit_s=100.0) -> pd.DataFrame:
+    """Times after one change of capacity: per estimator and seed a list over sequences; errors besides."""
     found = []
     for e, (estimator, seeds) in enumerate(times.items()):
         for seed, values in enumerate(seeds):
             for s, value in enumerate(values):
                 found += [
-                    (estimator, seed, f"s{s}", metric, value),
-                    (estimator, seed, f"s{s}", RECOVERY_LIMIT, limit_s),
+                    (estimator, seed, f"s{s}", f"{kind}_capacity_1_s", value),
+                    (estimator, seed, f"s{s}", "watched_capacity_1_s", limit_s),
                 ]
                 other = 0 if estimator.startswith("same") else seed
                 found.append((estimator, seed, f"s{s}", "parameter_error_pct", 1.0 + e + 0.1 * s + 0.01 * other))
@@ -94,16 +94,31 @@ def test_seeds_that_repeat_one_another_count_once_and_failed_ones_never():
     assert counted.to_dict() == {"drawn": 6, "same": 2}
 
 
-def test_scores_of_before_the_limit_was_stored_still_read():
-    scores = rows({"a": [[5.0, np.nan, 7.0]], "b": [[np.nan, np.nan, 9.0]]})
-    old = scores[scores["metric"] != RECOVERY_LIMIT]
-    by = {e: waiting(own) for e, own in watched(old, "recovery_s").groupby("estimator")}
-    assert (by["a"].median_s, by["a"].happened, by["a"].runs) == (5.0, 2, 2), "the second had no change of health"
-    assert (by["b"].median_s, by["b"].happened, by["b"].runs) == (9.0, 1, 2)
+def test_each_change_of_a_recording_counts_and_its_recording_is_the_block():
+    """Two changes in the first recording, one in the second; the first of all was never recovered from."""
+    once = rows({"a": [[np.nan, 7.0]]})
+    again = once[once["sequence"] == "s0"].replace(
+        {"metric": {"recovery_capacity_1_s": "recovery_leakage_1_s", "watched_capacity_1_s": "watched_leakage_1_s"}}
+    )
+    again = again[again["metric"].str.contains("leakage")].assign(value=[5.0, 40.0])
+    times_s = watched(pd.concat([once, again]), "recovery_s")
+    assert list(times_s.sort_values(["sequence", "change"])["change"]) == ["capacity_1", "leakage_1", "capacity_1"]
+    assert times_s.sort_values(["sequence", "change"])["time_s"].tolist() == [100.0, 5.0, 7.0]
+    found = waiting(times_s)
+    assert (found.median_s, found.happened, found.runs) == (7.0, 2, 3)
+    # A paired test counts each recording once.
+    mean_s = restricted(times_s, "recovery_s").set_index("sequence")["value"]
+    assert mean_s.to_dict() == {"s0": 52.5, "s1": 7.0}
+
+
+def test_without_any_change_there_is_no_time():
+    errors = rows({"a": [[1.0]]}).query("metric == 'parameter_error_pct'")
+    assert watched(errors, "recovery_s").empty
+    assert watched(errors, "delay_s").empty
 
 
 def test_a_delay_at_the_edge_of_the_search_was_not_found():
-    scores = rows({"a": [[LONGEST_DELAY_S, LONGEST_DELAY_S - 0.2, 3.0, np.nan]]}, "delay_s")
+    scores = rows({"a": [[LONGEST_DELAY_S, LONGEST_DELAY_S - 0.2, 3.0, np.nan]]}, "delay")
     times_s = watched(scores, "delay_s")
     assert times_s["seen"].tolist() == [False, False, True, False]
     assert times_s["time_s"].tolist() == [LONGEST_DELAY_S] * 2 + [3.0, LONGEST_DELAY_S]

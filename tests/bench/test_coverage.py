@@ -15,13 +15,11 @@ from scipy import stats
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.bootstrap import means, sequence_scores
 from twinbench.bench.statistics.coverage import (
-    REGIMES,
-    SETTLE_S,
     coverage_by_regime,
     coverage_table,
     expected_band,
-    regimes,
 )
+from twinbench.bench.statistics.regimes import AFTER_HEALTH_S, AFTER_LOAD_S, REGIMES, regimes
 from twinbench.bench.statistics.scores import score
 from twinbench.data.batch import ESTIMATED, Batch, Truth
 
@@ -198,8 +196,8 @@ def test_table_agrees_with_the_scores():
 def rows_of(values: list[tuple[str, int, str, float, int]]) -> pd.DataFrame:
     """Rows of regime "all", the same share for all quantities."""
     return pd.DataFrame(
-        [(e, seed, s, "all", q, share, ticks) for e, seed, s, share, ticks in values for q in ESTIMATED],
-        columns=["estimator", "seed", "sequence", "regime", "quantity", "inside_pct", "ticks"],
+        [(e, seed, s, "all", q, share, share - 1.0, ticks) for e, seed, s, share, ticks in values for q in ESTIMATED],
+        columns=["estimator", "seed", "sequence", "regime", "quantity", "inside_pct", "calibrated_pct", "ticks"],
     )
 
 
@@ -214,6 +212,7 @@ def test_table_averages_seeds_and_weighs_sequences_by_their_samples():
     )
     table = coverage_table(rows)
     np.testing.assert_allclose(table["coverage_pct"], (90 * 100 + 60 * 300) / 400)
+    np.testing.assert_allclose(table["calibrated_pct"], table["coverage_pct"] - 1.0)
     assert (table["n_sequences"] == 2).all()
     assert len(table) == 11
     assert table["quantity"].iloc[-1] == "mean"
@@ -272,24 +271,32 @@ def test_regimes_divide_the_samples(seed):
     shape = (3, 60)
     inputs = rng.uniform(0.8, 1.1, size=(*shape, 4)) * [1.0, 298.0, 1350.0, 0.5]
     truth = Truth(np.zeros((*shape, 5)), np.zeros((*shape, 5)), rng.uniform(2, 5, size=(*shape, 3)), inputs)
-    masks = regimes(np.arange(0.0, 600.0, 10.0), truth, [(100.0, 200.0), (300.0, 300.0), None])
+    masks = regimes(np.arange(0.0, 600.0, 10.0), truth, [[(100.0, 200.0)], [(300.0, 300.0), (310.0, 320.0)], []])
     assert list(masks) == list(REGIMES)
     for parts in (("speed_low", "speed_middle", "speed_high"), ("ratio_low", "ratio_middle", "ratio_high")):
         counts = [masks[part].sum() for part in parts]
         assert max(counts) - min(counts) <= 1
         assert sum(counts) == 180
-    health = np.stack([masks[f"health_{when}"] for when in ("before", "during", "after")])
-    assert (health.sum(axis=0) == 1).all()
+    lately = np.stack([masks[name] for name in ("after_health", "after_load", "steady_before", "steady_after")])
+    assert (lately.sum(axis=0) == 1).all()
     assert masks["speed_low"].sum()
     assert inputs[masks["speed_low"]][:, 2].max() <= inputs[masks["speed_high"]][:, 2].min()
 
 
-def test_regimes_follow_the_change_of_health():
-    truth = Truth(np.ones((2, 60, 5)), np.ones((2, 60, 5)), np.ones((2, 60, 3)), np.ones((2, 60, 4)))
+def test_regimes_follow_the_changes_of_health_and_load():
+    inputs = np.ones((2, 60, 4))
+    inputs[1, 20:, 3] = 0.7  # the valve moves at 200 s
+    truth = Truth(np.ones((2, 60, 5)), np.ones((2, 60, 5)), np.ones((2, 60, 3)), inputs)
     time_s = np.arange(0.0, 600.0, 10.0)
-    masks = regimes(time_s, truth, [(100.0, 200.0), None])
-    np.testing.assert_array_equal(time_s[masks["health_during"][0]], np.arange(100.0, 200.0 + SETTLE_S, 10.0))
-    assert masks["health_before"][1].all()
+    masks = regimes(time_s, truth, [[(100.0, 200.0), (400.0, 400.0)], [(230.0, 230.0)]])
+    fresh = [(100.0, 200.0 + AFTER_HEALTH_S), (400.0, 400.0 + AFTER_HEALTH_S)]
+    expected = sum((start <= time_s) & (time_s < end) for start, end in fresh).astype(bool)
+    np.testing.assert_array_equal(masks["after_health"][0], expected)
+    np.testing.assert_array_equal(time_s[masks["steady_before"][0]], np.arange(0.0, 100.0, 10.0))
+    assert not masks["after_load"][0].any()
+    np.testing.assert_array_equal(time_s[masks["after_load"][1]], np.arange(200.0, 230.0, 10.0))
+    assert AFTER_LOAD_S > 30.0, "from 230 s on health comes first"
+    np.testing.assert_array_equal(time_s[masks["steady_after"][1]], np.arange(230.0 + AFTER_HEALTH_S, 600.0, 10.0))
 
 
 def test_rows_say_how_many_samples_a_regime_has_and_skip_empty_ones():
@@ -307,14 +314,15 @@ def test_rows_say_how_many_samples_a_regime_has_and_skip_empty_ones():
     _, e = toy()
     estimates = replace(e, names=batch.names, time_s=time_s, mean=exact, low=low, high=exact + 1.0)
     rows = coverage_by_regime(estimates, batch).set_index(["sequence", "regime", "quantity"])
-    assert rows.loc[("step", "health_during", "T_bias_K"), "ticks"] == 60
-    assert rows.loc[("step", "health_during", "T_bias_K"), "inside_pct"] == pytest.approx(100 * 50 / 60)
-    assert rows.loc[("step", "health_after", "T_bias_K"), "inside_pct"] == 100.0
-    assert rows.loc[("step", "health_before", "T_bias_K"), "ticks"] == 100
+    assert rows.loc[("step", "after_health", "T_bias_K"), "ticks"] == AFTER_HEALTH_S
+    assert rows.loc[("step", "after_health", "T_bias_K"), "inside_pct"] == pytest.approx(100 * 110 / 120)
+    assert rows.loc[("step", "after_load", "T_bias_K"), "inside_pct"] == 100.0
+    commissioned = 60  # seconds, a fifth of the recording, which are not ranked
+    assert rows.loc[("step", "after_load", "T_bias_K"), "ticks"] == 300 - AFTER_HEALTH_S - commissioned
     present = {(s, r) for s, r, _ in rows.index}
-    assert ("calm", "health_before") in present
-    assert ("calm", "health_during") not in present
+    assert ("calm", "after_load") in present
+    assert ("calm", "after_health") not in present
     assert ("calm", "speed_low") not in present
     assert ("step", "speed_low") in present
     # The bias alone is missed.
-    assert rows.loc[("step", "health_during", "capacity"), "inside_pct"] == 100.0
+    assert rows.loc[("step", "after_health", "capacity"), "inside_pct"] == 100.0

@@ -13,7 +13,7 @@ from twinbench.bench.roster import PRIOR, REFERENCE, label
 from twinbench.bench.statistics.bootstrap import sequence_scores
 from twinbench.bench.statistics.marks import marked
 from twinbench.bench.statistics.ranks import wilcoxon_p
-from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, summarise
+from twinbench.bench.statistics.summary import FORECAST, LIFE, summarise
 
 S = 12
 FORECASTS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")
@@ -24,7 +24,7 @@ def scores(errors: dict[str, np.ndarray], forecasts: dict[str, np.ndarray] | Non
     for estimator, values in errors.items():
         for s, value in enumerate(values):
             ahead = (forecasts or errors)[estimator][s]
-            found.append((estimator, 0, f"s{s:02d}", PARAMETERS, value))
+            found.append((estimator, 0, f"s{s:02d}", LIFE, value))
             found += [(estimator, 0, f"s{s:02d}", metric, ahead) for metric in FORECASTS]
     return pd.DataFrame(found, columns=["estimator", "seed", "sequence", "metric", "value"])
 
@@ -38,7 +38,7 @@ TIED = {"gru_kf": 1.0 + wobble(0), "deeponet": 1.001 + wobble(1), "lstm_rls": 3.
 LEVEL = {name: 1.0 + wobble(i) for i, name in enumerate(CLEAR)}
 
 
-def group(errors, metric=PARAMETERS):
+def group(errors, metric=LIFE):
     return set(marked(sequence_scores(scores(errors), metric)))
 
 

@@ -20,7 +20,7 @@ from twinbench.bench.report.figures.robustness import after_faults, beyond_the_e
 from twinbench.bench.report.figures.scenes import flow_parity, innovations, ramps, wear
 from twinbench.bench.report.figures.tracks import parameter_tracking, state_trajectories
 from twinbench.bench.roster import PROPOSED, label
-from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, QUESTIONS, Summary
+from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, QUESTIONS, Summary
 from twinbench.common.page import Drawing
 from twinbench.data.scenes import RAMP_NAMES
 
@@ -68,7 +68,7 @@ def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
         "no cell finished",
         "State errors",
     )
-    yield _ranks(summary, PARAMETERS, "fig5b_ranks_parameters")
+    yield _ranks(summary, LIFE, "fig5b_ranks_parameters")
     yield _ranks(summary, FORECAST, "fig5b_ranks_forecast")
     yield Drawing(
         "fig5c_parameter_errors",

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
 from twinbench.bench.roster import QUANTITIES, label, ordered
-from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, canvas, styled
 from twinbench.data.batch import STATES
 

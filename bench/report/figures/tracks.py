@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 
 from twinbench.bench.report.evidence import Example
 from twinbench.bench.report.figures.looks import legend_handles, line_of, looks
-from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, axis_label, label, ordered
+from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, TRIVIAL, axis_label, label, ordered
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, ZERO_C_K, canvas, styled, thin
 from twinbench.data.batch import ESTIMATED, Array
 from twinbench.methods.observe import observe
@@ -43,7 +43,7 @@ def _banded(names: list[str]) -> str:
 def state_trajectories(example: Example) -> Figure:
     """Fig. 3 on one test sequence: truth and estimates on the left, estimate minus truth on the right."""
     # The prior's states are a mean over all training: they would only stretch the axes.
-    names = [n for n in ordered(example.tracks) if n != PRIOR] or [PRIOR]
+    names = [n for n in ordered(example.tracks) if n not in TRIVIAL] or [PRIOR]
     keep = thin(len(example.time_s), MOST_POINTS)
     minutes, true = example.time_s[keep] / 60.0, states(example.truth[keep])
     figure = canvas(PAGE_MM, 128.0)
