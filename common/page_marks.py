@@ -39,7 +39,9 @@ def filled(text: str, root: Path) -> str:
         try:
             content = (root / found[1]).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise BadInput(f"{found[1]}: a page shows it and it cannot be read ({error}); run what writes it") from error
+            raise BadInput(
+                f"{found[1]}: a page shows it and it cannot be read ({error}); run what writes it"
+            ) from error
         return f"<!-- {found[1]} -->\n{content}<!-- end -->"
 
     return BLOCK.sub(block, text)

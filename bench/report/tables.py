@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
-from twinbench.bench.roster import PRIOR, QUANTITIES, REFERENCE, UNRANKED, is_ablation, label, ordered
-from twinbench.bench.statistics.censored import CENSORED
-from twinbench.bench.statistics.regimes import REGIMES
-from twinbench.bench.statistics.scores import DEFINITIONS
-from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, Summary, Value
+from twinbench.bench.report.measured import Measure, measured, value_cell
+from twinbench.bench.report.table_formats import Cell, Column, Table, number
+from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
+from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH
-
-
-class Measure(NamedTuple):
-    """One metric of scores.csv as a column."""
-
-    metric: str
-    head: str
-    group: str = ""
-
 
 COMPARED = (
     Measure(PARAMETERS, "health", "error, %"),
@@ -67,24 +55,6 @@ CONSISTENT = (
     Measure("nis_ratio", "ratio", "NIS"),
     Measure("nees_ratio", "ratio", "NEES"),
 )
-INTERVALS = (
-    "Beside or below each mean, the 95 % interval over test sequences: bootstrap over whole sequences, seeds averaged "
-    "inside each first."
-)
-TIMES = (
-    "× is the multiple of the reference: the oracle, which knows the exact plant, but not the drift that the pressure "
-    "sensors share."
-)
-MARKS = (
-    "Marked: the best mean of a column and all that cannot be told from it (Wilcoxon's test over the sequences, Holm's "
-    "correction for all pairs, 5 %). No mark: nobody is told from the best."
-)
-REFERENCES = f"{label(REFERENCE)} and {label(PRIOR)} are shown to compare with; they are not ranked and not marked."
-CENSORING = (
-    "Delay and recovery: Kaplan-Meier median over the changes of health in all runs, and after how many of them it was "
-    "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one "
-    "another count once."
-)
 RANK = (
     "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by the "
     "mean of the three 60 s errors."
@@ -95,9 +65,6 @@ LATENCY = (
     "extended Kalman filter is quicker than DeepONet-Kalman."
 )
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
-
-
-KNOWN = {**DEFINITIONS, FORECAST: "Mean of the three errors forecast 60 s ahead, as the table of forecasts has them."}
 
 
 def build_tables(
@@ -113,11 +80,11 @@ def build_tables(
     """
     return [
         comparison(summary, profile),
-        _measured("forecast", "Forecasts", FORETOLD, summary),
-        _measured("parameters", "Health parameters", TRACKED, summary),
-        _measured("following", "Following a change of health", FOLLOWED, summary),
-        _measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
-        _measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
+        measured("forecast", "Forecasts", FORETOLD, summary),
+        measured("parameters", "Health parameters", TRACKED, summary),
+        measured("following", "Following a change of health", FOLLOWED, summary),
+        measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
+        measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
         regime_table(regimes),
         rank_table(summary, latency),
         latency_table(latency),
@@ -127,7 +94,7 @@ def build_tables(
 
 def comparison(summary: Summary, profile: str) -> Table:
     """The main table: health, filtered states, forecast and honesty of every estimator."""
-    table = _measured("comparison", f"Profile {profile}: comparison on the test recordings", COMPARED, summary)
+    table = measured("comparison", f"Profile {profile}: comparison on the test recordings", COMPARED, summary)
     return replace(table, notes=(*summary.notes, *table.notes))
 
 
@@ -169,7 +136,7 @@ def regime_table(regimes: pd.DataFrame) -> Table:
     }
     shown = [regime for regime in REGIMES if regime in set(mean["regime"])]
     rows = [
-        (Cell(label(name)), *(_cell(values.get((name, regime), Value())) for regime in shown))
+        (Cell(label(name)), *(value_cell(values.get((name, regime), Value())) for regime in shown))
         for name in ordered(mean["estimator"].unique())
     ]
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
@@ -226,47 +193,6 @@ def cost_table(cost: pd.DataFrame) -> Table:
         "fresh checkout compiles. In all: over the seeds; who draws nothing at random is trained and evaluated once.",
     )
     return Table("cost", "What training and evaluation cost", frame, (Column("estimator"), *heads), rows, notes)
-
-
-def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:
-    """Rows: the estimators. Columns: metrics with interval and multiple of the reference."""
-    rows = tuple((Cell(label(e)), *(_metric_cell(summary, e, m.metric) for m in measures)) for e in summary.estimators)
-    frame = pd.DataFrame({"estimator": summary.estimators})
-    for m in measures:
-        for column in Value._fields:
-            key = m.metric if column == "mean" else f"{m.metric}_{column}"
-            frame[key] = [getattr(summary.value(e, m.metric), column) for e in summary.estimators]
-    frame["failed"] = [summary.failures.get(e, "") for e in summary.estimators]
-    columns = (Column("estimator"), *(Column(m.head, m.group) for m in measures))
-    cells = [cell for row in rows for cell in row]
-    notes = [INTERVALS, *([TIMES] if any(c.times.startswith("×") for c in cells) else []), MARKS]
-    notes += [CENSORING] if any(m.metric in CENSORED for m in measures) else []
-    notes += [REFERENCES] if set(summary.estimators) & set(UNRANKED) else []
-    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, tuple(notes), _definitions(measures))
-
-
-def _metric_cell(summary: Summary, estimator: str, metric: str) -> Cell:
-    value = summary.value(estimator, metric)
-    if np.isnan(value.mean):
-        return Cell("failed" if estimator in summary.failures else "–")
-    return _cell(value, estimator in summary.marked.get(metric, ()))
-
-
-def _cell(value: Value, best: bool = False) -> Cell:
-    text = number(value.mean) if np.isfinite(value.mean) else "not reached"
-    known = np.isfinite(value.low)
-    interval = span(value.low, value.high) if known else ""
-    beside = f"×{number(value.times, 2)}" if np.isfinite(value.times) else ""
-    if np.isfinite(value.runs):
-        beside = f"{value.happened:.0f} of {value.runs:.0f}"
-    return Cell(text, interval, beside, best)
-
-
-def _definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
-    """One line per metric; that of the mean coverage stands for the ten quantities'."""
-    return tuple(
-        f"{m.group} {m.head}: {KNOWN[m.metric]}".strip() for m in measures if not m.metric.startswith("coverage_")
-    )
 
 
 def _regime_column(regime: str) -> Column:

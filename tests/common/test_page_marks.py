@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from twinbench.common.errors import BadInput
 from twinbench.common.page_marks import blocks, fill, filled, main
 
-PAGE = "# Title\n\nWords.\n\n<!-- results/run/a.md -->\nold\n<!-- end -->\n\nMore.\n<!-- results/b.md -->\n<!-- end -->\n"
+PAGE = (
+    "# Title\n\nWords.\n\n<!-- results/run/a.md -->\nold\n<!-- end -->\n\nMore.\n<!-- results/b.md -->\n<!-- end -->\n"
+)
 
 
 @pytest.fixture
