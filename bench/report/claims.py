@@ -11,8 +11,9 @@ import pandas as pd
 from twinbench.bench.report.evidence import CHANNELS_READ, Evidence, Example
 from twinbench.bench.report.figures.scenes import RAMP_ERRORS, r_squared
 from twinbench.bench.report.figures.tracks import states
+from twinbench.bench.report.main_table import quickest
+from twinbench.bench.report.paper import STRONGEST
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
-from twinbench.bench.report.tables import quickest
 from twinbench.bench.roster import ABLATION, PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.coverage import nis_median_ratio
 from twinbench.bench.statistics.health import TERMINAL_S
@@ -23,8 +24,6 @@ from twinbench.data.batch import ESTIMATED, HEALTH, STATES
 from twinbench.data.disturb import CONDITIONS
 from twinbench.data.scenes import RAMP_BEGINS_S, RAMP_NAMES, RAMP_S
 
-STRONGEST = "gru_kf"
-"""The baseline that the paper finds strongest."""
 SETTLED_S = 30.0
 """After a scene begins: what a filter finds out in this time is not what the paper's figures show."""
 

@@ -33,8 +33,9 @@ MARKS = (
     "correction for all pairs, 5 %). No mark: nobody is told from the best."
 )
 CENSORING = (
-    "Delay and recovery: Kaplan-Meier median over the runs, and in how many of them it was seen at all. A run in which "
-    "it was not counts as one that takes longer than was watched. Seeds that repeat one another count once."
+    "Delay and recovery: Kaplan-Meier median over the changes of health in all runs, and after how many of them it was "
+    "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one "
+    "another count once."
 )
 KNOWN = {**DEFINITIONS, FORECAST: "Mean of the three errors forecast 60 s ahead, as the table of forecasts has them."}
 
@@ -87,6 +88,19 @@ def value_cell(value: Value, best: bool = False) -> Cell:
     if np.isfinite(value.runs):
         beside = f"{value.happened:.0f} of {value.runs:.0f}"
     return Cell(text, interval, beside, best)
+
+
+def skill_cell(summary: Summary, estimator: str, metric: str) -> Cell:
+    """What an estimator is worth by one error; marked where its interval leaves no doubt that it is worth something."""
+    skill = summary.skill(estimator, metric)
+    if not np.isfinite(skill.value):
+        return Cell("0" if estimator and estimator == _against(summary, metric) else "–")
+    interval = span(skill.low, skill.high) if np.isfinite(skill.low) else ""
+    return Cell(number(skill.value, 2), interval, best=bool(skill.low > 0.0) and estimator not in UNRANKED)
+
+
+def _against(summary: Summary, metric: str) -> str:
+    return next((s.against for (_, m), s in summary.skills.items() if m == metric), "")
 
 
 def definitions(measures: Sequence[Measure]) -> tuple[str, ...]:

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 
+from twinbench.bench.report.health_tables import health_tables
+from twinbench.bench.report.main_table import comparison, quickest
 from twinbench.bench.report.measured import Measure, measured, value_cell
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
 from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
 from twinbench.bench.statistics.coverage import REGIMES
-from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, Summary, Value
+from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH
 
-COMPARED = (
-    Measure(PARAMETERS, "health", "error, %"),
-    Measure("p_nrmse_pct", "p", "filtered, %"),
-    Measure("T_nrmse_pct", "T", "filtered, %"),
-    Measure("m_nrmse_pct", "flow", "filtered, %"),
-    Measure(FORECAST, "p, T, flow", "60 s ahead, %"),
-    Measure("coverage95_pct", "inside, %", "95 % interval"),
-)
-"""As many as fit a page beside the estimators; what else there is stands in the tables below it."""
 FORETOLD = (
     Measure("p_open60_pct", "p", "60 s ahead, %"),
     Measure("T_open60_pct", "T", "60 s ahead, %"),
@@ -56,14 +47,10 @@ CONSISTENT = (
     Measure("nees_ratio", "ratio", "NEES"),
 )
 RANK = (
-    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by the "
-    "mean of the three 60 s errors."
+    "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by "
+    "the mean of the three 60 s errors."
 )
-LATENCY = (
-    "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "
-    "implementation's time, not the method's: docs/latency.md times filters with nothing left in Python, and there an "
-    "extended Kalman filter is quicker than DeepONet-Kalman."
-)
+LATENCY = "Time: median of one update of one machine, by the quickest form of the filter that was timed."
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
 
 
@@ -79,7 +66,8 @@ def build_tables(
         profile: the run's name.
     """
     return [
-        comparison(summary, profile),
+        comparison(summary, profile, latency, cost),
+        *health_tables(summary),
         measured("forecast", "Forecasts", FORETOLD, summary),
         measured("parameters", "Health parameters", TRACKED, summary),
         measured("following", "Following a change of health", FOLLOWED, summary),
@@ -90,12 +78,6 @@ def build_tables(
         latency_table(latency),
         cost_table(cost),
     ]
-
-
-def comparison(summary: Summary, profile: str) -> Table:
-    """The main table: health, filtered states, forecast and honesty of every estimator."""
-    table = measured("comparison", f"Profile {profile}: comparison on the test recordings", COMPARED, summary)
-    return replace(table, notes=(*summary.notes, *table.notes))
 
 
 def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
@@ -116,12 +98,6 @@ def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
     )
     heads = (Column("estimator"), *(column for column, _ in columns.values()))
     return Table("ranks", "Ranks, time and memory", frame, heads, rows, (RANK, LATENCY, MEMORY))
-
-
-def quickest(latency: pd.DataFrame, column: str) -> dict[str, float]:
-    """A column's value per estimator: of the implementation with the least median time where it has several."""
-    rows = latency.sort_values("p50_us", kind="stable").drop_duplicates("estimator")
-    return {str(name): float(value) for name, value in zip(rows["estimator"], rows[column], strict=True)}
 
 
 def regime_table(regimes: pd.DataFrame) -> Table:
