@@ -59,14 +59,24 @@ def claims(
     ]
 
 
-def claims_table(found: list[Claim]) -> Table:
-    """A line per claim: the paper's number, ours, the oracle's."""
+def claims_table(found: list[Claim], of_single: bool) -> Table:
+    """A line per claim: the paper's number, ours, the oracle's.
+
+    Args:
+        of_single: are they of the paper's kind of recordings? A run without any has worn machines instead.
+    """
     rows = tuple(
         (Cell(f"{c.says}{'' if c.unit == '1' else f', {c.unit}'}"), *(Cell(number(v)) for v in c[2:])) for c in found
     )
     notes = (
         f"Ours is {label(PROPOSED)} unless the line says otherwise. A dash: this run does not tell (the oracle has "
         "none, or --ablations or --robustness were left out).",
+        "Figures and errors without a scene of their own are of the "
+        + (
+            "test recordings of the paper's kind."
+            if of_single
+            else "test recordings, which are not of the paper's kind."
+        ),
     )
     columns = (Column("claim"), Column("paper"), Column("ours"), Column(label(REFERENCE)))
     return Table(

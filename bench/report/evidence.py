@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from twinbench.bench.roster import PROPOSED
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table
 from twinbench.bench.statistics.scores import parameter_error_series
-from twinbench.bench.statistics.strata import select
+from twinbench.bench.statistics.strata import in_stratum
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
 from twinbench.data.scenes import ONSET_S
@@ -30,6 +30,10 @@ AFTERMATH_S = 300.0
 CHANNELS_READ = len(OUTPUTS)
 NIS_WINDOWS_S = {"normal": (0.0, np.inf), **dict.fromkeys(("fouling", "bias"), (ONSET_S, ONSET_S + AFTERMATH_S))}
 """By scene: the time of the innovations of Fig. 6c."""
+
+
+OF_A_SEQUENCE = ("mean", "low", "high", "nis", "nis_dof", "flags", "forecast", "mean_at_origin", "cov_at_origin")
+"""The arrays of ``Estimates`` whose first axis is the recordings."""
 
 
 class Track(NamedTuple):
@@ -87,7 +91,7 @@ class Evidence:
 
 
 def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]) -> Evidence:
-    """Read what is needed of every cell; the examples show each estimator's first seed.
+    """Read what is needed of every cell, on worn machines; the examples show each estimator's first seed.
 
     Args:
         truth: the test recordings with their truth.
@@ -97,10 +101,9 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
     examples: dict[str, Example] = {}
     coverage, errors = [], dict[str, list[Array]]()
     flow = np.empty((2, 0))
-    for cell in cells:
-        ranked = select(cell, "worn")
-        coverage.append(coverage_by_regime(ranked, truth).assign(estimator=cell.estimator, seed=cell.seed))
-        errors.setdefault(cell.estimator, []).append(parameter_error_series(ranked, truth).ravel())
+    for cell in map(_of_worn, cells):
+        coverage.append(coverage_by_regime(cell, truth).assign(estimator=cell.estimator, seed=cell.seed))
+        errors.setdefault(cell.estimator, []).append(parameter_error_series(cell, truth).ravel())
         if cell.estimator == PROPOSED and not flow.size:
             flow = _flow(cell, truth)
         _add_tracks(examples, cell, truth, set(wanted.values()))
@@ -142,6 +145,13 @@ def _add_tracks(examples: dict[str, Example], estimates: Estimates, truth: Batch
         examples[sequence].tracks.setdefault(estimates.estimator, track)
 
 
+def _of_worn(estimates: Estimates) -> Estimates:
+    """The estimates of the recordings that are ranked; the paper's are told apart."""
+    rows = [b for b, name in enumerate(estimates.names) if in_stratum(name, "worn")]
+    names = tuple(estimates.names[b] for b in rows)
+    return replace(estimates, names=names, **{field: getattr(estimates, field)[rows] for field in OF_A_SEQUENCE})
+
+
 def _flow(estimates: Estimates, truth: Batch) -> Array:
     """(2, n): true and estimated flow, kg/s, at points spread evenly over all sequences."""
     at = truth_at(truth, estimates.names, estimates.time_s)
@@ -154,9 +164,12 @@ def _examples(truth: Batch) -> dict[str, str]:
     """The sequence to show for ``load`` and for each health parameter that changes somewhere."""
     assert truth.truth is not None
     moves = truth.truth.outputs[..., OUTPUTS.index("p_dis_bar")].std(axis=1)
+    moves = np.where([in_stratum(name, "worn") for name in truth.names], moves, -1.0)
     wanted = {"load": truth.names[int(moves.argmax())]}
     largest: dict[str, float] = {}
     for name, health in zip(truth.names, truth.truth.health, strict=True):
+        if not in_stratum(name, "worn"):
+            continue
         change = health_change(truth.time_s, health)
         if change is not None and change.size > largest.get(HEALTH[change.parameter], 0.0):
             largest[HEALTH[change.parameter]] = change.size
