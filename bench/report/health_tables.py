@@ -50,20 +50,22 @@ FACTORS = (
     "Each quantity's interval is made wider or narrower by one factor, chosen on the validation recordings (split "
     "conformal prediction, the recording as the unit)."
 )
+NOTHING = "This run has no such scores."
 
 
 def health_tables(summary: Summary) -> list[Table]:
-    """Errors of health, skill, and calibrated coverage; what a run has no scores for is left out."""
-    known = {metric for _, metric in summary.values}
-    found = []
-    if LIFE in known:
-        found.append(measured("health", "Health", KNOWN_OF, summary))
-    if summary.skills:
-        found.append(skill_table(summary))
-    if known & {m.metric for m in CALIBRATED}:
-        table = measured("calibrated", "Coverage of the 95 % intervals after calibration", CALIBRATED, summary)
-        found.append(replace(table, notes=(FACTORS, *table.notes)))
-    return found
+    """Errors of health, skill, and calibrated coverage."""
+    calibrated = measured("calibrated", "Coverage of the 95 % intervals after calibration", CALIBRATED, summary)
+    return [
+        _or_nothing(measured("health", "Health", KNOWN_OF, summary)),
+        _or_nothing(skill_table(summary)),
+        _or_nothing(replace(calibrated, notes=(FACTORS, *calibrated.notes))),
+    ]
+
+
+def _or_nothing(table: Table) -> Table:
+    """A table without a column beside the estimators says so instead."""
+    return table if len(table.columns) > 1 else replace(table, rows=(), notes=(NOTHING,), definitions=())
 
 
 def skill_table(summary: Summary) -> Table:
@@ -74,7 +76,12 @@ def skill_table(summary: Summary) -> Table:
         for column in ("value", "low", "high"):
             frame[f"{metric}_{column}"] = [getattr(summary.skill(e, metric), column) for e in summary.estimators]
     rows = tuple((Cell(label(e)), *(skill_cell(summary, e, m) for m in metrics)) for e in summary.estimators)
-    best = {WORTH[m].head: s.against for m in metrics for (_, metric), s in summary.skills.items() if metric == m}
+    best = {
+        f"{WORTH[m].group} {WORTH[m].head}": s.against
+        for m in metrics
+        for (_, metric), s in summary.skills.items()
+        if metric == m
+    }
     against = "; ".join(
         f"{label(name)}: {', '.join(head for head, own in best.items() if own == name)}"
         for name in dict.fromkeys(best.values())
@@ -85,6 +92,9 @@ def skill_table(summary: Summary) -> Table:
     return Table("skill", "Skill: what an estimator is worth", frame, columns, rows, notes)
 
 
-def single_table(single: Summary) -> Table:
-    """The comparison on the paper's own kind of recordings: a healthy start, and one parameter that changes."""
-    return measured("single", "On the paper's kind of recordings: a healthy start, one change", SINGLE, single)
+def single_table(single: Summary | None) -> Table:
+    """The comparison on the paper's own kind of recordings; None where a run has none."""
+    title = "On the paper's kind of recordings: a healthy start, one change"
+    if single is None:
+        return Table("single", title, pd.DataFrame(), (Column("estimator"),), (), (NOTHING,))
+    return measured("single", title, SINGLE, single)

@@ -57,8 +57,7 @@ def write_report(out: Path) -> Table:
         own = (single, scores) if single else (summary, worn)
         found = claims(own[0], evidence, own[1], results.robustness, results.latency)
         tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone), single is not None))
-    if single:
-        tables.append(single_table(single))
+    tables.append(single_table(single))
     tables += robustness_tables(results.robustness)
     said = (*answer(summary), *verdicts(summary))
     of_paper = paper_says(single, scores, results.failures, results.robustness)
