@@ -76,19 +76,14 @@ def skill_table(summary: Summary) -> Table:
         for column in ("value", "low", "high"):
             frame[f"{metric}_{column}"] = [getattr(summary.skill(e, metric), column) for e in summary.estimators]
     rows = tuple((Cell(label(e)), *(skill_cell(summary, e, m) for m in metrics)) for e in summary.estimators)
-    best = {
-        f"{WORTH[m].group} {WORTH[m].head}": s.against
-        for m in metrics
-        for (_, metric), s in summary.skills.items()
-        if metric == m
-    }
-    against = "; ".join(
-        f"{label(name)}: {', '.join(head for head, own in best.items() if own == name)}"
-        for name in dict.fromkeys(best.values())
-    )
+    rivals: dict[str, list[str]] = {}
+    for metric in metrics:
+        against = next(skill.against for (_, m), skill in summary.skills.items() if m == metric)
+        rivals.setdefault(label(against), []).append(f"{WORTH[metric].group} {WORTH[metric].head}")
+    of = "; ".join(f"{name} for {', '.join(heads)}" for name, heads in rivals.items())
     columns = (Column("estimator"), *(WORTH[m] for m in metrics))
     frame = frame.replace([np.inf, -np.inf], np.nan)
-    notes = (SKILL.format(against=against), INTERVALS, *references(summary))
+    notes = (SKILL.format(against=of), INTERVALS, *references(summary))
     return Table("skill", "Skill: what an estimator is worth", frame, columns, rows, notes)
 
 
