@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from twinbench.bench.roster import PROPOSED
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table
 from twinbench.bench.statistics.scores import parameter_error_series
-from twinbench.bench.statistics.strata import in_stratum
+from twinbench.bench.statistics.strata import in_stratum, select
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
 from twinbench.data.scenes import ONSET_S
@@ -30,10 +30,6 @@ AFTERMATH_S = 300.0
 CHANNELS_READ = len(OUTPUTS)
 NIS_WINDOWS_S = {"normal": (0.0, np.inf), **dict.fromkeys(("fouling", "bias"), (ONSET_S, ONSET_S + AFTERMATH_S))}
 """By scene: the time of the innovations of Fig. 6c."""
-
-
-OF_A_SEQUENCE = ("mean", "low", "high", "nis", "nis_dof", "flags", "forecast", "mean_at_origin", "cov_at_origin")
-"""The arrays of ``Estimates`` whose first axis is the recordings."""
 
 
 class Track(NamedTuple):
@@ -101,7 +97,8 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
     examples: dict[str, Example] = {}
     coverage, errors = [], dict[str, list[Array]]()
     flow = np.empty((2, 0))
-    for cell in map(_of_worn, cells):
+    for all_of_it in cells:
+        cell = select(all_of_it, "worn")
         coverage.append(coverage_by_regime(cell, truth).assign(estimator=cell.estimator, seed=cell.seed))
         errors.setdefault(cell.estimator, []).append(parameter_error_series(cell, truth).ravel())
         if cell.estimator == PROPOSED and not flow.size:
@@ -143,13 +140,6 @@ def _add_tracks(examples: dict[str, Example], estimates: Estimates, truth: Batch
             examples[sequence] = Example(sequence, estimates.time_s, at.estimated[0])
         track = Track(estimates.mean[b].copy(), estimates.low[b].copy(), estimates.high[b].copy())
         examples[sequence].tracks.setdefault(estimates.estimator, track)
-
-
-def _of_worn(estimates: Estimates) -> Estimates:
-    """The estimates of the recordings that are ranked; the paper's are told apart."""
-    rows = [b for b, name in enumerate(estimates.names) if in_stratum(name, "worn")]
-    names = tuple(estimates.names[b] for b in rows)
-    return replace(estimates, names=names, **{field: getattr(estimates, field)[rows] for field in OF_A_SEQUENCE})
 
 
 def _flow(estimates: Estimates, truth: Batch) -> Array:

@@ -8,7 +8,7 @@ import pandas as pd
 from twinbench.bench.report.health_tables import health_tables
 from twinbench.bench.report.main_table import comparison, quickest
 from twinbench.bench.report.measured import Measure, measured, value_cell
-from twinbench.bench.report.table_formats import Cell, Column, Table, number
+from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
 from twinbench.bench.statistics.coverage import REGIMES
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
@@ -74,6 +74,7 @@ def build_tables(
         measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
         measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
         regime_table(regimes),
+        calibrated_regimes(regimes),
         rank_table(summary, latency),
         latency_table(latency),
         cost_table(cost),
@@ -118,6 +119,27 @@ def regime_table(regimes: pd.DataFrame) -> Table:
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
     notes = [f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown]
     return Table("regimes", title, regimes.reset_index(drop=True), columns, tuple(rows), tuple(notes))
+
+
+def calibrated_regimes(regimes: pd.DataFrame) -> Table:
+    """Coverage after calibration in each regime, of the quantity that is covered least and of that which is most."""
+    name, title = (
+        "regimes_calibrated",
+        "Coverage after calibration by regime, %: the least and the most of ten quantities",
+    )
+    known = regimes.reindex(columns=["estimator", "regime", "quantity", "calibrated_pct"]).dropna()
+    known = known[known["quantity"] != "mean"]
+    if known.empty:
+        return Table(name, title, pd.DataFrame(), (Column("estimator"),), (), ("No calibrated intervals.",))
+    ends = known.groupby(["estimator", "regime"])["calibrated_pct"].agg(["min", "max"])
+    shown = [regime for regime in REGIMES if regime in set(known["regime"])]
+    rows = []
+    for e in ordered(known["estimator"].unique()):
+        pairs = [ends.loc[(e, r)] if (e, r) in ends.index else None for r in shown]
+        rows.append((Cell(label(e)), *(Cell(span(*p) if p is not None else "–") for p in pairs)))
+    columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
+    notes = tuple(f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown)
+    return Table(name, title, ends.reset_index(), columns, tuple(rows), notes)
 
 
 def latency_table(latency: pd.DataFrame) -> Table:

@@ -9,10 +9,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 
+import pandas as pd
+
 from twinbench.bench.report.main_table import extremes
 from twinbench.bench.report.table_formats import number, span
 from twinbench.bench.report.words import names_of
 from twinbench.bench.roster import PROPOSED, QUANTITIES, REFERENCE, TRIVIAL, UNRANKED, label
+from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
 from twinbench.data.batch import HEALTH
@@ -30,10 +33,14 @@ ASKED = {
 """The errors that sentences are about, and what they are called there."""
 
 
-def verdicts(summary: Summary) -> list[str]:
-    """What the run says of each question, a paragraph per string; nothing where it was not asked."""
+def verdicts(summary: Summary, regimes: pd.DataFrame) -> list[str]:
+    """What the run says of each question, a paragraph per string; nothing where it was not asked.
+
+    Args:
+        regimes: what ``bench.statistics.coverage.coverage_table`` returns.
+    """
     found = (*_states(summary), *_skill(summary), *_parameters(summary), *_close(summary), *_passing(summary))
-    return [*found, *_coverage(summary)]
+    return [*found, *_coverage(summary), *_in_regimes(regimes)]
 
 
 def _ranked(summary: Summary) -> list[str]:
@@ -134,6 +141,25 @@ def _coverage(summary: Summary) -> Iterator[str]:
             f"({where_low}) and {number(high)} % at most ({where_high}). All ten quantities between "
             f"{CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} %: {'yes' if right else 'no'}."
         )
+
+
+def _in_regimes(regimes: pd.DataFrame) -> Iterator[str]:
+    """In how many pairs of quantity and regime the calibrated intervals of the proposed method are right."""
+    if "calibrated_pct" not in regimes:
+        return
+    own = regimes[(regimes["estimator"] == PROPOSED) & (regimes["quantity"] != "mean")].dropna(subset="calibrated_pct")
+    if own.empty:
+        return
+    right = own["calibrated_pct"].between(*CALIBRATED_PCT)
+    ends = []
+    for at in (own["calibrated_pct"].idxmin(), own["calibrated_pct"].idxmax()):
+        row = own.loc[at]
+        where = f"{QUANTITIES[row['quantity']][0]}; {REGIMES[row['regime']]}"
+        ends.append(f"{number(row['calibrated_pct'])} % ({where})")
+    yield (
+        f"By quantity and regime, its calibrated coverage goes from {ends[0]} to {ends[1]}. In {int(right.sum())} of "
+        f"{len(own)} pairs it lies between {CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} %."
+    )
 
 
 def _with_interval(value: Value) -> str:

@@ -7,7 +7,6 @@ import math
 from twinbench.bench.report.table_formats import number, span
 from twinbench.bench.roster import PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.apart import FAMILY_LEVEL
-from twinbench.bench.statistics.bootstrap import differences
 from twinbench.bench.statistics.ranks import Ranking
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
 

@@ -59,7 +59,7 @@ def write_report(out: Path) -> Table:
         tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone), single is not None))
     tables.append(single_table(single))
     tables += robustness_tables(results.robustness)
-    said = (*answer(summary), *verdicts(summary))
+    said = (*answer(summary), *verdicts(summary, evidence.coverage))
     of_paper = paper_says(single, scores, results.failures, results.robustness)
     write_bytes(out / "answer.md", bullets(f"**{headline(summary)}.**", *said).encode())
     write_bytes(out / "paper_says.md", bullets(*of_paper).encode())
