@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer
 
 JOBS ?= 2
 
-.PHONY: bench test test-slow lint docs clean
+.PHONY: bench test test-slow lint docs pages clean
 
 bench: .venv/.ready
 	$(BIN)/twinbench run --profile quick
@@ -25,6 +25,10 @@ lint: .venv/.ready-dev
 # The pages and the reference as a site in site/; a warning is an error.
 docs: .venv/.ready-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
+# Every block of a page that shows a file of results/ becomes that file as it is now.
+pages: .venv/.ready
+	$(BIN)/python -m twinbench.common.page_marks
 
 clean:
 	rm -rf .venv site results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis

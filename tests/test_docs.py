@@ -17,13 +17,8 @@ from twinbench.bench.cli.main import build_parser
 from twinbench.bench.contract import run_battery
 from twinbench.bench.contract.subject import small_benchmark
 from twinbench.bench.registry import discover, find
-from twinbench.bench.report.tables import COMPARED
-from twinbench.bench.results import load_results
-from twinbench.bench.roster import PRIOR, UNRANKED, is_ablation, label
-from twinbench.bench.statistics.bootstrap import differences
-from twinbench.bench.statistics.scores import STATE_ERRORS
-from twinbench.bench.statistics.summary import FORECAST, PARAMETERS, summarise
-from twinbench.data.batch import HEALTH, OUTPUTS
+from twinbench.bench.roster import TRIVIAL
+from twinbench.data.batch import OUTPUTS
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL
@@ -60,112 +55,6 @@ def commands() -> list[str]:
         lines += re.findall(r"`(twinbench [^`]+)`", prose)
         found += [line for line in lines if line.startswith("twinbench ")]
     return sorted(set(found))
-
-
-@pytest.fixture(scope="module")
-def reference_run():
-    """The statistics of the reference run, from its scores."""
-    results = load_results(ROOT / "results/paper")
-    return summarise(results.scores[~results.scores["estimator"].map(is_ablation)], {})
-
-
-def test_the_comparison_in_the_readme_is_the_reference_run(reference_run):
-    rows = re.findall(r"^\| (.+?) \| (.+\(.+) \|$", (ROOT / "README.md").read_text(), re.MULTILINE)
-    metrics = [measure.metric for measure in COMPARED]
-    table = pd.read_csv(ROOT / "results/paper/tables/comparison.csv")
-    assert [name for name, _ in rows] == [label(name) for name in table.estimator]
-    for (_, cells), (_, row) in zip(rows, table.iterrows(), strict=True):
-        shown = ["{:.3g} ({:.3g} to {:.3g})".format(row[m], row[f"{m}_low"], row[f"{m}_high"]) for m in metrics]
-        marked = [row.estimator in reference_run.marked[m] for m in metrics]
-        assert cells.split(" | ") == [f"**{c}**" if m else c for c, m in zip(shown, marked, strict=True)]
-
-
-def test_what_the_pages_say_of_the_comparison_is_in_its_tables(reference_run):
-    paired = pd.read_csv(ROOT / "results/paper/tables/paired.csv").set_index("estimator")
-    paired = paired.drop(list(UNRANKED))
-    assert (paired[["p_nrmse_pct_low", "T_nrmse_pct_low", "m_nrmse_pct_low"]] > 0.0).all(axis=None)
-    assert list(paired.index[paired["parameter_error_pct_low"] <= 0.0]) == ["pinn_ukf"]
-    gru_kf = paired.loc["gru_kf", ["parameter_error_pct_low", "parameter_error_pct_high"]]
-    assert gru_kf.round(2).tolist() == [0.35, 6.19]
-    assert list(paired.index[paired["p_open60_pct_low"] <= 0.0]) == ["nominal_ekf_mended", "pinn_ukf"]
-    marked = reference_run.marked
-    assert {marked[m] for m in STATE_ERRORS} == {("deeponet_kalman",)}
-    assert marked[FORECAST] == ("deeponet_kalman", "pinn_ukf")
-    assert (marked[PARAMETERS][0], len(marked[PARAMETERS])) == ("deeponet_kalman", 6)
-    assert "lstm_rls" not in marked[PARAMETERS]
-    assert marked["coverage95_pct"] == marked["delay_s"] == marked["recovery_s"] == ()
-    tables = {name: pd.read_csv(ROOT / f"results/paper/tables/{name}.csv") for name in ("comparison", "coverage")}
-    comparison, coverage = (table.set_index("estimator") for table in tables.values())
-    proposed = comparison.loc["deeponet_kalman"]
-    assert proposed["T_nrmse_pct"] < 0.6 * comparison.loc["oracle", "T_nrmse_pct"]
-    by_parameter = coverage.loc["deeponet_kalman", [f"coverage_{name}_pct" for name in HEALTH]]
-    off = by_parameter[~by_parameter.between(90.0, 98.5)]
-    assert list(off.index) == ["coverage_heat_transfer_pct", "coverage_T_bias_K_pct"]
-    assert off.iloc[0] < 95.0 < off.iloc[1]
-    regimes = pd.read_csv(ROOT / "results/paper/tables/regimes.csv").set_index("estimator").loc["deeponet_kalman"]
-    assert regimes.groupby("regime")["coverage_pct"].mean().between(90.0, 98.5).all()
-    claims = pd.read_csv(ROOT / "results/paper/tables/claims.csv").set_index("says")
-    (pressure,), (temperature,) = (claims.index[claims.index.str.startswith(f"Fig. {panel}")] for panel in ("3a", "3b"))
-    assert claims.loc[pressure, "ours"] < claims.loc[pressure, "paper"]
-    assert claims.loc[temperature, "paper"] < claims.loc[temperature, "ours"] < claims.loc[temperature, "reference"]
-    assert claims.loc["mean parameter error", "paper"] < claims.loc["mean parameter error", "ours"]
-    delay = claims.loc["Fig. 4a, effective delay of capacity"]
-    assert min(delay["ours"], delay["reference"]) > delay["paper"]
-    assert claims.loc["Fig. 4c, recovery of heat transfer", ["ours", "reference"]].isna().all()
-
-
-def test_what_the_pages_say_of_the_mended_filter_is_in_its_results(reference_run):
-    again = summarise(load_results(ROOT / "results/paper_mended").scores, {})
-    for same in ("oracle", PRIOR, "nominal_ekf"):
-        assert again.value(same, PARAMETERS).mean == reference_run.value(same, PARAMETERS).mean
-    health, forecast = (again.value("nominal_ekf_mended", metric).mean for metric in (PARAMETERS, FORECAST))
-    rows = differences(again.by_sequence[PARAMETERS], "nominal_ekf_mended").set_index("estimator")
-    gained, reference = rows.loc["nominal_ekf"], rows.loc["oracle"]
-    assert f"errs by {health:.2f} % in health and {forecast:.3f} % in the forecast" in words("README.md")
-    says = f"{gained['difference']:.1f} percentage points less health error than the nominal EKF "
-    assert says + f"({gained['low']:.1f} to {gained['high']:.1f})" in words("README.md")
-    assert reference["low"] > 0.0, "no more than the oracle"
-    white = pd.read_csv(ROOT / "results/paper_mended/tables/consistency.csv").set_index("estimator")["nis_median_ratio"]
-    page = words("docs/reproduction.md")
-    assert f"errs by {health:.2f} % in health. The nominal EKF errs by" in page
-    assert f"their median is {white['nominal_ekf_mended']:.3f} of what is expected" in page
-    assert f"the nominal EKF's is {white['nominal_ekf']:.3f}." in page
-
-
-def test_what_the_pages_say_of_who_never_looks_is_in_the_scores(reference_run):
-    prior = reference_run.value(PRIOR, PARAMETERS).mean
-    says = f"scores {prior:.2f} % and beats five of the seven estimators in the mean"
-    ranked = reference_run.rankings[PARAMETERS].estimators
-    assert len(ranked) == 7
-    assert sum(reference_run.value(e, PARAMETERS).mean > prior for e in ranked) == 5
-    rows = differences(reference_run.by_sequence[PARAMETERS], PRIOR).set_index("estimator")
-    assert not (rows["high"] < 0.0).any(), "nobody does better, not even the oracle"
-    assert set(rows.index[rows["low"] > 0.0]) == {"lstm_rls", "deeponet"}
-    for page in ("README.md", "docs/reproduction.md"):
-        assert says in words(page)
-        assert "LSTM + RLS and DeepONet do worse" in words(page)
-    faults = pd.read_csv(ROOT / "results/paper/tables/faults.csv").set_index("condition")
-    own = faults.pop(PRIOR)
-    assert own.nunique() == 1
-    says = f"Always at the prior scores {own.iloc[0]:.2f} % there, less than any estimator"
-    assert says in words("docs/reproduction.md")
-    assert own.iloc[0] < faults.drop(columns="oracle").min(axis=None)
-    scores = pd.read_csv(ROOT / "results/paper/scores.csv").query("metric == @PARAMETERS")
-    by = scores.groupby(["estimator", "sequence"])["value"].mean()
-    left_at_the_prior = by["deeponet_kalman:no_conditioning"] - by[PRIOR]
-    assert left_at_the_prior.abs().max() < 1e-3
-
-
-def test_delay_and_recovery_on_the_page_are_those_of_the_table():
-    table = pd.read_csv(ROOT / "results/paper/tables/following.csv").set_index("estimator")
-    seen = {e: [f"{table.loc[e, f'{m}_happened']:.0f}" for m in ("delay_s", "recovery_s")] for e in table.index}
-    runs = {e: f"{table.loc[e, 'recovery_s_runs']:.0f}" for e in table.index}
-    page = words("docs/reproduction.md")
-    ours, pinn, oracle, alone = (seen[e] for e in ("deeponet_kalman", "pinn_ukf", "oracle", "deeponet"))
-    assert f"follows in {ours[0]} of {runs['deeponet_kalman']} runs and recovers in {ours[1]} of 30" in page
-    says = f"PINN + UKF in {pinn[0]} and {pinn[1]}, the oracle in {oracle[0]} and {oracle[1]} of its {runs['oracle']}"
-    assert says in page
-    assert f"two minutes in {alone[0]} of 30 runs and recovers in {alone[1]} of 30" in page
 
 
 def test_one_number_for_one_thing():
@@ -207,58 +96,12 @@ def test_the_python_versions_are_those_that_the_package_takes():
     assert f"Python {says}" in (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
-def test_what_the_pages_say_of_ablations_and_faults_is_in_their_tables():
-    faults = pd.read_csv(ROOT / "results/paper/tables/faults.csv").set_index("condition")
-    share = (faults.drop("none") / faults.loc["none"]).drop(columns=PRIOR)
-    ours = share.pop("deeponet_kalman")
-    assert len(ours) == 20
-    assert list(ours.index[ours > 1.2]) == ["drift p_dis_bar"]
-    assert round(ours.max(), 1) == 1.7
-    assert share[["oracle", "nominal_ekf_mended", "pinn_ukf"]].max().between(2.3, 4.3).all()
-    ablations = pd.read_csv(ROOT / "results/paper/tables/ablations.csv").set_index("estimator")
-    ablations.index = ablations.index.str.partition(":").get_level_values(2)
-    assert ablations.loc["no_feasibility", "parameter_error_pct"] == pytest.approx(0.0, abs=1e-6)
-    assert round(ablations.loc["no_covariance_adaptation", "parameter_error_pct"], 2) == 0.03
-    whole = pd.read_csv(ROOT / "results/paper/tables/forecast.csv").set_index("estimator").loc["deeponet_kalman"]
-    forecasts = ["p_open60_pct", "T_open60_pct", "m_open60_pct"]
-    times = 1.0 + ablations.loc[["no_conditioning", "no_counterfactuals"], forecasts] / whole[forecasts]
-    assert times.min(axis=None) > 4.0
-    assert times.max(axis=None) < 9.1
-    cost = pd.read_csv(ROOT / "results/paper/cost.csv").query("stage == 'estimate'")
-    cost = cost.groupby("estimator")["cpu_s"].mean()
-    slower = cost["deeponet_kalman:finite_differences"] / cost["deeponet_kalman:no_trust"]
-    assert round(slower) == 3
-
-
-def test_the_reproduction_page_shows_what_the_results_hold():
-    page = (ROOT / "docs/reproduction.md").read_text(encoding="utf-8")
-    shown = re.findall(r"<!-- results/(paper/tables/\w+\.md) -->\n(.*?)<!-- end -->", page, re.DOTALL)
-    assert {"paper/tables/claims.md", "paper/tables/paired.md"} <= {name for name, _ in shown}
-    for name, text in shown:
-        assert text == (ROOT / "results" / name).read_text(encoding="utf-8")
-
-
 @pytest.mark.parametrize(
     "folder", ["proof", "proof_256172", "opponents", "flagship", "fuzz", "real_recordings", "grey_box", "sensitivity"]
 )
 def test_the_list_of_results_names_the_command_that_made_them(folder):
     (row,) = [r for r in (ROOT / "results/README.md").read_text().splitlines() if r.startswith(f"| `{folder}/`")]
     assert json.loads((ROOT / "results" / folder / "manifest.json").read_text())["command"] in row
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "proof/gates.md",
-        "proof/fits.md",
-        "opponents/engines.md",
-        "opponents/paired.md",
-        "flagship/gates_known_health.md",
-    ],
-)
-def test_the_proof_page_shows_what_the_results_hold(name):
-    page = (ROOT / "docs/proof.md").read_text(encoding="utf-8")
-    assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text()}<!-- end -->" in page
 
 
 def test_what_the_pages_say_of_the_proof_is_in_its_rows():
@@ -491,12 +334,6 @@ def test_the_proof_page_shows_the_earlier_runs_as_they_are_stored():
             assert f"| {folder.name} | {row['engine']} | {cells} |" in page
 
 
-@pytest.mark.parametrize("name", ["latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"])
-def test_the_latency_page_shows_what_the_results_hold(name):
-    page = (ROOT / "docs/latency.md").read_text(encoding="utf-8")
-    assert f"<!-- results/{name} -->\n{(ROOT / 'results' / name).read_text(encoding='utf-8')}<!-- end -->" in page
-
-
 def test_every_picture_on_the_pages_is_there():
     for page in PAGES:
         for target in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
@@ -557,13 +394,13 @@ def test_an_update_is_as_small_and_sound_as_the_pages_say():
 
 def test_evaluation_costs_what_the_pages_say():
     table = pd.read_csv(ROOT / "results/benchmarks/evaluation.csv").set_index("estimator")
-    assert set(table.index) == set(discover()) - {PRIOR}, "what does nothing is not timed"
+    assert set(table.index) <= set(discover()) - set(TRIVIAL), "what does nothing is not timed"
     assert (table["recordings"] == 10).all()
     assert (table["samples"] == 30_000).all()
     ours, slowest = table["wall_s"]["deeponet_kalman"], table["wall_s"].max()
     assert ours < 20.0
     assert slowest < 120.0
-    says = f"takes {ours:.0f} s on two cores; no estimator takes more than {slowest:.0f} s"
+    says = f"takes {ours:.0f} s on two cores; none of those timed takes more than {slowest:.0f} s"
     assert says in words("docs/latency.md")
 
 

@@ -11,8 +11,9 @@ import pandas as pd
 from twinbench.bench.report.evidence import CHANNELS_READ, Evidence, Example
 from twinbench.bench.report.figures.scenes import RAMP_ERRORS, r_squared
 from twinbench.bench.report.figures.tracks import states
+from twinbench.bench.report.main_table import quickest
+from twinbench.bench.report.paper import STRONGEST
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
-from twinbench.bench.report.tables import quickest
 from twinbench.bench.roster import ABLATION, PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.coverage import nis_median_ratio
 from twinbench.bench.statistics.health import TERMINAL_S
@@ -23,8 +24,6 @@ from twinbench.data.batch import ESTIMATED, HEALTH, STATES
 from twinbench.data.disturb import CONDITIONS
 from twinbench.data.scenes import RAMP_BEGINS_S, RAMP_NAMES, RAMP_S
 
-STRONGEST = "gru_kf"
-"""The baseline that the paper finds strongest."""
 SETTLED_S = 30.0
 """After a scene begins: what a filter finds out in this time is not what the paper's figures show."""
 
@@ -60,14 +59,24 @@ def claims(
     ]
 
 
-def claims_table(found: list[Claim]) -> Table:
-    """A line per claim: the paper's number, ours, the oracle's."""
+def claims_table(found: list[Claim], of_single: bool) -> Table:
+    """A line per claim: the paper's number, ours, the oracle's.
+
+    Args:
+        of_single: are they of the paper's kind of recordings? A run without any has worn machines instead.
+    """
     rows = tuple(
         (Cell(f"{c.says}{'' if c.unit == '1' else f', {c.unit}'}"), *(Cell(number(v)) for v in c[2:])) for c in found
     )
     notes = (
         f"Ours is {label(PROPOSED)} unless the line says otherwise. A dash: this run does not tell (the oracle has "
         "none, or --ablations or --robustness were left out).",
+        "Figures and errors without a scene of their own are of the "
+        + (
+            "test recordings of the paper's kind."
+            if of_single
+            else "test recordings, which are not of the paper's kind."
+        ),
     )
     columns = (Column("claim"), Column("paper"), Column("ours"), Column(label(REFERENCE)))
     return Table(

@@ -14,7 +14,7 @@ from twinbench.bench.roster import PROPOSED
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table
 from twinbench.bench.statistics.scores import parameter_error_series
-from twinbench.bench.statistics.strata import select
+from twinbench.bench.statistics.strata import in_stratum, select
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
 from twinbench.data.scenes import ONSET_S
@@ -87,7 +87,7 @@ class Evidence:
 
 
 def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]) -> Evidence:
-    """Read what is needed of every cell; the examples show each estimator's first seed.
+    """Read what is needed of every cell, on worn machines; the examples show each estimator's first seed.
 
     Args:
         truth: the test recordings with their truth.
@@ -97,10 +97,10 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
     examples: dict[str, Example] = {}
     coverage, errors = [], dict[str, list[Array]]()
     flow = np.empty((2, 0))
-    for cell in cells:
-        ranked = select(cell, "worn")
-        coverage.append(coverage_by_regime(ranked, truth).assign(estimator=cell.estimator, seed=cell.seed))
-        errors.setdefault(cell.estimator, []).append(parameter_error_series(ranked, truth).ravel())
+    for all_of_it in cells:
+        cell = select(all_of_it, "worn")
+        coverage.append(coverage_by_regime(cell, truth).assign(estimator=cell.estimator, seed=cell.seed))
+        errors.setdefault(cell.estimator, []).append(parameter_error_series(cell, truth).ravel())
         if cell.estimator == PROPOSED and not flow.size:
             flow = _flow(cell, truth)
         _add_tracks(examples, cell, truth, set(wanted.values()))
@@ -154,9 +154,12 @@ def _examples(truth: Batch) -> dict[str, str]:
     """The sequence to show for ``load`` and for each health parameter that changes somewhere."""
     assert truth.truth is not None
     moves = truth.truth.outputs[..., OUTPUTS.index("p_dis_bar")].std(axis=1)
+    moves = np.where([in_stratum(name, "worn") for name in truth.names], moves, -1.0)
     wanted = {"load": truth.names[int(moves.argmax())]}
     largest: dict[str, float] = {}
     for name, health in zip(truth.names, truth.truth.health, strict=True):
+        if not in_stratum(name, "worn"):
+            continue
         change = health_change(truth.time_s, health)
         if change is not None and change.size > largest.get(HEALTH[change.parameter], 0.0):
             largest[HEALTH[change.parameter]] = change.size

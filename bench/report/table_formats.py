@@ -62,7 +62,7 @@ class Table:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """So many significant digits, no exponent; a dash where there is no number."""
+    """So many significant digits, no exponent; 0 below a millionth, a dash where there is no number."""
     if not math.isfinite(value):
         return "–"
     if value == 0.0:
@@ -70,7 +70,8 @@ def number(value: float, digits: int = 3) -> str:
     # Rounding first: 9.996 has two digits before the point once it is printed.
     rounded = float(f"{value:.{digits}g}")
     decimals = max(digits - 1 - math.floor(math.log10(abs(rounded))), 0)
-    return f"{rounded:,.{min(decimals, 6)}f}".replace("-", MINUS)
+    text = f"{rounded:,.{min(decimals, 6)}f}".replace("-", MINUS)
+    return text if text.strip("−0.") else "0"
 
 
 def span(low: float, high: float, to: bool = False) -> str:

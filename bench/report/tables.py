@@ -2,39 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
-
 import numpy as np
 import pandas as pd
 
+from twinbench.bench.report.health_tables import health_tables
+from twinbench.bench.report.main_table import comparison, quickest
+from twinbench.bench.report.measured import Measure, measured, value_cell
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
-from twinbench.bench.roster import PRIOR, QUANTITIES, REFERENCE, UNRANKED, is_ablation, label, ordered
-from twinbench.bench.statistics.censored import CENSORED
-from twinbench.bench.statistics.regimes import REGIMES
-from twinbench.bench.statistics.scores import DEFINITIONS
-from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, Summary, Value
+from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
+from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH
 
-
-class Measure(NamedTuple):
-    """One metric of scores.csv as a column."""
-
-    metric: str
-    head: str
-    group: str = ""
-
-
-COMPARED = (
-    Measure(PARAMETERS, "health", "error, %"),
-    Measure("p_nrmse_pct", "p", "filtered, %"),
-    Measure("T_nrmse_pct", "T", "filtered, %"),
-    Measure("m_nrmse_pct", "flow", "filtered, %"),
-    Measure(FORECAST, "p, T, flow", "60 s ahead, %"),
-    Measure("coverage95_pct", "inside, %", "95 % interval"),
-)
-"""As many as fit a page beside the estimators; what else there is stands in the tables below it."""
 FORETOLD = (
     Measure("p_open60_pct", "p", "60 s ahead, %"),
     Measure("T_open60_pct", "T", "60 s ahead, %"),
@@ -67,37 +46,12 @@ CONSISTENT = (
     Measure("nis_ratio", "ratio", "NIS"),
     Measure("nees_ratio", "ratio", "NEES"),
 )
-INTERVALS = (
-    "Beside or below each mean, the 95 % interval over test sequences: bootstrap over whole sequences, seeds averaged "
-    "inside each first."
-)
-TIMES = (
-    "× is the multiple of the reference: the oracle, which knows the exact plant and the sensors, but not how health "
-    "moves."
-)
-MARKS = (
-    "Marked: the best mean of a column and all that cannot be told from it (Wilcoxon's test over the sequences, Holm's "
-    "correction for all pairs, 5 %). No mark: nobody is told from the best."
-)
-REFERENCES = f"{label(REFERENCE)} and {label(PRIOR)} are shown to compare with; they are not ranked and not marked."
-CENSORING = (
-    "Delay and recovery: Kaplan-Meier median over the changes of health in all runs, and after how many of them it was "
-    "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one "
-    "another count once."
-)
 RANK = (
     "Rank: mean over the sequences, 1 is best, the reference rows left out; by error of health in % of life, and by "
     "the mean of the three 60 s errors."
 )
-LATENCY = (
-    "Time: median of one update of one machine, by the quickest implementation that this run timed. It is the "
-    "implementation's time, not the method's: docs/latency.md times filters with nothing left in Python, and there an "
-    "extended Kalman filter is quicker than DeepONet-Kalman."
-)
+LATENCY = "Time: median of one update of one machine, by the quickest form of the filter that was timed."
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
-
-
-KNOWN = {**DEFINITIONS, FORECAST: "Mean of the three errors forecast 60 s ahead, as the table of forecasts has them."}
 
 
 def build_tables(
@@ -112,23 +66,19 @@ def build_tables(
         profile: the run's name.
     """
     return [
-        comparison(summary, profile),
-        _measured("forecast", "Forecasts", FORETOLD, summary),
-        _measured("parameters", "Health parameters", TRACKED, summary),
-        _measured("following", "Following a change of health", FOLLOWED, summary),
-        _measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
-        _measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
+        comparison(summary, profile, latency, cost),
+        *health_tables(summary),
+        measured("forecast", "Forecasts", FORETOLD, summary),
+        measured("parameters", "Health parameters", TRACKED, summary),
+        measured("following", "Following a change of health", FOLLOWED, summary),
+        measured("coverage", "Coverage of the 95 % intervals", COVERED, summary),
+        measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
         regime_table(regimes),
+        calibrated_regimes(regimes),
         rank_table(summary, latency),
         latency_table(latency),
         cost_table(cost),
     ]
-
-
-def comparison(summary: Summary, profile: str) -> Table:
-    """The main table: health, filtered states, forecast and honesty of every estimator."""
-    table = _measured("comparison", f"Profile {profile}: comparison on the test recordings", COMPARED, summary)
-    return replace(table, notes=(*summary.notes, *table.notes))
 
 
 def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
@@ -151,12 +101,6 @@ def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
     return Table("ranks", "Ranks, time and memory", frame, heads, rows, (RANK, LATENCY, MEMORY))
 
 
-def quickest(latency: pd.DataFrame, column: str) -> dict[str, float]:
-    """A column's value per estimator: of the implementation with the least median time where it has several."""
-    rows = latency.sort_values("p50_us", kind="stable").drop_duplicates("estimator")
-    return {str(name): float(value) for name, value in zip(rows["estimator"], rows[column], strict=True)}
-
-
 def regime_table(regimes: pd.DataFrame) -> Table:
     """Coverage of the ten quantities' mean in each operating regime."""
     title = "Coverage of the 95 % intervals by regime, % (mean of the ten quantities; 95 is right)"
@@ -169,12 +113,33 @@ def regime_table(regimes: pd.DataFrame) -> Table:
     }
     shown = [regime for regime in REGIMES if regime in set(mean["regime"])]
     rows = [
-        (Cell(label(name)), *(_cell(values.get((name, regime), Value())) for regime in shown))
+        (Cell(label(name)), *(value_cell(values.get((name, regime), Value())) for regime in shown))
         for name in ordered(mean["estimator"].unique())
     ]
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
     notes = [f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown]
     return Table("regimes", title, regimes.reset_index(drop=True), columns, tuple(rows), tuple(notes))
+
+
+def calibrated_regimes(regimes: pd.DataFrame) -> Table:
+    """Coverage after calibration in each regime, of the quantity that is covered least and of that which is most."""
+    name, title = (
+        "regimes_calibrated",
+        "Coverage after calibration by regime, %: the least and the most of ten quantities",
+    )
+    known = regimes.reindex(columns=["estimator", "regime", "quantity", "calibrated_pct"]).dropna()
+    known = known[known["quantity"] != "mean"]
+    if known.empty:
+        return Table(name, title, pd.DataFrame(), (Column("estimator"),), (), ("No calibrated intervals.",))
+    ends = known.groupby(["estimator", "regime"])["calibrated_pct"].agg(["min", "max"])
+    shown = [regime for regime in REGIMES if regime in set(known["regime"])]
+    rows = []
+    for e in ordered(known["estimator"].unique()):
+        pairs = [ends.loc[(e, r)] if (e, r) in ends.index else None for r in shown]
+        rows.append((Cell(label(e)), *(Cell(span(*p) if p is not None else "–") for p in pairs)))
+    columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
+    notes = tuple(f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown)
+    return Table(name, title, ends.reset_index(), columns, tuple(rows), notes)
 
 
 def latency_table(latency: pd.DataFrame) -> Table:
@@ -226,47 +191,6 @@ def cost_table(cost: pd.DataFrame) -> Table:
         "fresh checkout compiles. In all: over the seeds; who draws nothing at random is trained and evaluated once.",
     )
     return Table("cost", "What training and evaluation cost", frame, (Column("estimator"), *heads), rows, notes)
-
-
-def _measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:
-    """Rows: the estimators. Columns: metrics with interval and multiple of the reference."""
-    rows = tuple((Cell(label(e)), *(_metric_cell(summary, e, m.metric) for m in measures)) for e in summary.estimators)
-    frame = pd.DataFrame({"estimator": summary.estimators})
-    for m in measures:
-        for column in Value._fields:
-            key = m.metric if column == "mean" else f"{m.metric}_{column}"
-            frame[key] = [getattr(summary.value(e, m.metric), column) for e in summary.estimators]
-    frame["failed"] = [summary.failures.get(e, "") for e in summary.estimators]
-    columns = (Column("estimator"), *(Column(m.head, m.group) for m in measures))
-    cells = [cell for row in rows for cell in row]
-    notes = [INTERVALS, *([TIMES] if any(c.times.startswith("×") for c in cells) else []), MARKS]
-    notes += [CENSORING] if any(m.metric in CENSORED for m in measures) else []
-    notes += [REFERENCES] if set(summary.estimators) & set(UNRANKED) else []
-    return Table(name, title, frame.dropna(axis=1, how="all"), columns, rows, tuple(notes), _definitions(measures))
-
-
-def _metric_cell(summary: Summary, estimator: str, metric: str) -> Cell:
-    value = summary.value(estimator, metric)
-    if np.isnan(value.mean):
-        return Cell("failed" if estimator in summary.failures else "–")
-    return _cell(value, estimator in summary.marked.get(metric, ()))
-
-
-def _cell(value: Value, best: bool = False) -> Cell:
-    text = number(value.mean) if np.isfinite(value.mean) else "not reached"
-    known = np.isfinite(value.low)
-    interval = span(value.low, value.high) if known else ""
-    beside = f"×{number(value.times, 2)}" if np.isfinite(value.times) else ""
-    if np.isfinite(value.runs):
-        beside = f"{value.happened:.0f} of {value.runs:.0f}"
-    return Cell(text, interval, beside, best)
-
-
-def _definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
-    """One line per metric; that of the mean coverage stands for the ten quantities'."""
-    return tuple(
-        f"{m.group} {m.head}: {KNOWN[m.metric]}".strip() for m in measures if not m.metric.startswith("coverage_")
-    )
 
 
 def _regime_column(regime: str) -> Column:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 
 from twinbench.bench.report.table_formats import number, span
-from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, label
+from twinbench.bench.roster import PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.apart import FAMILY_LEVEL
-from twinbench.bench.statistics.bootstrap import differences
 from twinbench.bench.statistics.ranks import Ranking
-from twinbench.bench.statistics.scores import IDEAL
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
 
 WHERE = {LIFE: "in health", FORECAST: "in the forecast"}
 BEST = {LIFE: "knows the machine's health best", FORECAST: "foretells the next minute best"}
-ERROR = {LIFE: "error of health in % of life", FORECAST: "60 s forecast error"}
+ERROR = {LIFE: "health error", FORECAST: "60 s forecast error"}
 COUNT = ("none", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
@@ -44,8 +42,7 @@ def headline(summary: Summary) -> str:
 def answer(summary: Summary) -> list[str]:
     """The answer in full, one paragraph per string."""
     said = [_best_at(summary, question) for question in summary.rankings]
-    said += _against_prior(summary) + _proposed(summary)
-    return said + [_honesty(summary, e) for e in dict.fromkeys(_by_mean(summary, q)[0] for q in summary.rankings)]
+    return said + _proposed(summary)
 
 
 def certainty(summary: Summary) -> list[str]:
@@ -61,14 +58,13 @@ def _by_mean(summary: Summary, question: str) -> list[str]:
 def _alike(summary: Summary, question: str) -> list[str]:
     """Who cannot be told from the best by its mean, in order of their means."""
     best, *others = _by_mean(summary, question)
-    return [e for e in others if not _pair(summary.rankings[question], best, e)[1]]
+    return [e for e in others if not summary.better(best, e, question)]
 
 
-def _pair(ranking: Ranking, one: str, other: str) -> tuple[float, bool]:
-    """Holm-adjusted Wilcoxon p-value of two estimators, and whether it tells them apart."""
+def _holm_p(ranking: Ranking, one: str, other: str) -> float:
+    """Holm-adjusted Wilcoxon p-value of two estimators."""
     pairs = ranking.pairs
-    row = pairs[pairs["first"].isin((one, other)) & pairs["second"].isin((one, other))].iloc[0]
-    return float(row["holm_p"]), bool(row["resolved"])
+    return float(pairs[pairs["first"].isin((one, other)) & pairs["second"].isin((one, other))].iloc[0]["holm_p"])
 
 
 def _size(summary: Summary, estimator: str, question: str) -> str:
@@ -93,7 +89,7 @@ def _best_at(summary: Summary, question: str) -> str:
         says = f"{label(best)} {BEST[question]}: {ERROR[question]} {size}. "
         says += f"It differs significantly from every other ({tests})."
     else:
-        named = names_of(f"{label(e)} ({_p(_pair(ranking, best, e)[0])})" for e in alike)
+        named = names_of(f"{label(e)} ({_p(_holm_p(ranking, best, e))})" for e in alike)
         says = f"{label(best)} has the least {ERROR[question]}: {size}. It does not differ significantly from {named}"
         says += f", but does from {names_of(map(label, apart))} ({tests})." if apart else f" ({tests})."
     gap, low, high = summary.difference(second, best, question)
@@ -107,25 +103,6 @@ def _best_at(summary: Summary, question: str) -> str:
 
 def _more(gap: float) -> str:
     return f"{number(abs(gap))} percentage points {'more' if gap >= 0 else 'less'}"
-
-
-def _against_prior(summary: Summary) -> list[str]:
-    """Who has learnt something of the machine's health from its sensors, by the paired interval."""
-    scores = summary.by_sequence.get(LIFE)
-    if scores is None or PRIOR not in scores.estimators or not math.isfinite(summary.value(PRIOR, LIFE).mean):
-        return []
-    rows = differences(scores, PRIOR).set_index("estimator")
-    rows = rows[rows["low"].notna()]
-    better, worse = list(rows.index[rows["high"] < 0]), list(rows.index[rows["low"] > 0])
-    level = [e for e in rows.index if e not in (*better, *worse)]
-    said = [f"Better by the paired 95 % interval: {names_of(map(label, better)) if better else 'none'}."]
-    said += [f"No significant difference: {names_of(map(label, level))}."] if level else []
-    said += [f"Worse: {names_of(map(label, worse))}."] if worse else []
-    prior = number(summary.value(PRIOR, LIFE).mean)
-    return [
-        f"{label(PRIOR)} uses no measurement, calls every machine healthy, and errs by {prior} % in health. "
-        f"{' '.join(said)}"
-    ]
 
 
 def _proposed(summary: Summary) -> list[str]:
@@ -147,24 +124,6 @@ def _proposed(summary: Summary) -> list[str]:
                 f"{order.index(PROPOSED) + 1} of {len(order)} with {_size(summary, PROPOSED, question)}.{alike}"
             )
     return said
-
-
-def _honesty(summary: Summary, estimator: str) -> str:
-    value = summary.value(estimator, "coverage95_pct")
-    ideal = IDEAL["coverage95_pct"]
-    if not math.isfinite(value.mean):
-        return f"Whether the intervals of {label(estimator)} are honest is not known: it has no coverage."
-    if not math.isfinite(value.low):
-        judged = "one sequence does not tell whether that is too few or too many"
-    elif value.low <= ideal <= value.high:
-        judged = "they are as wide as they should be, as far as these sequences can tell"
-    elif value.mean > ideal:
-        judged = "they are wider than they need be"
-    else:
-        judged = "they are too narrow: it is surer than it should be"
-    spread = f" (95 % interval {number(value.low)} to {number(value.high)})" if math.isfinite(value.low) else ""
-    share = f"{number(value.mean)} % of the time{spread}"
-    return f"The 95 % intervals of {label(estimator)} hold the truth {share}; {judged}."
 
 
 def _friedman(ranking: Ranking, question: str) -> str:

@@ -6,17 +6,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from twinbench.bench.report import kept
 from twinbench.bench.report.claims import claims, claims_table
 from twinbench.bench.report.evidence import Evidence, add_scenes, gather
 from twinbench.bench.report.figures import FROM_ESTIMATES, draw
+from twinbench.bench.report.health_tables import single_table
 from twinbench.bench.report.paired import ablation_table, rivals_table
+from twinbench.bench.report.paper import paper_says
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Table, to_csv, to_markdown, to_tex
 from twinbench.bench.report.tables import build_tables
+from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.report.words import answer, certainty, headline
 from twinbench.bench.results import Results, load_results
 from twinbench.bench.roster import PROPOSED, UNRANKED, is_ablation, label, ordered
+from twinbench.bench.statistics.strata import of_stratum
 from twinbench.bench.statistics.summary import Summary, summarise
 from twinbench.common.page import render, write_bytes, write_figures
 
@@ -24,7 +30,8 @@ FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
 
 
 def write_report(out: Path) -> Table:
-    """Write ``tables/``, ``figures/`` and ``report.html`` from ``scores.csv`` and its neighbours.
+    """Write ``tables/``, ``figures/``, ``answer.md``, ``paper_says.md`` and ``report.html`` from ``scores.csv`` and its
+    neighbours.
 
     Returns:
         The comparison of the estimators, for a terminal.
@@ -40,22 +47,43 @@ def write_report(out: Path) -> Table:
     gone = kept.lacking(summary, evidence)
     evidence.coverage = kept.with_earlier_regimes(evidence.coverage, out / "tables", gone)
     tables = build_tables(summary, evidence.coverage, results.latency, results.cost, profile_of(results))
-    if PROPOSED in results.scores["estimator"].unique():
-        tables.insert(1, rivals_table(results.scores, results.failures))
+    worn = of_stratum(results.scores, "worn")
+    if PROPOSED in worn["estimator"].unique():
+        tables.insert(1, rivals_table(worn, results.failures))
     if not whole.all():
-        tables.append(ablation_table(results.scores, results.failures))
+        tables.append(ablation_table(worn, results.failures))
+    scores, single = _of_the_paper(results, failures)
     if results.manifest.get("scenes"):
-        found = claims(summary, evidence, results.scores, results.robustness, results.latency)
-        tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone)))
+        own = (single, scores) if single else (summary, worn)
+        found = claims(own[0], evidence, own[1], results.robustness, results.latency)
+        tables.append(claims_table(kept.with_earlier_claims(found, out / "tables", gone), single is not None))
+    tables.append(single_table(single))
     tables += robustness_tables(results.robustness)
+    said = (*answer(summary), *verdicts(summary, evidence.coverage))
+    of_paper = paper_says(single, scores, results.failures, results.robustness)
+    write_bytes(out / "answer.md", bullets(f"**{headline(summary)}.**", *said).encode())
+    write_bytes(out / "paper_says.md", bullets(*of_paper).encode())
     for table in tables:
         for suffix, text in FORMATS.items():
             write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
     lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
     earlier = dict.fromkeys(FROM_ESTIMATES, lacks) if gone else {}
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
-    write_bytes(out / "report.html", _html(results, summary, tables, figures).encode())
+    write_bytes(out / "report.html", _html(results, summary, tables, figures, [*said, *of_paper]).encode())
     return tables[0]
+
+
+def bullets(*paragraphs: str) -> str:
+    """Paragraphs as a Markdown list."""
+    return "".join(f"- {paragraph}\n" for paragraph in paragraphs)
+
+
+def _of_the_paper(results: Results, failures: dict[str, str]) -> tuple[pd.DataFrame, Summary | None]:
+    """Scores and statistics of the recordings of the paper's kind; None where a run has none of them."""
+    scores = of_stratum(results.scores, "single")
+    if scores.empty:
+        return scores, None
+    return scores, summarise(scores[~scores["estimator"].map(is_ablation)], failures, "single")
 
 
 def profile_of(results: Results) -> str:
@@ -70,11 +98,13 @@ def _evidence(results: Results) -> Evidence:
     return evidence
 
 
-def _html(results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]]) -> str:
+def _html(
+    results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]], said: list[str]
+) -> str:
     return render(
         Path(__file__).parent / "templates" / "report.html.j2",
         headline=headline(summary),
-        answer=answer(summary),
+        answer=said,
         certainty=certainty(summary),
         profile=profile_of(results),
         references=[label(name) for name in UNRANKED],

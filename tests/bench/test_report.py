@@ -14,8 +14,9 @@ import pytest
 from helpers.sample_run import LEVELS, write_run
 
 from twinbench.bench.report.figures.latency import pareto
+from twinbench.bench.report.main_table import comparison
 from twinbench.bench.report.table_formats import to_text
-from twinbench.bench.report.tables import comparison, cost_table
+from twinbench.bench.report.tables import cost_table
 from twinbench.bench.report.write import write_report
 from twinbench.bench.results import load_results
 from twinbench.bench.statistics.scores import DEFINITIONS
@@ -23,8 +24,8 @@ from twinbench.bench.statistics.summary import summarise
 from twinbench.common.errors import BadInput
 
 TABLES = (
-    "comparison", "forecast", "parameters", "following", "coverage", "consistency", "ranks", "paired", "regimes",
-    "latency", "cost",
+    "comparison", "health", "skill", "calibrated", "forecast", "parameters", "following", "coverage", "consistency",
+    "ranks", "paired", "regimes", "regimes_calibrated", "single", "latency", "cost",
 )  # fmt: skip
 FIGURES = (
     "fig3_states", "fig3c_parity", "fig4_parameters", "fig5a_errors", "fig5b_ranks_forecast", "fig5b_ranks_parameters",
@@ -163,7 +164,7 @@ def test_drawn_again_it_is_the_same_to_the_byte_and_stale_figures_go(failed: Pat
 
 def test_the_terminal_table_fits_its_terminal(full: Path) -> None:
     results = load_results(full)
-    table = comparison(summarise(results.scores, results.failures), "quick")
+    table = comparison(summarise(results.scores, results.failures), "quick", results.latency, results.cost)
     assert to_text(table).startswith("Profile quick")
     for width in (60, 80, 200):
         lines = to_text(table, width).splitlines()

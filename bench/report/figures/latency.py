@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
-from twinbench.bench.report.tables import quickest
+from twinbench.bench.report.main_table import quickest
 from twinbench.bench.roster import PROPOSED, UNRANKED, label, ordered
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import PARAMETERS, Summary
