@@ -124,7 +124,8 @@ def summarise(scores: pd.DataFrame, failures: Mapping[str, str], stratum: Stratu
     """
     scores = of_stratum(scores, stratum)
     scores = pd.concat([scores, _forecast_scores(scores)], ignore_index=True)
-    metrics = [m for m in (*DEFINITIONS, FORECAST) if m in set(scores["metric"]) and m not in CENSORED]
+    there = set(scores["metric"])
+    metrics = [m for m in (*DEFINITIONS, FORECAST) if m in there and m not in CENSORED]
     tables = {metric: sequence_scores(scores, metric, failures) for metric in metrics}
     values = {key: value for table in tables.values() for key, value in _values(table).items()}
     won = {(e, m): s for m, table in tables.items() if m not in IDEAL for e, s in skills(table).items()}
