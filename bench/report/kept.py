@@ -9,6 +9,7 @@ import pandas as pd
 from twinbench.bench.report.claims import Claim
 from twinbench.bench.report.evidence import Evidence
 from twinbench.bench.roster import PROPOSED, REFERENCE, TRUE_START
+from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.summary import Summary
 
 
@@ -25,7 +26,8 @@ def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) 
     earlier = pd.read_csv(path, keep_default_na=False, na_values=[""], converters={"reason": str})
     if "estimator" not in earlier:
         return coverage
-    kept = earlier[earlier["estimator"].isin(gone)]
+    # Regimes that are told apart otherwise today have no place in today's table.
+    kept = earlier[earlier["estimator"].isin(gone) & earlier["regime"].isin(REGIMES)]
     return pd.concat([table for table in (coverage, kept) if len(table)], ignore_index=True) if len(kept) else coverage
 
 
