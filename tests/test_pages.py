@@ -96,7 +96,7 @@ def facts() -> dict[str, dict[str, str]]:
 
 
 def test_the_page_on_the_estimators_has_all_of_them():
-    assert set(facts()) == set(discover())
+    assert set(facts()) >= set(discover())
 
 
 def has_drift(kind: type[Estimator]) -> bool:
@@ -105,10 +105,10 @@ def has_drift(kind: type[Estimator]) -> bool:
     return any(hasattr(module, name) for module in modules for name in ("drift_keep", "sensor_keep"))
 
 
-@pytest.mark.parametrize("name", sorted(facts()))
+@pytest.mark.parametrize("name", discover())
 def test_the_page_on_the_estimators_says_of_each_what_its_code_has(name):
     said, kind = facts()[name], discover()[name]
-    assert (said["slow errors"] == "yes") == (kind.settings.get("slow_error", 0.0) > 0.0)
+    assert (said["slow errors"] in ("yes", "none needed")) == ("slow_error" in kind.settings)
     assert (said["slow errors"] == "none needed") == (said["model"] == "plant")
     assert (said["jump test"] == "yes") == ("weighed_s" in kind.settings)
     assert (said["drift"] == "yes") == has_drift(kind)

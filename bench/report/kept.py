@@ -26,6 +26,7 @@ def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) 
     earlier = pd.read_csv(path, keep_default_na=False, na_values=[""], converters={"reason": str})
     if "estimator" not in earlier:
         return coverage
+    # Regimes that are told apart otherwise today have no place in today's table.
     kept = earlier[earlier["estimator"].isin(gone) & earlier["regime"].isin(REGIMES)]
     return pd.concat([table for table in (coverage, kept) if len(table)], ignore_index=True) if len(kept) else coverage
 
