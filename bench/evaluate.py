@@ -1,6 +1,7 @@
 """Run an estimator over recordings in lockstep and keep what it said. The truth never comes here.
 
-An estimator that looks both ways runs like any other, for its forecasts; then its estimates are what it knows afterwards.
+An estimator that looks both ways runs like any other, for its forecasts. What it knows afterwards then takes the place
+of its estimates.
 """
 
 from __future__ import annotations
