@@ -76,7 +76,7 @@ def true_inputs(model, z, u):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def move(rhs, model, z, u, theta):  # type: ignore[no-untyped-def]
-    """z (n,) one tick on under true inputs u (4,): states by the equations and their slow errors, the rest by memory."""
+    """z (n,) one tick on under true inputs u (4,): states by equations and slow errors, the rest by its memory."""
     nx = model.step.size
     sensor, error = nx + N_HEALTH, nx + N_HEALTH + N_SENSOR
     after = z.copy()

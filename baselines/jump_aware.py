@@ -36,7 +36,9 @@ from twinbench.methods.weighing import (
 
 CAUSES = np.array([NOTHING, *range(LEAP, LEAP + N_HEALTH), *range(FAILS, FAILS + len(FAILING))])
 """What is weighed, of the causes in ``methods.weighing``. That health goes back is among its leaps."""
-FAILED = np.array([[int(cause == FAILS + FAILING.index(i)) if i in FAILING else 0 for i in range(N_NOISE)] for cause in CAUSES])
+FAILED = np.array(
+    [[int(cause == FAILS + FAILING.index(i)) if i in FAILING else 0 for i in range(N_NOISE)] for cause in CAUSES]
+)
 """(8, 3) which output fails under which cause."""
 REJOINS_SD, REJOINS_UPDATES = 2.0, 10
 """A failed output is believed again when it has been so near for half a second. Nearer, or for longer, keeps it out

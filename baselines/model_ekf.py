@@ -154,7 +154,7 @@ class ModelEKF(Estimator):
         return np.square(size)[: N_ERROR if self.config["slow_error"] > 0.0 else 0]
 
     def start(self, batch: int) -> tuple[Array, Array]:
-        """z (B, n) and P (B, n, n) before the first sample: states as anywhere in training, health as in the population.
+        """z (B, n) and P (B, n, n) before the first sample: states as in training, health as in the population.
 
         Args:
             batch: how many machines, B.
@@ -205,7 +205,7 @@ class ModelEKF(Estimator):
         return np.r_[0 : len(STATES), nx : nx + N_HEALTH]
 
 
-def filter_inputs(clean: Clean) -> tuple[Array, ...]:
+def filter_inputs(clean: Clean) -> tuple[Array, Array, Array, Array, Array, Array]:
     """What a tick reads: inputs before and now and their sd (B, 4), outputs, white and coloured sd (B, 3), in units.
 
     Args:

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import N_HEALTH, N_NOISE, correct_one, forecast_one
-from twinbench.baselines.jump_aware import FAILED, MOST_OUT_UPDATES, watch
+from twinbench.baselines.jump_aware import MOST_OUT_UPDATES, watch
 from twinbench.baselines.oracle import Oracle
 from twinbench.data.batch import INPUTS, Array
 from twinbench.methods.estimator import State, register
@@ -69,14 +69,14 @@ def find_leaps(rhs, output, model, leaps, z, P, started, jumps, read, cause, out
         out: (N, 3) is 1 where an output is not believed.
     """
     u_before, u, u_sd, measured, white, coloured = read
-    since, began, fired = np.zeros((N_SUMS, 2, N_NOISE), np.int64), 0, 0
+    since, began = np.zeros((N_SUMS, 2, N_NOISE), np.int64), 0
     for k in range(cause.size):
         weighed = jumps.left[0, 0] > 0
         suspect = _began(jumps.sums[0], since, k)
         now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
         decided = watch(rhs, output, model, leaps, z, P, started, jumps, 0, now, info)
         if jumps.left[0, 0] > 0 and not weighed:
-            began, fired = suspect, k
+            began = suspect
         if LEAP <= decided < LEAP + N_HEALTH:
             cause[began] = decided
         for c in range(N_NOISE):
@@ -100,9 +100,7 @@ def forward(rhs, output, model, leap_sd, z, P, read, cause, out, kept):  # type:
             i = model.step.size + cause[k] - LEAP
             P[i, i] += leap_sd**2
         kept.ahead[k], kept.ahead_cov[k] = z, P
-        z, P, _, _, _ = correct_one(
-            output, model, z, P, u[k, 0], measured[k, 0], white[k, 0], coloured[k, 0], out[k]
-        )
+        z, P, _, _, _ = correct_one(output, model, z, P, u[k, 0], measured[k, 0], white[k, 0], coloured[k, 0], out[k])
         kept.z[k], kept.P[k] = z, P
 
 
@@ -165,8 +163,8 @@ class OracleSmoother(Oracle):
         inputs, outputs = slice(0, len(INPUTS)), slice(len(INPUTS), None)
         before = np.concatenate([later[:1], later[:-1]])
         measured = np.where(accepted, filled, np.nan)[:, outputs]
-        read = before[:, inputs], filled[:, inputs], input_sd(filled), measured, *output_sd(filled)
-        read = tuple(np.ascontiguousarray(part[:, None]) for part in read)
+        parts = before[:, inputs], filled[:, inputs], input_sd(filled), measured, *output_sd(filled)
+        read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
         samples, n = len(filled), self._size
         cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, N_NOISE), np.int64)
         info = (np.empty((1, 3)), np.empty((1, 3, 3)), np.empty(1))
@@ -174,7 +172,9 @@ class OracleSmoother(Oracle):
         equations = self._rhs, self._output, self._model
         find_leaps(*equations, self.leaps, z, P, np.zeros(1, np.bool_), self.unshaken(1), read, cause, out, info)
         square = (samples, n, n)
-        kept = Pass(np.empty((samples, n)), np.empty(square), np.empty((samples, n)), np.empty(square), np.zeros(square))
+        kept = Pass(
+            np.empty((samples, n)), np.empty(square), np.empty((samples, n)), np.empty(square), np.zeros(square)
+        )
         z, P = self.start(1)
         forward(*equations, self.leaps[0], z[0], P[0], read, cause, out, kept)
         backward(kept)

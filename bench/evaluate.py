@@ -1,6 +1,7 @@
 """Run an estimator over recordings in lockstep and keep what it said. The truth never comes here.
 
-An estimator that looks both ways runs like any other, for its forecasts; then its estimates are what it knows afterwards.
+An estimator that looks both ways runs like any other, for its forecasts. What it knows afterwards then takes the place
+of its estimates.
 """
 
 from __future__ import annotations
@@ -15,12 +16,6 @@ from twinbench.methods.estimator import Estimator, Sample
 
 def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -> Estimates:
     """Step through all sequences at once; forecast from each origin with the inputs that followed.
-
-    Args:
-        estimator: fitted.
-        batch: without truth.
-        evaluation: what is kept.
-        seed: of its training, for the record.
 
     Raises:
         ValueError: the batch still carries its truth.

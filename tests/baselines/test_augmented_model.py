@@ -102,4 +102,4 @@ def test_a_forecast_starts_from_the_present_inputs_without_drift(ekf):
     drifted = z.copy()
     drifted[-len(ekf.arrays["slow_error.sd"]) - 1] = 10.0
     lower = ekf.forecast(state._replace(memory=(drifted[None], *state.memory[1:])), inputs)
-    assert (lower[0, -1, 0] < x[0, -1, 0]) and (lower[0, -1, 2] < x[0, -1, 2]), "less suction pressure, less of both"
+    assert (lower[0, -1, [0, 2]] < x[0, -1, [0, 2]]).all(), "less suction pressure, less of both"

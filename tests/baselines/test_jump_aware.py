@@ -39,7 +39,7 @@ def machine(parameter="", size=0.0):
 
 @pytest.mark.parametrize(("parameter", "size", "off"), [("capacity", -0.06, 0.02), ("T_bias_K", 4.0, 1.5)])
 def test_a_leap_is_followed_within_seconds(oracle, parameter, size, off):
-    readings, health = machine(parameter, size)
+    readings, _ = machine(parameter, size)
     said = record(oracle, readings)
     at = 5 + HEALTH.index(parameter)
     before, after = (said.mean[k, 0, at] for k in (LEAPS_AT - 1, LEAPS_AT + 400))
@@ -59,7 +59,7 @@ def test_without_leaps_it_lags(oracle):
 
 @pytest.mark.parametrize("channel", ["p_dis_bar", "m_flow_kg_s"])
 def test_a_sensor_that_fails_is_left_out_until_it_fits_again(oracle, channel):
-    readings, health = machine()
+    readings, _ = machine()
     c = CHANNELS.index(channel)
     faulty = readings.copy()
     rng = np.random.default_rng(5)
