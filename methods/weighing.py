@@ -24,13 +24,13 @@ NOTHING, LEAP = 0, 1
 BACK = LEAP + len(HEALTH)
 FAILS = BACK + 1
 N_CAUSES = FAILS + len(FAILING)
-"""Where causes stand: nothing; a health parameter leapt, one cause each; health went back; an output fails, likewise."""
+"""Where causes stand: nothing; a health parameter leapt, one each; health went back; an output fails, one each."""
 NOTHING_SHARE = 0.5
 """Prior probability that nothing happened; the others share the rest alike. A thousand times more or less of it moves a
 score by seven, which is what one or two readings that are clearly off say."""
 LOG_PRIOR = np.log(np.where(np.arange(N_CAUSES) == NOTHING, NOTHING_SHARE, (1.0 - NOTHING_SHARE) / (N_CAUSES - 1)))
 MOST_SURPRISE = 16.0
-"""Bound on the NIS of one update: three readings reach it by chance once in a thousand, and no outlier decides alone."""
+"""Bound on the NIS of one update: three readings reach it by chance once in a thousand. More lets an outlier decide."""
 FAILS_SD = 30.0
 """An output that fails reads anything within so many sd. More makes failures less likely: twice as much costs the score
 .7 in every update."""

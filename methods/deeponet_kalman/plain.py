@@ -194,10 +194,10 @@ class PlainTwin:
             self.safety["unknown"] = unknown
             if part > 0.0:
                 self._predict(away, part)
-            innovation, H, R, S = seen = self._foresee(now)
+            seen = self._foresee(now)
             if unknown == 0:
                 out = self.safety["steps"]["out"]
-                self.score[k] += log_likelihood(innovation, S, out, np.empty((3, 3)), np.empty(3))
+                self.score[k] += log_likelihood(seen[0], seen[-1], out, np.empty((3, 3)), np.empty(3))
             told.append(self._correct(now, seen, False))
             self.rivals[k] = self.z, self.P, self.safety
         self.safety = self.rivals[int(np.argmax(self.score))][2].copy()

@@ -133,7 +133,9 @@ def test_what_is_supposed_under_each_cause():
             assert np.linalg.matrix_rank(more) == 5
         else:
             assert np.array_equal(own_z, z)
-            assert np.diag(more) == pytest.approx([4.0 if LEAP <= cause < BACK and j == 2 + cause else 0 for j in range(9)])
+            assert np.diag(more) == pytest.approx(
+                [4.0 if LEAP <= cause < BACK and j == 2 + cause else 0 for j in range(9)]
+            )
 
 
 def test_outputs_that_are_left_out_are_missing_or_come_while_the_query_is_unknown_do_not_step():
