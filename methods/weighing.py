@@ -1,9 +1,10 @@
-"""What made the readings step? Causes are weighed against each other, each by a copy of the filter of its own. Compiled.
+"""What made the readings step? Causes are weighed against each other, each by a copy of the filter. Compiled.
 
-A step of the readings may be the machine's or a sensor's. Which of them it is shows in what follows: each cause lets the
-filter move in its own way, and foretells the next readings well or badly (Willsky and Jones, IEEE Trans. Autom. Control
-21, 1976: generalised likelihood ratio). Meanwhile the mixture of all of them is reported, of the same mean and
-covariance. At the end the likeliest goes on alone.
+A step of the readings may be the machine's or a sensor's. Which of them it is shows in what follows: each cause lets
+the filter move in its own way, and foretells the next readings well or badly (Willsky and Jones, IEEE Trans. Autom.
+Control 21, 1976: generalised likelihood ratio). Meanwhile the mixture of all copies is reported, as one Gaussian of the
+same mean and covariance (Blom and Bar-Shalom, IEEE Trans. Autom. Control 33, 1988). At the end that goes on alone,
+without the outputs that fail under the likeliest cause.
 
 A filter that takes part copies itself once for every cause, calls ``leap`` on the copies whose health leaps, leaves out
 the output that fails in others, and adds ``log_likelihood`` of every update to the cause's score, which begins at

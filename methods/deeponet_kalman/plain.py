@@ -163,10 +163,7 @@ class PlainTwin:
             innovation, accepted = np.where(there, own, innovation), np.where(there, ~np.isnan(used), accepted)
             nis = np.nansum([nis, own_nis]) if np.isfinite([nis, own_nis]).any() else np.nan
             at = to
-        if self.left > 0:
-            self.left -= 1
-            if self.left == 0:
-                self.z, self.P, self.safety = self.rivals[int(np.argmax(self.score))]
+        self.left = max(self.left - 1, 0)
         safety = self.safety
         gated = (safety["steps"]["out"] > 0) | (~accepted & ~np.isnan(innovation))
         uninformed = (np.diag(self.P)[HEALTH] > (KNOWN * m.prior_sd) ** 2).any()
