@@ -1,9 +1,10 @@
-"""What made the readings step? Causes are weighed against each other, each by a copy of the filter of its own. Compiled.
+"""What made the readings step? Causes are weighed against each other, each by a copy of the filter. Compiled.
 
-A step of the readings may be the machine's or a sensor's. Which of them it is shows in what follows: each cause lets the
-filter move in its own way, and foretells the next readings well or badly (Willsky and Jones, IEEE Trans. Autom. Control
-21, 1976: generalised likelihood ratio). Meanwhile the mixture of all of them is reported, of the same mean and
-covariance. At the end the likeliest goes on alone.
+A step of the readings may be the machine's or a sensor's. Which of them it is shows in what follows: each cause lets
+the filter move in its own way, and foretells the next readings well or badly (Willsky and Jones, IEEE Trans. Autom.
+Control 21, 1976: generalised likelihood ratio). Meanwhile the mixture of all copies is reported, as one Gaussian of the
+same mean and covariance (Blom and Bar-Shalom, IEEE Trans. Autom. Control 33, 1988). At the end that goes on alone,
+without the outputs that fail under the likeliest cause.
 
 A filter that takes part copies itself once for every cause, calls ``leap`` on the copies whose health leaps, leaves out
 the output that fails in others, and adds ``log_likelihood`` of every update to the cause's score, which begins at
@@ -24,13 +25,13 @@ NOTHING, LEAP = 0, 1
 BACK = LEAP + len(HEALTH)
 FAILS = BACK + 1
 N_CAUSES = FAILS + len(FAILING)
-"""Where causes stand: nothing; a health parameter leapt, one cause each; health went back; an output fails, likewise."""
+"""Where causes stand: nothing; a health parameter leapt, one each; health went back; an output fails, one each."""
 NOTHING_SHARE = 0.5
 """Prior probability that nothing happened; the others share the rest alike. A thousand times more or less of it moves a
 score by seven, which is what one or two readings that are clearly off say."""
 LOG_PRIOR = np.log(np.where(np.arange(N_CAUSES) == NOTHING, NOTHING_SHARE, (1.0 - NOTHING_SHARE) / (N_CAUSES - 1)))
 MOST_SURPRISE = 16.0
-"""Bound on the NIS of one update: three readings reach it by chance once in a thousand, and no outlier decides alone."""
+"""Bound on the NIS of one update: three readings reach it by chance once in a thousand. More lets an outlier decide."""
 FAILS_SD = 30.0
 """An output that fails reads anything within so many sd. More makes failures less likely: twice as much costs the score
 .7 in every update."""

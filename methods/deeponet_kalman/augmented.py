@@ -178,7 +178,7 @@ def correct(model, safety, z, P, measured, white_sd, coloured_sd, clip, alone, t
     The function takes plain arrays because it is compiled.
 
     Args:
-        alone: False while causes are weighed: nothing is rolled back then, since each cause is to show what it is worth.
+        alone: False while causes are weighed: nothing is rolled back then, so that each cause shows what it is worth.
     """
     settings, counts = model.settings, safety.counts
     if let_in(safety.steps, t.innovation, t.S, t.H, SHIFTS, P):

@@ -1,9 +1,9 @@
 """What each cause of a step of the readings means for a filter. One machine at a time.
 
 While a sensor drifts, no filter can tell it from the machine, and health gives way to it. When the readings step, the
-causes of ``methods.weighing`` are told apart by what follows. Health that leaps is free to be elsewhere in one parameter.
-A sensor that comes back takes health to where it was two minutes ago, if that is far away. A sensor that fails is left out until it fits
-again. What of them is supposed is written into the copy of the filter that the cause has.
+causes of ``methods.weighing`` are told apart by what follows. Health that leaps is free to be elsewhere in one
+parameter. A sensor that comes back takes health to where it was two minutes ago, if that is far away. A sensor that
+fails is left out until it fits again. What a cause supposes is written into the copy of the filter that it has.
 """
 
 from __future__ import annotations

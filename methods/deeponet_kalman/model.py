@@ -69,7 +69,7 @@ RIVALS = record({
     "left": ("i8", ()), "score": ("f8", (N_CAUSES,)),
     "z": ("f8", (N_CAUSES, SIZE)), "P": ("f8", (N_CAUSES, SIZE, SIZE)), "safety": (SAFETY, (N_CAUSES,)),
 })  # fmt: skip
-"""Copies of the filter, one for each cause that is weighed: ticks that are left, log scores, and what a filter carries."""
+"""Copies of the filter, one for each cause that is weighed: ticks left, log scores, and what a filter carries."""
 
 
 def room_type(weights: np.ndarray) -> np.dtype[np.void]:

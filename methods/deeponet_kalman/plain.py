@@ -163,10 +163,7 @@ class PlainTwin:
             innovation, accepted = np.where(there, own, innovation), np.where(there, ~np.isnan(used), accepted)
             nis = np.nansum([nis, own_nis]) if np.isfinite([nis, own_nis]).any() else np.nan
             at = to
-        if self.left > 0:
-            self.left -= 1
-            if self.left == 0:
-                self.z, self.P, self.safety = self.rivals[int(np.argmax(self.score))]
+        self.left = max(self.left - 1, 0)
         safety = self.safety
         gated = (safety["steps"]["out"] > 0) | (~accepted & ~np.isnan(innovation))
         uninformed = (np.diag(self.P)[HEALTH] > (KNOWN * m.prior_sd) ** 2).any()
@@ -194,10 +191,10 @@ class PlainTwin:
             self.safety["unknown"] = unknown
             if part > 0.0:
                 self._predict(away, part)
-            innovation, H, R, S = seen = self._foresee(now)
+            seen = self._foresee(now)
             if unknown == 0:
                 out = self.safety["steps"]["out"]
-                self.score[k] += log_likelihood(innovation, S, out, np.empty((3, 3)), np.empty(3))
+                self.score[k] += log_likelihood(seen[0], seen[-1], out, np.empty((3, 3)), np.empty(3))
             told.append(self._correct(now, seen, False))
             self.rivals[k] = self.z, self.P, self.safety
         self.safety = self.rivals[int(np.argmax(self.score))][2].copy()

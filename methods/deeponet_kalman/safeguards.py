@@ -23,8 +23,8 @@ import numpy as np
 from numba import njit
 
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
-from twinbench.methods.deeponet_kalman.records import record
 from twinbench.methods.deeponet_kalman.causes import STEPS
+from twinbench.methods.deeponet_kalman.records import record
 from twinbench.physics.health import HEALTHY, SPAN, to_zeta
 
 N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3

@@ -89,7 +89,7 @@ def test_a_leap_of_capacity_is_found_and_keeps_every_sensor_in(problem):
     memory, z, weighed, found = watched(problem, leaps=0, size=2.0, ticks=400)
     assert found == [LEAP]
     assert weighed[0] >= BEGIN
-    assert len(weighed) == round(WEIGHED_S / SAMPLE_PERIOD_S) - 1  # after the last of its ticks it is decided
+    assert len(weighed) == round(WEIGHED_S / SAMPLE_PERIOD_S) - 1  # the last of its ticks ends it
     assert not memory["safety"]["steps"]["out"].any()
     assert memory["z"][ZETA] == pytest.approx(z[ZETA], abs=0.2)
 
