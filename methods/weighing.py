@@ -1,0 +1,121 @@
+"""What made the readings step? Causes are weighed against each other, each by a copy of the filter of its own. Compiled.
+
+A step of the readings may be the machine's or a sensor's. Which of them it is shows in what follows: each cause lets the
+filter move in its own way, and foretells the next readings well or badly (Willsky and Jones, IEEE Trans. Autom. Control
+21, 1976: generalised likelihood ratio). Meanwhile the mixture of all of them is reported, of the same mean and
+covariance. At the end the likeliest goes on alone.
+
+A filter that takes part copies itself once for every cause, calls ``leap`` on the copies whose health leaps, leaves out
+the output that fails in others, and adds ``log_likelihood`` of every update to the cause's score, which begins at
+``LOG_PRIOR``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from twinbench.data.batch import HEALTH, OUTPUTS
+from twinbench.methods.kalman import factorise
+
+FAILING = (OUTPUTS.index("p_dis_bar"), OUTPUTS.index("m_flow_kg_s"))
+"""Outputs that may fail. Not the temperature: what its sensor does is its bias, which is a health parameter."""
+NOTHING, LEAP = 0, 1
+BACK = LEAP + len(HEALTH)
+FAILS = BACK + 1
+N_CAUSES = FAILS + len(FAILING)
+"""Where causes stand: nothing; a health parameter leapt, one cause each; health went back; an output fails, likewise."""
+NOTHING_SHARE = 0.5
+"""Prior probability that nothing happened; the others share the rest alike. A thousand times more or less of it moves a
+score by seven, which is what one or two readings that are clearly off say."""
+LOG_PRIOR = np.log(np.where(np.arange(N_CAUSES) == NOTHING, NOTHING_SHARE, (1.0 - NOTHING_SHARE) / (N_CAUSES - 1)))
+MOST_SURPRISE = 16.0
+"""Bound on the NIS of one update: three readings reach it by chance once in a thousand, and no outlier decides alone."""
+FAILS_SD = 30.0
+"""An output that fails reads anything within so many sd. More makes failures less likely: twice as much costs the score
+.7 in every update."""
+
+
+@njit(cache=True, error_model="numpy")
+def log_likelihood(innovation, S, out, L, y):  # type: ignore[no-untyped-def]
+    """Of one update under one cause, bounded, but for what all causes share.
+
+    Args:
+        innovation: (m,) in the outputs' units; NaN where missing, which is the same under every cause.
+        S: (m, m) its covariance, in those units squared.
+        out: (m,) positive for outputs that fail under this cause.
+        L: (m, m) scratch.
+        y: (m,) scratch.
+    """
+    m = 0
+    for a in range(innovation.size):
+        if np.isnan(innovation[a]):
+            continue
+        i = 0
+        for b in range(a + 1):
+            if not np.isnan(innovation[b]):
+                L[m, i] = S[a, b]
+                i += 1
+        if out[a] > 0:
+            L[m, m] += FAILS_SD**2 * S[a, a]
+        y[m] = innovation[a]
+        m += 1
+    factorise(L, m)
+    nis, log_det = 0.0, 0.0
+    for i in range(m):
+        for k in range(i):
+            y[i] -= L[i, k] * y[k]
+        y[i] /= L[i, i]
+        nis += y[i] * y[i]
+        log_det += 2.0 * np.log(L[i, i])
+    return -0.5 * (min(nis, MOST_SURPRISE) + log_det)
+
+
+@njit(cache=True, error_model="numpy")
+def leap(P, k, size):  # type: ignore[no-untyped-def]
+    """Entry ``k`` of the state may have leapt by ``size`` sd in its unit: its variance grows, in P (n, n) in place."""
+    P[k, k] += size * size
+
+
+@njit(cache=True, error_model="numpy")
+def likeliest(scores):  # type: ignore[no-untyped-def]
+    """Which cause (k,) of log scores has the highest."""
+    best = 0
+    for k in range(scores.size):
+        if scores[k] > scores[best]:
+            best = k
+    return best
+
+
+@njit(cache=True, error_model="numpy")
+def probabilities(scores, out):  # type: ignore[no-untyped-def]
+    """Of the causes (k,), from their log scores, into ``out`` (k,); they add up to one."""
+    most, total = scores[likeliest(scores)], 0.0
+    for k in range(scores.size):
+        out[k] = np.exp(scores[k] - most)
+        total += out[k]
+    for k in range(scores.size):
+        out[k] /= total
+
+
+@njit(cache=True, error_model="numpy")
+def mixture_into(weight, means, covs, mean, cov):  # type: ignore[no-untyped-def]
+    """Mean and covariance of a mixture of Gaussians, into ``mean`` (n,) and ``cov`` (n, n).
+
+    Args:
+        weight: (k,) dimensionless, which add up to one.
+        means: (k, n) each in its state's unit.
+        covs: (k, n, n) in those units squared.
+    """
+    n = mean.size
+    for i in range(n):
+        mean[i] = 0.0
+        for k in range(weight.size):
+            mean[i] += weight[k] * means[k, i]
+        for j in range(n):
+            cov[i, j] = 0.0
+    for k in range(weight.size):
+        for i in range(n):
+            for j in range(n):
+                off = (means[k, i] - mean[i]) * (means[k, j] - mean[j])
+                cov[i, j] += weight[k] * (covs[k, i, j] + off)
