@@ -1,26 +1,28 @@
-"""The oracle: an extended Kalman filter that knows the exact plant and the data sheet's noise. The reference.
-
-It is no bound: it does not know the slow drift that the pressure sensors share.
-"""
+"""The oracle: a jump-aware extended Kalman filter that knows the exact plant and the data sheet. The reference."""
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from twinbench.baselines.model_ekf import ModelEKF
+from twinbench.baselines.jump_aware import JumpAwareEKF
 from twinbench.methods.estimator import register
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.simulator import Simulator
 
 
 @register
-class Oracle(ModelEKF):
-    """How good this random-walk filter is with the plant's own equations."""
+class Oracle(JumpAwareEKF):
+    """How good a causal filter is that is told the plant's own equations.
+
+    It knows the noise of every sensor, the drift that the pressure sensors share, the population that machines start
+    from, and that health wanders and may leap. It does not know when health changes, nor that a slow change is a ramp:
+    a filter that does may be better.
+    """
 
     name = "oracle"
-    says = "extended Kalman filter with the exact plant and the data sheet's noise (the reference)"
+    says = "jump-aware extended Kalman filter with the exact plant and the data sheet's noise (the reference)"
 
-    settings: ClassVar[dict[str, Any]] = {**ModelEKF.settings, "health_walk": 1.351, "state_walk": 0.2363}
+    settings: ClassVar[dict[str, Any]] = {**JumpAwareEKF.settings, "health_walk": 1.351, "state_walk": 0.2363}
 
     def machine(self) -> Simulator:
         """The plant itself."""

@@ -7,7 +7,7 @@ from numba import njit
 
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
 from twinbench.physics.health import d_theta_d_zeta
-from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE, speed_factor
+from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE, PRESSURE_DRIFT_TAU_S, speed_factor
 
 HEALTH_WALK = np.array([4e-4, 4e-4, 1.2e-4, 2e-3, 0.05])
 """Standard deviation of what health moves by in a second, order HEALTH, before a filter's ``health_walk``."""
@@ -72,3 +72,8 @@ def coloured_tau_s() -> Array:
 def coloured_keep() -> Array:
     """AR(1) factors (3,) of the outputs' coloured noise from tick to tick."""
     return np.exp(-SAMPLE_PERIOD_S / coloured_tau_s())
+
+
+def drift_keep() -> float:
+    """AR(1) factor from tick to tick of the drift that the pressure sensors share."""
+    return float(np.exp(-SAMPLE_PERIOD_S / PRESSURE_DRIFT_TAU_S))

@@ -1,0 +1,181 @@
+"""The oracle with hindsight: what all of a recording says about each instant of it, its future included.
+
+A Rauch-Tung-Striebel pass (AIAA Journal 3, 1965) runs backwards over a second forward pass of the oracle's own filter.
+The first pass has found out when the readings began to step and what leapt; the second lets it leap there and then.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twinbench.baselines.augmented_model import N_HEALTH, N_NOISE, correct_one, forecast_one
+from twinbench.baselines.jump_aware import FAILED, MOST_OUT_UPDATES, watch
+from twinbench.baselines.oracle import Oracle
+from twinbench.data.batch import INPUTS, Array
+from twinbench.methods.estimator import State, register
+from twinbench.methods.kalman import cholesky_solve, symmetrise
+from twinbench.methods.noise import input_sd, output_sd
+from twinbench.methods.reporting import report
+from twinbench.methods.shifts import LIMIT_SD, N_SUMS
+from twinbench.methods.weighing import FAILS, LEAP
+
+NO_CAUSE = -1
+
+
+class Pass(NamedTuple):
+    """A forward pass over N ticks of one machine.
+
+    Attributes:
+        ahead: (N, n) means before the correction, in the units of z; of the first tick the prior.
+        ahead_cov: (N, n, n) their covariances, in those units squared.
+        z: (N, n) means after it.
+        P: (N, n, n) their covariances.
+        F: (N, n, n) slope that led to each tick from the one before.
+    """
+
+    ahead: Array
+    ahead_cov: Array
+    z: Array
+    P: Array
+    F: Array
+
+
+@njit(cache=True, error_model="numpy")
+def _began(sums, since, k):  # type: ignore[no-untyped-def]
+    """Note in ``since`` (2, 2, 3) when each sum was last zero. Returns when the one began that is nearest its limit."""
+    first, most = k, 0.0
+    for i in range(N_SUMS):
+        for side in range(2):
+            for c in range(N_NOISE):
+                if sums[i, side, c] == 0.0:
+                    since[i, side, c] = k
+                elif sums[i, side, c] / LIMIT_SD[i] > most:
+                    first, most = since[i, side, c] + 1, sums[i, side, c] / LIMIT_SD[i]
+    return first
+
+
+@njit(cache=True, error_model="numpy")
+def find_leaps(rhs, output, model, leaps, z, P, started, jumps, read, cause, out, info):  # type: ignore[no-untyped-def]
+    """Run the jump-aware filter over one machine's ticks; write what leapt when it began, and which outputs were out.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        read: u_before, u, u_sd, measured, white and coloured sd, each (N, 1, ...).
+        cause: (N,) of ``methods.weighing``, or NO_CAUSE.
+        out: (N, 3) is 1 where an output is not believed.
+    """
+    u_before, u, u_sd, measured, white, coloured = read
+    since, began, fired = np.zeros((N_SUMS, 2, N_NOISE), np.int64), 0, 0
+    for k in range(cause.size):
+        weighed = jumps.left[0, 0] > 0
+        suspect = _began(jumps.sums[0], since, k)
+        now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
+        decided = watch(rhs, output, model, leaps, z, P, started, jumps, 0, now, info)
+        if jumps.left[0, 0] > 0 and not weighed:
+            began, fired = suspect, k
+        if LEAP <= decided < LEAP + N_HEALTH:
+            cause[began] = decided
+        for c in range(N_NOISE):
+            if decided >= FAILS and jumps.out[0, c] >= MOST_OUT_UPDATES - 1:
+                out[began : k + 1, c] = 1
+            if jumps.out[0, c] > 0:
+                out[k, c] = 1
+
+
+@njit(cache=True, error_model="numpy")
+def forward(rhs, output, model, leap_sd, z, P, read, cause, out, kept):  # type: ignore[no-untyped-def]
+    """The filter over one machine's ticks from z and P, with what is known to leap and to be out, into ``kept``.
+
+    The function takes plain arrays because it is compiled.
+    """
+    u_before, u, u_sd, measured, white, coloured = read
+    for k in range(cause.size):
+        if k > 0:
+            z, P, kept.F[k] = forecast_one(rhs, model, z, P, u_before[k, 0], u_sd[k, 0])
+        if cause[k] >= 0:
+            i = model.step.size + cause[k] - LEAP
+            P[i, i] += leap_sd**2
+        kept.ahead[k], kept.ahead_cov[k] = z, P
+        z, P, _, _, _ = correct_one(
+            output, model, z, P, u[k, 0], measured[k, 0], white[k, 0], coloured[k, 0], out[k]
+        )
+        kept.z[k], kept.P[k] = z, P
+
+
+@njit(cache=True, error_model="numpy")
+def backward(kept):  # type: ignore[no-untyped-def]
+    """The Rauch-Tung-Striebel pass: ``kept.z`` and ``kept.P`` become what hindsight says, in place."""
+    n = kept.z.shape[1]
+    sd, scaled, FP = np.empty(n), np.empty((n, n)), np.empty((n, n))
+    for k in range(kept.z.shape[0] - 2, -1, -1):
+        cov = kept.ahead_cov[k + 1]
+        for i in range(n):  # bar and kelvin: solved in units of one sd each
+            sd[i] = np.sqrt(cov[i, i])
+        FP[:, :] = kept.F[k + 1] @ kept.P[k]
+        for i in range(n):
+            for j in range(n):
+                scaled[i, j] = cov[i, j] / (sd[i] * sd[j])
+                FP[i, j] /= sd[i]
+        G = cholesky_solve(scaled, FP).T.copy()
+        for i in range(n):
+            for j in range(n):
+                G[i, j] /= sd[j]
+        kept.z[k] += G @ (kept.z[k + 1] - kept.ahead[k + 1])
+        kept.P[k] += G @ (kept.P[k + 1] - cov) @ G.T
+        symmetrise(kept.P[k])
+
+
+@register
+class OracleSmoother(Oracle):
+    """What can be known of a machine afterwards by one who knows what the oracle knows.
+
+    Its estimates look at the whole recording, so no filter is expected to reach them. Step by step, and in its
+    forecasts, it is the oracle.
+    """
+
+    name = "oracle_smoother"
+    says = "the oracle with hindsight: smoothed over the whole recording, its future included"
+    two_sided = True
+
+    def smooth(self, measured: Array, ticks: np.ndarray) -> State:
+        """What a whole recording says about some of its ticks; machines are not in lockstep here, B x K stand in a row.
+
+        Args:
+            measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+            ticks: (K,) positions in the recordings.
+
+        Returns:
+            State with B x K rows, the ticks of each machine together.
+        """
+        filled, accepted, _ = self._front_end.run(measured)
+        later, _, _ = self._front_end.run(measured, hindsight=True)
+        z, P = [], []
+        for b in range(len(measured)):
+            kept = self._smoothed(filled[b], accepted[b], later[b])
+            z.append(kept.z[ticks])
+            P.append(kept.P[ticks])
+        return report(np.concatenate(z), np.concatenate(P), self.reported(), ())
+
+    def _smoothed(self, filled: Array, accepted: np.ndarray, later: Array) -> Pass:
+        """Both passes over one machine's readings (N, 7): as accepted, and as known one tick later."""
+        inputs, outputs = slice(0, len(INPUTS)), slice(len(INPUTS), None)
+        before = np.concatenate([later[:1], later[:-1]])
+        measured = np.where(accepted, filled, np.nan)[:, outputs]
+        read = before[:, inputs], filled[:, inputs], input_sd(filled), measured, *output_sd(filled)
+        read = tuple(np.ascontiguousarray(part[:, None]) for part in read)
+        samples, n = len(filled), self._size
+        cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, N_NOISE), np.int64)
+        info = (np.empty((1, 3)), np.empty((1, 3, 3)), np.empty(1))
+        z, P = self.start(1)
+        equations = self._rhs, self._output, self._model
+        find_leaps(*equations, self.leaps, z, P, np.zeros(1, np.bool_), self.unshaken(1), read, cause, out, info)
+        square = (samples, n, n)
+        kept = Pass(np.empty((samples, n)), np.empty(square), np.empty((samples, n)), np.empty(square), np.zeros(square))
+        z, P = self.start(1)
+        forward(*equations, self.leaps[0], z[0], P[0], read, cause, out, kept)
+        backward(kept)
+        return kept
