@@ -1,6 +1,6 @@
 """Always at the prior: what knowing nothing but the training recordings scores. It looks at no measurement.
 
-Health stays where the filters begin, healthy, with the interval that they begin with; states and readings
+Health stays where the filters begin, the population's mean, with the interval that they begin with; states and readings
 stay at their means over training, with their spread. An estimator that errs more has learnt nothing worth
 having from its sensors.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from twinbench.data.batch import HEALTH, OUTPUTS, STATES, Array, Batch
+from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
 from twinbench.methods.estimator import Estimator, Info, Sample, State, no_info, register
 from twinbench.methods.reporting import report
 
@@ -35,10 +36,11 @@ class AlwaysPrior(Estimator):
         }
 
     def init(self, batch: int) -> State:
-        """The prior of ``model_ekf``: a healthy machine, one typical change either way, states as in training."""
+        """The prior of ``model_ekf``: health as anywhere in the population, states as in training."""
         z, P = np.zeros((batch, N)), np.tile(np.eye(N), (batch, 1, 1))
         z[:, : len(STATES)] = self.arrays["prior.mean"]
         P[:, : len(STATES), : len(STATES)] = self.arrays["prior.cov"]
+        z[:, len(STATES) :], P[:, len(STATES) :, len(STATES) :] = PRIOR_MEAN, PRIOR_COV
         return report(z, P, np.arange(N), ())
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:

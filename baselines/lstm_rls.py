@@ -19,6 +19,7 @@ from twinbench.baselines import features
 from twinbench.baselines.features import FeatureMemory
 from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFastTwin
 from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
+from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
@@ -124,7 +125,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         offsets = cov[[PRESSURE, FLOW], [PRESSURE, FLOW]]
         self._centre = np.concatenate([a["prior.mean"], np.zeros(2)])
         self._leak = 1.0 / np.concatenate([a["prior.var"], offsets])
-        self._start = 1.0 / np.concatenate([np.ones(len(HEALTH)), offsets])
+        self._start = 1.0 / np.concatenate([np.diag(PRIOR_COV), offsets])
         # Readings err together for a while: so many ticks count as one.
         self._coloured_ticks = 2.0 * coloured_tau_s() / SAMPLE_PERIOD_S
         rows = [PRESSURE, PROBE, FLOW]
@@ -137,8 +138,9 @@ class LSTMRecursiveLeastSquares(Estimator):
         self._residue = cov[: len(STATES), : len(STATES)] * taken[:, None] * taken
 
     def init(self, batch: int) -> State:
-        """A healthy machine where the training sequences usually are."""
+        """States where the training sequences usually are, health as anywhere in the population."""
         fitted = np.zeros((batch, N_FITTED))
+        fitted[:, : len(HEALTH)] = PRIOR_MEAN
         information = np.tile(np.diag(self._start), (batch, 1, 1))
         x = np.tile(self.arrays["target.mean"], (batch, 1))
         slope = np.zeros((batch, N_TARGETS, N_FITTED))

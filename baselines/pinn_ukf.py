@@ -3,7 +3,8 @@
 The network gives the increment of the five states over a tick from state, inputs, valve position
 and health. It is trained on the plant's transitions, and held to the balances of the nominal model
 beyond them (the residual of Raissi et al., 2019, in discrete time). The filter is Julier and
-Uhlmann's with Merwe's sigma points; z = [five states, health coordinates, probe, coloured noise].
+Uhlmann's with Merwe's sigma points; z = [five states, the drift that the pressure sensors share, health coordinates,
+probe, coloured noise]. It starts from the population of machines.
 """
 
 from __future__ import annotations
@@ -17,26 +18,29 @@ from numba import njit
 from twinbench.baselines.filterpy_filters import ukf_predict, ukf_update
 from twinbench.baselines.unscented import correct, linear_filter, moments, sigma_points, weights
 from twinbench.data.batch import HEALTH, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
+from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
-from twinbench.methods.noise import coloured_keep, health_walk_var, output_sd
+from twinbench.methods.noise import coloured_keep, drift_keep, health_walk_var, output_sd
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S, PLANT, X
 from twinbench.physics.health import ZETA_LIMIT, ZETA_SCALE, to_theta, to_zeta
+from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
 PRESSURE, GAS, FLOW = STATE.p_exh_bar, STATE.T_gas_K, STATE.flow_memory
-ZETA = N_X
+DRIFT = N_X
+ZETA = DRIFT + 1
 BIAS = ZETA + N_ZETA
 PROBE = BIAS + 1
 NOISE = PROBE + 1
 SIZE = NOISE + N_NOISE
 """Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it."""
-N_MOVED = 1 + 2 * BIAS
 VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
 KEEP = np.r_[0:N_X, ZETA:PROBE]
+SUCTION = INPUTS.index("p_suc_bar")
 ALPHA = 0.5
 W_MEAN, W_COV = weights(SIZE, ALPHA)
 VALVE = X.valve_pos
@@ -138,23 +142,24 @@ class PINNUnscentedKalman(Estimator):
         a = self.arrays
         self._front_end = FrontEnd.from_arrays(a)
         self._layers = [(np.ascontiguousarray(a[f"net.{i}.weight"].T), a[f"net.{i}.bias"]) for i in (0, 2, 4)]
-        self._keep = coloured_keep()
+        self._keep, self._drift_keep = coloured_keep(), drift_keep()
         Q = np.zeros((SIZE, SIZE))
         Q[:N_X, :N_X] = self.config["model_noise"] * a["residual.cov"]
         Q[:N_X, :N_X] += np.diag((self.config["state_walk"] * STATE_WALK) ** 2 * SAMPLE_PERIOD_S)
+        Q[DRIFT, DRIFT] = 1.0 - self._drift_keep**2
         Q[ZETA:PROBE, ZETA:PROBE] = np.diag(health_walk_var(self.config["health_walk"]))
         Q[PROBE, PROBE] = 1e-3**2
         Q[NOISE:, NOISE:] = np.diag(1.0 - self._keep**2)
         self._Q = Q
 
     def init(self, batch: int) -> State:
-        """States as anywhere in the training split, a healthy machine."""
+        """States as anywhere in the training split, health as anywhere in the population."""
         mean, cov = self.arrays["prior.mean"], self.arrays["prior.cov"]
         where = np.r_[0:N_X, PROBE]
         z = np.zeros((batch, SIZE))
-        z[:, where] = mean
+        z[:, where], z[:, ZETA:PROBE] = mean, PRIOR_MEAN
         P = np.tile(np.eye(SIZE), (batch, 1, 1))
-        P[:, where[:, None], where] = cov
+        P[:, where[:, None], where], P[:, ZETA:PROBE, ZETA:PROBE] = cov, PRIOR_COV
         memory = (np.zeros(batch, np.bool_), np.zeros((batch, 1)), *self._front_end.init(batch))
         return report(z, P, KEEP, (z, P, *memory))
 
@@ -199,7 +204,7 @@ class PINNUnscentedKalman(Estimator):
         # Of what the network reads, the other sigma points have the centre's.
         few = np.r_[0 : 1 + BIAS, SIZE + 1 : SIZE + 1 + BIAS]
         moved[..., :N_X] += self._increments(sigma, u, few)
-        _move_rest(sigma, moved, self._keep)
+        _move_rest(sigma, moved, self._keep, self._drift_keep)
         ahead, P_ahead = moments(moved, W_MEAN, W_COV, self._Q)
         z = np.where(started[:, None], ahead, z)
         P = np.where(started[:, None, None], P_ahead, P)
@@ -229,17 +234,18 @@ class PINNUnscentedKalman(Estimator):
         return z, P, innovation, S, nis
 
     def _moved(self, points: Array, u: Array) -> Array:
-        """Points (B, K, 14) a tick on under inputs and valve (B, 5)."""
+        """Points (B, K, 15) a tick on under inputs and valve (B, 5)."""
         moved = points.copy()
         moved[..., :N_X] += self._increments(points, u, np.arange(points.shape[1]))
-        _move_rest(points, moved, self._keep)
+        _move_rest(points, moved, self._keep, self._drift_keep)
         return moved
 
     def _increments(self, points: Array, u: Array, few: np.ndarray) -> Array:
-        """Increments (B, K, 5) of the states at points (B, K, 14); all but ``few`` have those of the first."""
+        """Increments (B, K, 5) of the states at points (B, K, 15); all but ``few`` have those of the first."""
         some = points[:, few]
         shared = np.broadcast_to(u[:, None], (*some.shape[:2], u.shape[1]))
         read = np.concatenate([some[..., :N_X], shared, some[..., ZETA:BIAS]], axis=-1)
+        read[..., N_X + SUCTION] /= 1.0 + PRESSURE_DRIFT_SHARE * some[..., DRIFT]
         change = self._increment(read.reshape(-1, read.shape[-1])).reshape(*read.shape[:2], N_X)
         if len(few) == points.shape[1]:
             return change
@@ -289,18 +295,20 @@ def _collocation(batch: Batch, moves: Any, read: Array, rng: np.random.Generator
 
 
 @njit(cache=True, error_model="numpy")
-def _move_rest(before, after, keep):  # type: ignore[no-untyped-def]
-    """The probe follows the gas, the coloured noise fades; in place on ``after``."""
+def _move_rest(before, after, keep, drift_keep):  # type: ignore[no-untyped-def]
+    """The probe follows the gas, the drift and the coloured noise fade; in place on ``after``."""
     for b in range(before.shape[0]):
         for k in range(before.shape[1]):
             share, _ = probe_lag(before[b, k, FLOW])
+            after[b, k, DRIFT] *= drift_keep
             after[b, k, PROBE] += share * (before[b, k, GAS] - before[b, k, PROBE])
             for i in range(N_NOISE):
                 after[b, k, NOISE + i] *= keep[i]
 
 
 def _readings(points: Array, coloured: Array) -> Array:
-    """(B, K, 3) of points (B, K, 14), with the coloured part of the noise, sd (B, 3)."""
+    """(B, K, 3) of points (B, K, 15), with the drift and the coloured part of the noise, sd (B, 3)."""
     bias_K = to_theta(points[..., ZETA:PROBE])[..., -1]
-    y = np.stack([points[..., PRESSURE], points[..., PROBE] + bias_K, M_REF_KG_S * points[..., FLOW]], axis=-1)
+    p_bar = points[..., PRESSURE] * (1.0 + PRESSURE_DRIFT_SHARE * points[..., DRIFT])
+    y = np.stack([p_bar, points[..., PROBE] + bias_K, M_REF_KG_S * points[..., FLOW]], axis=-1)
     return y + coloured[:, None] * points[..., NOISE:]

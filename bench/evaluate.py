@@ -1,4 +1,7 @@
-"""Run an estimator over recordings in lockstep and keep what it said. The truth never comes here."""
+"""Run an estimator over recordings in lockstep and keep what it said. The truth never comes here.
+
+An estimator that looks both ways runs like any other, for its forecasts; then its estimates are what it knows afterwards.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,12 @@ from twinbench.methods.estimator import Estimator, Sample
 
 def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -> Estimates:
     """Step through all sequences at once; forecast from each origin with the inputs that followed.
+
+    Args:
+        estimator: fitted.
+        batch: without truth.
+        evaluation: what is kept.
+        seed: of its training, for the record.
 
     Raises:
         ValueError: the batch still carries its truth.
@@ -47,6 +56,8 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
             forecast[:, at] = estimator.forecast(state, future)[:, leads - 1]
             origin_mean[:, at], origin_cov[:, at] = state.mean, state.cov
             at += 1
+    if estimator.two_sided:
+        _look_back(estimator, batch.measured, stored, (mean, low, high), origins, (origin_mean, origin_cov))
     _check_finite(estimator, batch.time_s[stored], mean, low, high)
     return Estimates(
         estimator.name,
@@ -65,6 +76,31 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
         origin_mean,
         origin_cov,
     )
+
+
+def _look_back(
+    estimator: Estimator,
+    measured: Array,
+    stored: np.ndarray,
+    said: tuple[np.ndarray, ...],
+    origins: np.ndarray,
+    at_origins: tuple[np.ndarray, ...],
+) -> None:
+    """Put what is known afterwards in the place of what was said step by step; forecasts stay as they were made.
+
+    Args:
+        said: mean, low and high (B, len(stored), 10), in the quantities' units, are written.
+        at_origins: mean (B, len(origins), 10) and covariance (B, len(origins), 10, 10), likewise.
+    """
+    ticks = np.union1d(stored, origins)
+    known = estimator.smooth(measured, ticks)
+    for parts, names, places in (
+        (said, ("mean", "low", "high"), np.searchsorted(ticks, stored)),
+        (at_origins, ("mean", "cov"), np.searchsorted(ticks, origins)),
+    ):
+        for part, name in zip(parts, names, strict=True):
+            values = getattr(known, name)
+            part[:] = values.reshape(len(measured), len(ticks), *values.shape[1:])[:, places]
 
 
 def _check_finite(estimator: Estimator, time_s: Array, *bounds: np.ndarray) -> None:

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 REFERENCE = "oracle"
-"""The estimator that knows the exact plant: what all others are measured against. It is no bound: it does not know the
-drift that the pressure sensors share, and an estimator that takes it up can be better."""
+"""The estimator that knows the exact plant, the sensors and that health may leap: what all others are measured against.
+It is no bound: it does not know how health moves, and an estimator that does can be better."""
+HINDSIGHT = "oracle_smoother"
+"""The same, looking back from the end of a recording: what could be known afterwards, and by nobody at the time."""
 PRIOR = "always_prior"
 """What looks at no measurement: an estimator that is no better has learnt nothing worth having from its sensors."""
-UNRANKED = (REFERENCE, PRIOR)
+UNRANKED = (REFERENCE, HINDSIGHT, PRIOR)
 """Shown in every table, ranked in none, and never marked as the best."""
 PROPOSED = "deeponet_kalman"
 
 LABELS = {
     "oracle": "Oracle (reference)",
+    "oracle_smoother": "Oracle with hindsight",
     "always_prior": "Always at the prior",
     "nominal_ekf": "Nominal EKF",
     "nominal_ekf_mended": "Nominal EKF, mended",

@@ -122,6 +122,8 @@ class Estimator(ABC):
     ``methods.kalman.linear_filter``; the contract battery holds them to the textbook."""
     window: ClassVar[int] = 1
     """Samples of history that one update looks at."""
+    two_sided: ClassVar[bool] = False
+    """Does it know better afterwards? Then tables hold what ``smooth`` says, and its updates are not timed."""
 
     def __init__(self, **settings: Any) -> None:
         unknown = sorted(set(settings) - set(self.settings))
@@ -177,6 +179,18 @@ class Estimator(ABC):
             the present ones.
         """
         return np.repeat(observe(state.mean)[:, None], inputs.shape[1], axis=1)
+
+    def smooth(self, measured: Array, ticks: np.ndarray) -> State:
+        """What a whole recording says about some of its ticks; only of a method that is ``two_sided``.
+
+        Args:
+            measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+            ticks: (K,) positions in the recordings, in increasing order.
+
+        Returns:
+            State with B x K rows, the K of each recording together.
+        """
+        raise NotImplementedError
 
     def save(self, path: Path) -> None:
         """Write settings and learnt arrays to one ``.npz``, without pickle.

@@ -69,7 +69,8 @@ def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name,
     failed = []
     ticks = samples(readings)
     for cell in (c for c in todo if c.estimator != PRIOR):
-        for implementation in find(cell.spec).implementations:
+        kind = find(cell.spec)
+        for implementation in () if kind.two_sided else kind.implementations:
             try:
                 stepped = Stepped(variant(store, cell, implementation))
                 name = Name(cell.estimator, implementation, stepped.estimator.window)

@@ -72,8 +72,8 @@ INTERVALS = (
     "inside each first."
 )
 TIMES = (
-    "× is the multiple of the reference: the oracle, which knows the exact plant, but not the drift that the pressure "
-    "sensors share."
+    "× is the multiple of the reference: the oracle, which knows the exact plant and the sensors, but not how health "
+    "moves."
 )
 MARKS = (
     "Marked: the best mean of a column and all that cannot be told from it (Wilcoxon's test over the sequences, Holm's "

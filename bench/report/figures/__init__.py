@@ -62,8 +62,8 @@ def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
     yield Drawing(
         "fig5a_errors",
         "State errors with their 95 % intervals over the test sequences, on a logarithmic scale: equal distances are "
-        "equal factors. The dashed line is the reference, the oracle, which knows the exact plant but not the drift "
-        "that the pressure sensors share.",
+        "equal factors. The dashed line is the reference, the oracle, which knows the exact plant and the "
+        "sensors, but not how health moves.",
         error_bars(summary) if summary.values else None,
         "no cell finished",
         "State errors",

@@ -24,6 +24,7 @@ class Look(NamedTuple):
 # with; the mended filter as far as can be from all of them, the nominal one above all.
 _LOOKS = {
     "oracle": Look(INK, "D"),
+    "oracle_smoother": Look("#3C3C3C", "d"),
     "always_prior": Look("#5C5C5C", "*"),
     "nominal_ekf": Look("#E69F00", "s"),
     "nominal_ekf_mended": Look("#5A3CE0", "P"),
