@@ -14,14 +14,14 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import N_HEALTH, correct_one, forecast_one
-from twinbench.baselines.nominal_filter import NominalFilter
+from twinbench.baselines.nominal_filter import NominalFilter, density, surprise
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 from twinbench.methods.estimator import register
-from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, factorise, predict_covariance, update
+from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
 from twinbench.methods.noise import health_walk_var
 
 STAY_S = np.array([300.0, 300.0, 5.0])
-"""How long still, ramping and leaping last on average. Half or twice as long for a leap shares one leap's variance among
+"""How long still, ramping and leaping last on average. Half or twice as long for a leap shares its variance among
 fewer or more ticks, and decides how long a filter has to recognise it; the others matter little."""
 NEXT = np.array([[0.0, 0.7, 0.3], [0.9, 0.0, 0.1], [0.5, 0.5, 0.0]])
 """Dimensionless: which mode follows which. Ramps are commoner than leaps; what has ramped mostly stands still after."""
@@ -61,38 +61,6 @@ def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
     for j in range(mu.size):
         z_mixed[j], P_mixed[j] = merge(mu * turn[:, j] / ahead[j], z, P)
     return ahead, z_mixed, P_mixed
-
-
-@njit(cache=True, error_model="numpy")
-def surprise(innovation, S):  # type: ignore[no-untyped-def]
-    """NIS over the channels of the innovation (m,) that are not NaN, and the log density with S (m, m) but for 2 pi."""
-    there = np.flatnonzero(~np.isnan(innovation))
-    if there.size == 0:
-        return np.nan, 0.0
-    L, r = np.empty((there.size, there.size)), np.empty(there.size)
-    for i in range(there.size):
-        for k in range(there.size):
-            L[i, k] = S[there[i], there[k]]
-    factorise(L, there.size)
-    nis, half_log_det = 0.0, 0.0
-    for i in range(there.size):
-        r[i] = innovation[there[i]]
-        for k in range(i):
-            r[i] -= L[i, k] * r[k]
-        r[i] /= L[i, i]
-        nis += r[i] ** 2
-        half_log_det += np.log(L[i, i])
-    return nis, -0.5 * nis - half_log_det
-
-
-@njit(cache=True, error_model="numpy")
-def density(innovation, S, clip):  # type: ignore[no-untyped-def]
-    """``surprise``'s log density of what a filter uses of an innovation: a fault says nothing about the mode."""
-    used = bounded(innovation, S, clip)
-    for i in range(used.size):
-        if np.isnan(innovation[i]):
-            used[i] = np.nan
-    return surprise(used, S)[1]
 
 
 @njit(cache=True, error_model="numpy")
