@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import N_HEALTH, correct_one, forecast_one
+from twinbench.baselines.model_ekf import NONE_OUT
 from twinbench.baselines.nominal_filter import NominalFilter, density, surprise
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 from twinbench.methods.estimator import register
@@ -25,7 +26,6 @@ STAY_S = np.array([300.0, 300.0, 5.0])
 fewer or more ticks, and decides how long a filter has to recognise it; the others matter little."""
 NEXT = np.array([[0.0, 0.7, 0.3], [0.9, 0.0, 0.1], [0.5, 0.5, 0.0]])
 """Dimensionless: which mode follows which. Ramps are commoner than leaps; what has ramped mostly stands still after."""
-NO_EXTRA = np.zeros(3)
 
 
 def chain() -> Array:
@@ -84,7 +84,7 @@ def _tick(rhs, output, models, turn, z, P, started, modes, told, info):  # type:
             if started[b]:
                 zs[b, j], Ps[b, j], _ = forecast_one(rhs, models[j], zs[b, j], Ps[b, j], before[b], u_sd[b])
             zs[b, j], Ps[b, j], innovation[j], S[j], _ = correct_one(
-                output, models[j], zs[b, j], Ps[b, j], now[b], measured[b], white[b], coloured[b], NO_EXTRA
+                output, models[j], zs[b, j], Ps[b, j], now[b], measured[b], white[b], coloured[b], NONE_OUT
             )
             log_density[j] = density(innovation[j], S[j], INNOVATION_CLIP_SD)
         mu[b] = weigh(ahead, log_density)
