@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import bound, linearise
-from twinbench.baselines.nominal_filter import NominalFilter, advance, read, surprise
+from twinbench.baselines.nominal_filter import REST, NominalFilter, advance, read, surprise
 from twinbench.data.batch import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, factorise
@@ -22,8 +22,6 @@ from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, factorise
 MEMBERS = 64
 """Members of the ensemble: more than twice as many as states, so that its moments hold where the model bends; more cost
 time in proportion and change little."""
-REST = 1e-12
-"""Of the process noise, what is added to a spread before it is inverted, so that members that agree can part again."""
 
 
 def begin(z: Array, P: Array) -> Array:

@@ -15,7 +15,7 @@ from numba import njit
 
 from twinbench.baselines.augmented_model import N_HEALTH, correct_one, forecast_one
 from twinbench.baselines.model_ekf import NONE_OUT
-from twinbench.baselines.nominal_filter import NominalFilter, density, surprise
+from twinbench.baselines.nominal_filter import NominalFilter, density, keep_doubt, surprise
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
@@ -86,6 +86,7 @@ def _tick(rhs, output, models, turn, z, P, started, modes, told, info):  # type:
             zs[b, j], Ps[b, j], innovation[j], S[j], _ = correct_one(
                 output, models[j], zs[b, j], Ps[b, j], now[b], measured[b], white[b], coloured[b], NONE_OUT
             )
+            keep_doubt(models[j], Ps[b, j])
             log_density[j] = density(innovation[j], S[j], INNOVATION_CLIP_SD)
         mu[b] = weigh(ahead, log_density)
         z[b], P[b] = merge(mu[b], zs[b], Ps[b])

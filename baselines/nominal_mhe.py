@@ -18,7 +18,7 @@ from numba import njit
 from twinbench.baselines.augmented_model import bound, correct_one, forecast_one, linearise, measure
 from twinbench.baselines.horizon import compose, sweep
 from twinbench.baselines.model_ekf import NONE_OUT
-from twinbench.baselines.nominal_filter import NominalFilter, advance, read
+from twinbench.baselines.nominal_filter import NominalFilter, advance, keep_doubt, read
 from twinbench.data.batch import INPUTS, OUTPUTS, Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
@@ -109,11 +109,20 @@ def _close(w, b, u_sd, white, coloured):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def _slide(w, b, z, covs):  # type: ignore[no-untyped-def]
-    """Leave the oldest stage of machine b; the filter's step through it, z and covs (K + 1, ...), is the arrival cost."""
+    """Leave machine b's oldest stage; the filter's step through it, to z[1] and covs[1], is the arrival cost."""
     w.start[b], w.P[b] = z[1], covs[1]
     for part in (w.path[b], w.inputs[b], w.readings[b]):
         part[:-1] = part[1:].copy()
     w.count[b, 0] -= 1
+
+
+@njit(cache=True, error_model="numpy")
+def _sound(z, covs):  # type: ignore[no-untyped-def]
+    """Is a fit to be believed? Under absurd readings the model may explode within a second; the window begins anew."""
+    if not (np.isfinite(z).all() and np.isfinite(covs).all()):
+        return False
+    sd = np.sqrt(np.maximum(np.diag(covs[-1]), 1e-30))
+    return np.linalg.eigvalsh(covs[-1] / np.outer(sd, sd))[0] > -1e-9
 
 
 @njit(cache=True, error_model="numpy")
@@ -125,6 +134,7 @@ def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-
         z[b], P[b], info[0][b], info[1][b], info[2][b] = correct_one(
             output, model, z[b], P[b], now[b], measured[b], white[b], coloured[b], NONE_OUT
         )
+        keep_doubt(model, P[b])
         if not started[b]:
             w.start[b], w.P[b], w.path[b, 0] = z[b], P[b], z[b]
             continue
@@ -139,10 +149,13 @@ def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-
         _close(w, b, u_sd[b], white[b], coloured[b])
         full = w.count[b, 0]
         means, covs = _fit(rhs, output, model, w, b, full)
-        z[b], P[b] = means[full], covs[full]
-        bound(model, z[b])
-        if full == STAGES:
-            _slide(w, b, means, covs)
+        if _sound(means, covs):
+            z[b], P[b] = means[full], covs[full]
+            bound(model, z[b])
+            if full == STAGES:
+                _slide(w, b, means, covs)
+        else:
+            w.start[b], w.P[b], w.count[b, 0] = z[b], P[b], 0
         w.path[b, w.count[b, 0]] = z[b]
 
 
@@ -183,7 +196,7 @@ class NominalMHE(NominalFilter):
         A, noise, variance = reach @ F, reach @ Q @ reach.T, np.diag(R)
 
         def run(measured: Array) -> tuple[Array, Array]:
-            start, P, path = x0, P0, x0[None]
+            start, P, path = x0, P0, x0[None].copy()
             means, covs = np.empty((len(measured), len(x0))), np.empty((len(measured), *P0.shape))
             for k in range(len(measured)):
                 count = len(path)
