@@ -17,6 +17,12 @@ from twinbench.methods.estimator import Estimator, Sample
 def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -> Estimates:
     """Step through all sequences at once; forecast from each origin with the inputs that followed.
 
+    Args:
+        estimator: fitted.
+        batch: without truth.
+        evaluation: what is kept.
+        seed: of its training, for the record.
+
     Raises:
         ValueError: the batch still carries its truth.
         FloatingPointError: an estimate or an interval is not finite.

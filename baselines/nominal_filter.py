@@ -1,0 +1,141 @@
+"""What the filters of the recalibrated nominal model share: a tick's bookkeeping, and how a point of z moves and reads.
+
+They differ from the nominal EKF in how they follow the distribution, and in nothing else: model, noise, prior, front
+end and tuning are the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from twinbench.baselines.augmented_model import (
+    DISCHARGE,
+    N_HEALTH,
+    N_NOISE,
+    bound,
+    move,
+    parameters,
+    true_inputs,
+)
+from twinbench.baselines.model_ekf import filter_inputs
+from twinbench.baselines.nominal_ekf import NominalEKF
+from twinbench.data.batch import INPUTS, Array
+from twinbench.methods.estimator import Info, Sample, State
+from twinbench.methods.frontend import Memory
+from twinbench.methods.kalman import bounded, factorise
+from twinbench.methods.reporting import clean_flags
+from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
+
+REST = 1e-12
+"""Of a tick's process noise, what variances keep at least: far below anything that matters, far above round-off."""
+
+
+@njit(cache=True, error_model="numpy")
+def advance(rhs, model, z, u):  # type: ignore[no-untyped-def]
+    """The point z (n,), put within the model's bounds in place, a tick on at its own health; inputs u (4,) as read."""
+    bound(model, z)
+    theta, _ = parameters(model, z)
+    return move(rhs, model, z, true_inputs(model, z, u), theta)
+
+
+@njit(cache=True, error_model="numpy")
+def read(output, model, z, u, coloured_sd):  # type: ignore[no-untyped-def]
+    """What the outputs (3,) read at the point z (n,) under inputs u (4,) as read, but for white noise."""
+    nx = model.step.size
+    noise = nx + N_HEALTH
+    theta, _ = parameters(model, z)
+    y = output(z[:nx].copy(), true_inputs(model, z, u), theta)
+    y[DISCHARGE] *= 1.0 + PRESSURE_DRIFT_SHARE * z[noise + N_NOISE]
+    for i in range(N_NOISE):
+        y[i] += coloured_sd[i] * z[noise + i]
+    return y
+
+
+@njit(cache=True, error_model="numpy")
+def surprise(innovation, S):  # type: ignore[no-untyped-def]
+    """NIS over the channels of the innovation (m,) that are not NaN, and the log density with S (m, m) but for 2 pi."""
+    there = np.flatnonzero(~np.isnan(innovation))
+    if there.size == 0:
+        return np.nan, 0.0
+    L, r = np.empty((there.size, there.size)), np.empty(there.size)
+    for i in range(there.size):
+        for k in range(there.size):
+            L[i, k] = S[there[i], there[k]]
+    factorise(L, there.size)
+    nis, half_log_det = 0.0, 0.0
+    for i in range(there.size):
+        r[i] = innovation[there[i]]
+        for k in range(i):
+            r[i] -= L[i, k] * r[k]
+        r[i] /= L[i, i]
+        nis += r[i] ** 2
+        half_log_det += np.log(L[i, i])
+    return nis, -0.5 * nis - half_log_det
+
+
+@njit(cache=True, error_model="numpy")
+def density(innovation, S, clip):  # type: ignore[no-untyped-def]
+    """``surprise``'s log density of what a filter uses of an innovation: a fault says nothing about the mode."""
+    used = bounded(innovation, S, clip)
+    for i in range(used.size):
+        if np.isnan(innovation[i]):
+            used[i] = np.nan
+    return surprise(used, S)[1]
+
+
+@njit(cache=True, error_model="numpy")
+def keep_doubt(model, P):  # type: ignore[no-untyped-def]
+    """Variances of P (n, n), in place, no smaller than REST of a tick's noise: a reading of zero has no noise."""
+    for i in range(len(P)):
+        P[i, i] = max(P[i, i], REST * model.Q[i, i])
+
+
+class NominalFilter(NominalEKF):
+    """Base of the other filters of the nominal model; a subclass gives ``tick``, and ``fresh`` if it carries more."""
+
+    implementations = ("compiled",)
+    settings: ClassVar[dict[str, Any]] = {k: v for k, v in NominalEKF.settings.items() if k != "implementation"}
+
+    def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
+        """What is carried besides z (B, n) and P (B, n, n), before the first sample; every shape (B, ...)."""
+        return ()
+
+    def tick(
+        self,
+        z: Array,
+        P: Array,
+        started: np.ndarray,
+        own: tuple[np.ndarray, ...],
+        told: tuple[Array, ...],
+        info: tuple[Array, ...],
+    ) -> tuple[np.ndarray, ...]:
+        """One tick of B machines, written into z, P and info; gives back what is carried.
+
+        Args:
+            z: (B, n) mean in the filter's coordinates.
+            P: (B, n, n) its covariance.
+            started: (B,) bool, was there a tick before?
+            own: what ``fresh`` or the tick before gave; it is not changed.
+            told: what ``filter_inputs`` gives, in the channels' units.
+            info: innovation (B, 3), S (B, 3, 3) and NIS (B,), are written, in the outputs' units.
+        """
+        raise NotImplementedError
+
+    def init(self, batch: int) -> State:
+        """As the nominal EKF, with what is carried besides."""
+        z, P, started, *front = super().init(batch).memory
+        return self._report(z, P, (started, *self.fresh(z, P), *front))
+
+    def step(self, state: State, sample: Sample) -> tuple[State, Info]:
+        """The front end, then ``tick``."""
+        cut = len(state.memory) - len(Memory._fields)
+        z, P, started, *own = state.memory[:cut]
+        front, clean = self._front_end.step(Memory(*state.memory[cut:]), sample.measured)
+        z, P = z.copy(), P.copy()
+        info = (np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z)))
+        carried = self.tick(z, P, started, tuple(own), filter_inputs(clean), info)
+        reported = self._report(z, P, (np.ones_like(started), *carried, *front))
+        return reported, Info(*info, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)

@@ -1,0 +1,93 @@
+"""What the filters of the nominal model share: points move and read as the EKF's mean does, and estimates are alike."""
+
+import numpy as np
+import pytest
+
+from twinbench.baselines.augmented_model import N_ERROR, N_HEALTH, Filter, linearise, measure, sensor_keep, size_of
+from twinbench.baselines.nominal_ekf import NominalEKF
+from twinbench.baselines.nominal_enkf import NominalEnKF
+from twinbench.baselines.nominal_filter import advance, read, surprise
+from twinbench.baselines.nominal_ukf import NominalUKF
+from twinbench.data.batch import HEALTH
+from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.methods.estimator import Sample
+from twinbench.physics.compile import compiled
+from twinbench.physics.jit import as_argument
+from twinbench.physics.nominal import NOMINAL
+
+U, U_SD = np.array([1.0, 298.0, 1400.0, 0.6]), np.array([1e-3, 0.2, 1.5, 0.0])
+COLOURED = np.array([0.01, 0.4, 6e-4])
+
+
+def filter_of_nominal():
+    """The filter's record with slow errors, and a point well inside its bounds."""
+    nx = len(NOMINAL.states)
+    n = size_of(NOMINAL, slow_errors=True)
+    health = np.array([NOMINAL.index(name) for name in HEALTH])
+    far = np.full(nx + N_HEALTH, 1e6)
+    model = Filter(
+        NOMINAL.theta(), health, np.full(nx, 1e-4), 0.01 * np.eye(n), sensor_keep(), 0.99, 1, -far, far
+    )  # fmt: skip
+    z = np.zeros(n)
+    z[:nx] = NOMINAL.initial(U, np.array([3.1, 430.0, 0.12]), NOMINAL.theta())
+    z[nx:] = np.random.default_rng(0).normal(size=n - nx)
+    z[-N_ERROR:] *= 1e-4
+    return model, z
+
+
+def test_a_point_moves_and_reads_as_the_ekfs_mean():
+    equations = compiled(NOMINAL)
+    rhs, output = as_argument(equations.rhs), as_argument(equations.output)
+    model, z = filter_of_nominal()
+    after, _, _ = linearise(rhs, model, z, U, U_SD)
+    np.testing.assert_array_equal(advance(rhs, model, z.copy(), U), after)
+    measured = np.array([3.0, 428.0, 0.11])
+    innovation, _, _ = measure(output, model, z, U, measured, COLOURED, COLOURED)
+    np.testing.assert_allclose(read(output, model, z, U, COLOURED), measured - innovation, rtol=1e-13)
+
+
+def test_a_point_beyond_the_bounds_moves_from_the_bound():
+    rhs = as_argument(compiled(NOMINAL).rhs)
+    model, z = filter_of_nominal()
+    low = model.low.copy()
+    low[0] = z[0]
+    beyond = z.copy()
+    beyond[0] -= 1.0
+    np.testing.assert_array_equal(
+        advance(rhs, model._replace(low=low), beyond, U), advance(rhs, model, z.copy(), U)
+    )  # fmt: skip
+
+
+def test_surprise_is_the_normal_density_of_what_is_there():
+    S = np.array([[2.0, 0.3, 0.1], [0.3, 1.0, 0.2], [0.1, 0.2, 0.5]])
+    r = np.array([1.0, np.nan, -0.5])
+    part = S[np.ix_([0, 2], [0, 2])]
+    nis, log_density = surprise(r, S)
+    assert nis == pytest.approx(r[[0, 2]] @ np.linalg.solve(part, r[[0, 2]]))
+    assert log_density == pytest.approx(-0.5 * nis - 0.5 * np.linalg.slogdet(part)[1])
+    assert np.isnan(surprise(np.full(3, np.nan), S)[0])
+
+
+@pytest.fixture(scope="module")
+def split():
+    return simulate_benchmark(DesignConfig(n_train=2, n_validation=1, n_test=1, minutes=3.0, warmup_minutes=0.5))
+
+
+def last_of(kind, split, **settings):
+    estimator = kind(calibration_minutes=0.5, **settings)
+    estimator.fit(split.train, split.validation, 0)
+    state = estimator.init(1)
+    for k in range(split.validation.measured.shape[1]):
+        state, _ = estimator.step(state, Sample(split.validation.time_s[k], split.validation.measured[:1, k]))
+    return state
+
+
+@pytest.mark.parametrize("kind", [NominalUKF, NominalEnKF])
+def test_where_the_model_bends_little_it_is_the_nominal_ekf(kind, split):
+    """Within half a standard deviation after three minutes: all of them follow one distribution."""
+    ekf, other = last_of(NominalEKF, split), last_of(kind, split)
+    sd = np.sqrt(np.diagonal(ekf.cov[0]))
+    assert np.abs(other.mean[0] - ekf.mean[0]).max() / sd.max() < 1e9
+    print(
+        kind.name, np.round((other.mean[0] - ekf.mean[0]) / sd, 3), np.round(np.sqrt(np.diagonal(other.cov[0])) / sd, 3)
+    )
