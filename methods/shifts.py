@@ -1,8 +1,8 @@
 """Page's test (Biometrika 41, 1954) for shifts of a filter's innovations, a quick sum and a slow one. Compiled.
 
 Innovations of a filter that is right are white, of mean zero and known sd. A cumulative sum of them, less a slack,
-stays low as long as that is so. The quick sum sees within a few updates what is several sd off. The slow one needs longer and
-sees what is one sd off, as the readings are after a small step of health that the filter cannot follow.
+stays low as long as that is so. The quick sum sees within a few updates what is several sd off. The slow one needs
+longer and sees what is one sd off, as the readings are after a small step of health that the filter cannot follow.
 """
 
 from __future__ import annotations

@@ -37,7 +37,8 @@ ENVELOPE = (0.001, 0.999)
 """Quantiles of each training query that bound the envelope."""
 LEAST_COSINE, MOST_SIZE = 0.9, 1.5
 """The checkpoint rule: how well the operator's sensitivities to health agree with the plant's in direction, and by
-which factor their size may differ. Stricter ones refuse short trainings; laxer ones let health be corrected the wrong way."""
+which factor their size may differ. Stricter ones refuse short trainings. Laxer ones let health be corrected the wrong
+way."""
 
 
 def check_audit(cosine: Array, size: Array) -> None:

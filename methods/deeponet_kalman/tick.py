@@ -1,10 +1,9 @@
 """One tick of the augmented filter: alone, or as one rival for each cause of a step that is weighed.
 
 While causes are weighed, the machine's own z and P are the rivals' mixture, and its safety is that of the likeliest.
-With these it goes on alone at the end: causes that still look alike leave health as uncertain as they are. Going on with
-the likeliest rival alone would be surer of health, and more often wrong.
-Steps are not looked for then: the causes are supposed from where the weighing begins, and what comes later is found
-when it is over.
+With these it goes on alone at the end: causes that still look alike leave health as uncertain as they are. Going on
+with the likeliest rival alone would be surer of health, and more often wrong. Steps are not looked for meanwhile: the
+causes are supposed from where the weighing begins, and what comes later is found when it is over.
 """
 
 from __future__ import annotations
