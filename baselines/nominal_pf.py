@@ -65,7 +65,7 @@ class NominalPF(NominalFilter):
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
         """Particles from the prior, alike for every machine, equal weights, the rest's covariance, the counter."""
-        batch, n = z.shape
+        batch = len(z)
         sampled = slice(len(self._model.step), len(self._model.step) + N_SAMPLED)
         slope, L = follow(P[0], sampled)
         step = np.random.default_rng(0).normal(size=(PARTICLES, N_SAMPLED)) @ np.tril(L).T

@@ -1,9 +1,9 @@
 """Particles for some states and a Kalman filter for the rest, compiled: one machine at a time.
 
 A particle is a point z (n,): of the sampled states what it supposes, of the others their mean if that is so. Their
-covariance given the sampled states is one for all particles (Rao-Blackwellisation; Schön, Gustafsson and Nordlund, 2005).
-Numbers are drawn from a counter (Steele, Lea and Flood, 2014), which the caller carries: the same counter, the same
-numbers.
+covariance given the sampled states is one for all particles (Rao-Blackwellisation; Schön, Gustafsson and Nordlund,
+2005). Numbers are drawn from a counter (Steele, Lea and Flood, 2014), which the caller carries: the same counter, the
+same numbers.
 """
 
 from __future__ import annotations
@@ -74,6 +74,14 @@ def walk(particles, sampled, sd, counter):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def _inverse(S, there):  # type: ignore[no-untyped-def]
+    """Of S (m, m) among the channels that are there, zero elsewhere."""
+    some = np.diag(there.astype(np.float64))
+    alone = some @ S @ some + np.eye(len(S)) - some
+    return some @ cholesky_solve(alone, some)
+
+
+@njit(cache=True, error_model="numpy")
 def reweigh(particles, weights, P, readings, H, R, measured, clip):  # type: ignore[no-untyped-def]
     """Weigh and correct particles (N, n) by what was measured, in place. Plain arrays, because it is compiled.
 
@@ -91,7 +99,6 @@ def reweigh(particles, weights, P, readings, H, R, measured, clip):  # type: ign
         Innovation (m,) of their mean, S (m, m), NIS over the channels that are there.
     """
     m = measured.size
-    none = np.full(m, np.nan)
     K, S_given, _ = gain(P, measured - readings[0], H, R)
     expected, S = mixture(readings, weights, S_given)
     innovation = measured - expected
@@ -99,17 +106,19 @@ def reweigh(particles, weights, P, readings, H, R, measured, clip):  # type: ign
     if not there.any():
         return innovation, S, np.nan
     wanted = expected + bounded(innovation, S, clip)
-    log_density = np.empty(len(weights))
+    inverse = _inverse(S_given, there)
+    nis, r = np.zeros(len(weights)), np.zeros(m)
     for k in range(len(weights)):
-        r = np.where(there, wanted - readings[k], none)
-        log_density[k] = surprise(r, S_given)[1]
-        for j in range(particles.shape[1]):
-            for c in range(m):
-                if there[c]:
-                    particles[k, j] += K[j, c] * r[c]
-    top = log_density.max()
+        for c in range(m):
+            r[c] = wanted[c] - readings[k, c] if there[c] else 0.0
+        for c in range(m):
+            for e in range(m):
+                nis[k] += r[c] * inverse[c, e] * r[e]
+            for j in range(particles.shape[1]):
+                particles[k, j] += K[j, c] * r[c]
+    least = nis.min()
     for k in range(len(weights)):
-        weights[k] *= np.exp(log_density[k] - top)
+        weights[k] *= np.exp(0.5 * (least - nis[k]))
     weights /= weights.sum()
     P[:] = joseph(P, K, H, R)
     return innovation, S, surprise(innovation, S)[0]

@@ -13,7 +13,14 @@ def machine(seed):
     rng = np.random.default_rng(seed)
     F = 0.9 * np.linalg.qr(rng.normal(size=(N, N)))[0]
     H, q, p = rng.normal(size=(M, N)), rng.normal(size=(N, N)), rng.normal(size=(N, N))
-    return F, H, 0.1 * q @ q.T + 0.01 * np.eye(N), rng.normal(size=N), p @ p.T + 0.1 * np.eye(N), rng.normal(size=(K, M))
+    return (
+        F,
+        H,
+        0.1 * q @ q.T + 0.01 * np.eye(N),
+        rng.normal(size=N),
+        p @ p.T + 0.1 * np.eye(N),
+        rng.normal(size=(K, M)),
+    )
 
 
 def test_on_a_linear_window_the_path_is_that_of_filterpys_smoother():
