@@ -36,7 +36,7 @@ SKILL = (
     "than knowing nothing of this machine."
 )
 COVERAGE = (
-    "95 % interval: coverage of the quantity that is covered least, and most, of the ten{after}; 95 is right for each."
+    "Coverage: of the 95 % interval of the quantity that is covered least, and most, of the ten{after}; 95 is right."
 )
 CALIBRATED = ", with each interval made wider or narrower by a factor from the validation recordings"
 COST = (
@@ -60,7 +60,7 @@ def comparison(summary: Summary, profile: str, latency: pd.DataFrame, cost: pd.D
     for i, name in enumerate(("lowest", "highest")):
         found = [extremes(summary, e, prefix) for e in names]
         cells = [Cell(number(f[i][0]), f[i][1]) if f else Cell("–") for f in found]
-        parts.append((Column(name, "95 % interval, %"), cells))
+        parts.append((Column(name, "coverage, %"), cells))
         frame[f"{prefix}_{name}_pct"] = [f[i][0] if f else np.nan for f in found]
         frame[f"{prefix}_{name}"] = [f[i][1] if f else "" for f in found]
     frame["training_min"], frame["update_us"], frame["form"] = _costs(summary, latency, cost)

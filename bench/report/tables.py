@@ -131,15 +131,14 @@ def calibrated_regimes(regimes: pd.DataFrame) -> Table:
     known = known[known["quantity"] != "mean"]
     if known.empty:
         return Table(name, title, pd.DataFrame(), (Column("estimator"),), (), ("No calibrated intervals.",))
-    ends = known.groupby(["estimator", "regime"])["calibrated_pct"].agg(["min", "max"])
+    ends = known.groupby(["estimator", "regime"])["calibrated_pct"].agg(["min", "max"]).reset_index()
+    spans = {(e, r): span(low, high) for e, r, low, high in ends.itertuples(index=False)}
     shown = [regime for regime in REGIMES if regime in set(known["regime"])]
-    rows = []
-    for e in ordered(known["estimator"].unique()):
-        pairs = [ends.loc[(e, r)] if (e, r) in ends.index else None for r in shown]
-        rows.append((Cell(label(e)), *(Cell(span(*p) if p is not None else "–") for p in pairs)))
+    names = ordered(known["estimator"].unique())
+    rows = [(Cell(label(e)), *(Cell(spans.get((e, r), "–")) for r in shown)) for e in names]
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
     notes = tuple(f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown)
-    return Table(name, title, ends.reset_index(), columns, tuple(rows), notes)
+    return Table(name, title, ends, columns, tuple(rows), notes)
 
 
 def latency_table(latency: pd.DataFrame) -> Table:

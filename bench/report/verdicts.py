@@ -151,11 +151,8 @@ def _in_regimes(regimes: pd.DataFrame) -> Iterator[str]:
     if own.empty:
         return
     right = own["calibrated_pct"].between(*CALIBRATED_PCT)
-    ends = []
-    for at in (own["calibrated_pct"].idxmin(), own["calibrated_pct"].idxmax()):
-        row = own.loc[at]
-        where = f"{QUANTITIES[row['quantity']][0]}; {REGIMES[row['regime']]}"
-        ends.append(f"{number(row['calibrated_pct'])} % ({where})")
+    pairs = sorted(own[["calibrated_pct", "quantity", "regime"]].itertuples(index=False, name=None))
+    ends = [f"{number(pct)} % ({QUANTITIES[q][0]}; {REGIMES[r]})" for pct, q, r in (pairs[0], pairs[-1])]
     yield (
         f"By quantity and regime, its calibrated coverage goes from {ends[0]} to {ends[1]}. In {int(right.sum())} of "
         f"{len(own)} pairs it lies between {CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} %."

@@ -21,16 +21,23 @@ class Look(NamedTuple):
 
 
 # Okabe and Ito's colour-blind-safe palette; the oracle in ink and the prior in grey because they are there to compare
-# with; the mended filter as far as can be from all of them, the nominal one above all.
+# with; the mended filter as far as can be from all of them, the nominal one above all. The others were searched for: as
+# far as can be from these and one another, in CIELAB, for every reader.
 _LOOKS = {
     "oracle": Look(INK, "D"),
-    "oracle_smoother": Look("#3C3C3C", "d"),
+    "oracle_smoother": Look("#3C1E5A", "d"),
     "always_prior": Look("#5C5C5C", "*"),
-    "training_mean": Look("#7A7A7A", "1"),
-    "last_value": Look("#7A7A7A", "2"),
-    "true_start_held": Look("#9A9A9A", "3"),
+    "training_mean": Look("#694B78", "1"),
+    "last_value": Look("#871E0F", "2"),
+    "true_start_held": Look("#F0A5B4", "3"),
     "nominal_ekf": Look("#E69F00", "s"),
     "nominal_ekf_mended": Look("#5A3CE0", "P"),
+    "nominal_ukf": Look("#5AD278", "<"),
+    "nominal_iekf": Look("#0096FF", ">"),
+    "nominal_enkf": Look("#0F1E87", "h"),
+    "nominal_pf": Look("#2D5AC3", "8"),
+    "nominal_imm": Look("#D24B3C", "+"),
+    "nominal_mhe": Look("#0000F0", "H"),
     "gru_kf": Look("#56B4E9", "^"),
     "lstm_rls": Look("#009E73", "v"),
     "deeponet": Look("#CC79A7", "X"),
