@@ -248,7 +248,7 @@ class PINNUnscentedKalman(Estimator):
         shared = np.broadcast_to(u[:, None], (*some.shape[:2], u.shape[1]))
         read = np.concatenate([some[..., :N_X], shared, some[..., ZETA:BIAS]], axis=-1)
         read[..., N_X + SUCTION] /= 1.0 + PRESSURE_DRIFT_SHARE * some[..., DRIFT]
-        change = self._increment(read.reshape(-1, read.shape[-1])).reshape(*read.shape[:2], N_X)
+        change = self._increment(read)  # one product a machine: what it gives does not depend on who else is there
         if len(few) == points.shape[1]:
             return change
         out = np.repeat(change[:, :1], points.shape[1], axis=1)
@@ -256,7 +256,7 @@ class PINNUnscentedKalman(Estimator):
         return out
 
     def _increment(self, read: Array) -> Array:
-        """The network, (M, 13) -> (M, 5) physical."""
+        """The network, (..., M, 13) -> (..., M, 5) physical."""
         a = ((read - self.arrays["input.mean"]) / self.arrays["input.scale"]).astype(self._layers[0][0].dtype)
         for weight, bias in self._layers[:-1]:
             a = a @ weight + bias
