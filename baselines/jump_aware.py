@@ -192,7 +192,11 @@ class JumpAwareEKF(ModelEKF):
         "leap": 3.0,
         "weighed_s": 10.0,
     }
-    search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "leap": (1.0, 10.0)}
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        "health_walk": (0.5, 4.0),
+        "state_walk": (0.03, 3.0),
+        "leap": (1.0, 10.0),
+    }
     online = ModelEKF.online | {"leap", "weighed_s"}
 
     @property

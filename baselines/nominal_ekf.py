@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,7 +19,10 @@ from twinbench.physics.simulator import Simulator
 
 @register
 class NominalEKF(ModelEKF):
-    """What an engineer would run who has the reduced-order model and calibration recordings."""
+    """What an engineer would run who has the reduced-order model and calibration recordings.
+
+    It knows how much the model errs for minutes, from the validation recordings, and the sensors' data sheet.
+    """
 
     name = "nominal_ekf"
     says = "extended Kalman filter with the recalibrated reduced-order model"
@@ -27,9 +31,12 @@ class NominalEKF(ModelEKF):
         **ModelEKF.settings,
         "substeps": 1,
         "calibration_minutes": 8.0,
-        "health_walk": 2.126,
-        "state_walk": 126.8,
+        "health_walk": 1.0,
+        "state_walk": 25.0,
+        "slow_error": 3.0,
     }
+
+    search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "slow_error": (0.3, 10.0)}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Recalibrate the model's constants, then as the base class."""

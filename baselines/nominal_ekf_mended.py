@@ -36,8 +36,9 @@ class NominalEKFMended(ModelEKF):
         "recording_minutes": 10.0,
         "health_walk": 1.2,
         "state_walk": 1.077,
+        "slow_error": 1.0,
     }
-    search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "recording_minutes": [10.0, 25.0]}
+    search_space: ClassVar[dict[str, Sequence[float]]] = {**NominalEKF.search_space, "recording_minutes": [10.0, 25.0]}
     contract_settings: ClassVar[dict[str, Any]] = {"recordings": 1, "hold_out": 1, "recording_minutes": 1.0}
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:

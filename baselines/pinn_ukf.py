@@ -26,7 +26,7 @@ from twinbench.methods.noise import coloured_keep, drift_keep, health_walk_var, 
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S, PLANT, X
-from twinbench.physics.health import ZETA_LIMIT, ZETA_SCALE, to_theta, to_zeta
+from twinbench.physics.health import HIGH, ZETA_LIMIT, ZETA_SCALE, to_theta, to_zeta
 from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
@@ -41,6 +41,8 @@ SIZE = NOISE + N_NOISE
 VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
 KEEP = np.r_[0:N_X, ZETA:PROBE]
 SUCTION = INPUTS.index("p_suc_bar")
+ZETA_HIGH = np.minimum(ZETA_LIMIT, to_zeta(HIGH))
+"""Health stays where its interval has a width: beyond its physical bound both ends would be that bound."""
 ALPHA = 0.5
 W_MEAN, W_COV = weights(SIZE, ALPHA)
 VALVE = X.valve_pos
@@ -174,7 +176,7 @@ class PINNUnscentedKalman(Estimator):
         one_tick = self._tick_filterpy if self.config["implementation"] == "filterpy" else self._tick
         z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
         z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
-        z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], -ZETA_LIMIT, ZETA_LIMIT)
+        z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], -ZETA_LIMIT, ZETA_HIGH)
         command = clean.filled[:, len(INPUTS) - 1 : len(INPUTS)]
         valve = np.where(started[:, None], VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1], command)
         memory = (np.ones_like(started), valve, *front)
@@ -246,7 +248,7 @@ class PINNUnscentedKalman(Estimator):
         shared = np.broadcast_to(u[:, None], (*some.shape[:2], u.shape[1]))
         read = np.concatenate([some[..., :N_X], shared, some[..., ZETA:BIAS]], axis=-1)
         read[..., N_X + SUCTION] /= 1.0 + PRESSURE_DRIFT_SHARE * some[..., DRIFT]
-        change = self._increment(read.reshape(-1, read.shape[-1])).reshape(*read.shape[:2], N_X)
+        change = self._increment(read)  # one product a machine: what it gives does not depend on who else is there
         if len(few) == points.shape[1]:
             return change
         out = np.repeat(change[:, :1], points.shape[1], axis=1)
@@ -254,7 +256,7 @@ class PINNUnscentedKalman(Estimator):
         return out
 
     def _increment(self, read: Array) -> Array:
-        """The network, (M, 13) -> (M, 5) physical."""
+        """The network, (..., M, 13) -> (..., M, 5) physical."""
         a = ((read - self.arrays["input.mean"]) / self.arrays["input.scale"]).astype(self._layers[0][0].dtype)
         for weight, bias in self._layers[:-1]:
             a = a @ weight + bias

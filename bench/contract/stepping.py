@@ -113,7 +113,8 @@ def _causal(s: Subject) -> str:
     evaluation = Evaluation(stride=1, origin_every_s=2.0, leads_s=(ahead_s,))
     a, b = (run(s.fitted, b, evaluation, SUBJECT_SEED) for b in (batch, replace(batch, measured=other)))
     past = a.forecast_time_s + ahead_s < cut * SAMPLE_PERIOD_S
-    for name in ("mean", "low", "high", "nis", "nis_dof", "flags"):
+    estimates = () if s.kind.two_sided else ("mean", "low", "high")  # these look back, and say so
+    for name in (*estimates, "nis", "nis_dof", "flags"):
         changed = [
             not same(x, y)
             for x, y in zip(

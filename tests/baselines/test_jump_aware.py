@@ -104,10 +104,12 @@ def test_hindsight_knows_when_health_leapt(oracle):
     known = oracle.smooth(readings, ticks)
     said = record(oracle, readings)
     near = slice(LEAPS_AT - 400, LEAPS_AT + 400)
-    wrong = [np.abs(mean[near] - health[0, near, 0]).mean() for mean in (known.mean[:, 5], said.mean[:, 0, 5])]
+    # The course of capacity; its level takes longer than two minutes to tell from leakage, either way.
+    wrong = [(mean[near] - health[0, near, 0]).std() for mean in (known.mean[:, 5], said.mean[:, 0, 5])]
     assert wrong[0] < 0.7 * wrong[1]
-    half = known.mean[:, 5] < 0.5 * (health[0, 0, 0] + health[0, -1, 0])
-    assert abs(np.argmax(half) - LEAPS_AT) * SAMPLE_PERIOD_S < 3.0
+    course = known.mean[near, 5]
+    half = np.argmax(course < 0.5 * (course[0] + course[-1]))
+    assert abs(half - 400) * SAMPLE_PERIOD_S < 3.0
     variance = np.diagonal(known.cov, axis1=1, axis2=2)
     assert (variance > 0.0).all()
     assert np.median(variance[:, 5:] / np.diagonal(said.cov[:, 0], axis1=1, axis2=2)[:, 5:]) < 1.0
