@@ -24,6 +24,9 @@ LEAST_WATCHED = 0.2
 """Share of the runs that must still be watched where a median is read off: beyond it two or three long recordings speak
 for all. 10 to 20 % is the advice of Pocock, Clayton and Altman (2002), The Lancet 359(9318), 1686-1689; with less,
 estimators that recovered in three runs of thirty would have a median."""
+RESAMPLES_OF_TIMES = 2_000
+"""Fewer than of other statistics: each goes through all changes of all runs. Ten times as many move the ends of an
+interval by less than the times lie apart."""
 EDGE_S = 1.0
 """A delay nearer than this to the longest that is searched lies at the edge: it is no shorter, and may be longer.
 Stored ticks are 0.2 s apart; anything from one tick to a few seconds finds the same delays at the edge."""
@@ -92,7 +95,8 @@ def waiting(times_s: pd.DataFrame) -> Waiting:
     block = times_s["sequence"].map(names.index).to_numpy()
     time_s, seen = times_s["time_s"].to_numpy(dtype=float), times_s["seen"].to_numpy(dtype=bool)
     middle = float(median(time_s, seen, np.ones((1, len(time_s))))[0])
-    low_s, high_s = interval(median(time_s, seen, resample_weights(len(names))[:, block]), len(names))
+    weights = resample_weights(len(names))[:RESAMPLES_OF_TIMES, block]
+    low_s, high_s = interval(median(time_s, seen, weights), len(names))
     return Waiting(middle, low_s, high_s, int(seen.sum()), len(seen))
 
 

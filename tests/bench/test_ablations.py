@@ -13,6 +13,7 @@ from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
 from twinbench.bench.report.paired import ablation_table, rivals_table
+from twinbench.bench.roster import TRUE_START
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
 from twinbench.bench.statistics.scores import DEFINITIONS
 from twinbench.common.errors import BadInput
@@ -116,7 +117,7 @@ def test_a_run_with_ablations_trains_what_differs_and_reports_it_apart(tmp_path,
     assert sum(name.startswith("store/fit/") for name in stored) == 2
     assert sum(name.startswith("store/estimate/") for name in stored) == 3
     comparison = pd.read_csv(out / "tables/comparison.csv")
-    assert list(comparison["estimator"]) == ["constant"]
+    assert list(comparison["estimator"]) == [TRUE_START, "constant"]
     table = pd.read_csv(out / "tables/ablations.csv")
     assert list(table["estimator"]) == ["constant:no_scale", "constant:shifted"]
     assert (table["parameter_error_pct"].abs() > 0.1).all()

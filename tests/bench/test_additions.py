@@ -15,6 +15,7 @@ from helpers.sample_run import write_run
 from helpers.tiny_run import parts, run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.report.write import write_report
+from twinbench.bench.roster import TRUE_START
 
 TABLES = ("scores.csv", "cost.csv", "failures.csv", "latency.csv", "tables/regimes.csv", "tables/comparison.csv")
 
@@ -57,7 +58,7 @@ def test_a_further_estimator_stands_beside_those_that_are_there(two: SimpleNames
         assert rows(run, file, "steady", "wrong", "fails") == rows(two.out, file, "steady", "wrong", "fails"), file
         assert bool(rows(run, file, "third")) is (file != "failures.csv"), file
     comparison = pd.read_csv(run / "tables" / "comparison.csv")
-    assert comparison["estimator"].tolist() == ["fails", "steady", "third", "wrong"]
+    assert comparison["estimator"].tolist() == [TRUE_START, "fails", "steady", "third", "wrong"]
     before, after = (json.loads((out / "manifest.json").read_text()) for out in (two.out, run))
     assert after["estimators"] == ["fails", "steady", "third", "wrong"]
     assert {name: after["made"][name] for name in before["made"]} == before["made"]
@@ -136,11 +137,11 @@ def test_all_estimators_begin_anew_where_the_recordings_are_others(
 ) -> None:
     monkeypatch.setattr("twinbench.bench.runner.discover", lambda: {two.third: None})
     assert twinbench("run", "--profile", two.profile, "--out", run) == 0
-    assert set(pd.read_csv(run / "scores.csv")["estimator"]) == {"fails", "steady", "third", "wrong"}
+    assert set(pd.read_csv(run / "scores.csv")["estimator"]) == {TRUE_START, "fails", "steady", "third", "wrong"}
     longer = tmp_path / "tiny.toml"
     longer.write_text(two.profile.read_text().replace("minutes = 2.5", "minutes = 2.6"))
     assert twinbench("run", "--profile", longer, "--out", run) == 0
-    assert set(pd.read_csv(run / "scores.csv")["estimator"]) == {"third"}
+    assert set(pd.read_csv(run / "scores.csv")["estimator"]) == {TRUE_START, "third"}
 
 
 def _trained(out: Path) -> dict[str, int]:

@@ -8,9 +8,9 @@ import pytest
 from statsmodels.stats.multitest import multipletests
 
 from twinbench.bench.roster import PRIOR, REFERENCE, TRIVIAL, TRUE_START, UNRANKED
-from twinbench.bench.statistics.apart import family, told_apart
+from twinbench.bench.statistics.apart import adjusted, family, told_apart
 from twinbench.bench.statistics.bootstrap import sequence_scores
-from twinbench.bench.statistics.ranks import wilcoxon_p
+from twinbench.bench.statistics.ranks import holm, wilcoxon_p
 from twinbench.bench.statistics.skill import best_trivial, skills
 from twinbench.bench.statistics.strata import SINGLE, of_stratum
 from twinbench.bench.statistics.summary import FORECAST, LIFE, summarise
@@ -89,6 +89,18 @@ def test_told_apart_is_holms_correction_over_the_ranked_pairs():
     assert not summary.better("deeponet", "gru_kf", LIFE)
     assert not summary.better("deeponet", "lstm_rls", LIFE)
     assert not summary.told_apart("gru_kf", "nobody", LIFE)
+
+
+def test_many_recordings_are_tested_as_few_are():
+    """Of more than fifty recordings all pairs are tested at once."""
+    rng = np.random.default_rng(4)
+    errors = {name: np.abs(rng.normal(1.0 + 0.1 * i, 0.5, 60)) for i, name in enumerate("abcde")}
+    errors["e"][:4] = errors["a"][:4]  # equal there
+    table = sequence_scores(rows(errors), LIFE)
+    pairs = [(a, b) for a in errors for b in errors if a < b]
+    each = np.array([wilcoxon_p(errors[b] - errors[a]) for a, b in pairs])
+    found = adjusted(table, pairs)
+    np.testing.assert_allclose([found[frozenset(pair)] for pair in pairs], holm(each), rtol=1e-12)
 
 
 def test_a_reference_row_is_tested_against_every_ranked_one():

@@ -11,7 +11,7 @@ from helpers.sample_run import LEVELS, make_estimates, make_truth
 from twinbench.bench.report.evidence import gather
 from twinbench.bench.report.figures.looks import looks
 from twinbench.bench.report.figures.tracks import parameter_tracking, state_trajectories
-from twinbench.bench.roster import LABELS
+from twinbench.bench.roster import LABELS, TRIVIAL, TRUE_START
 
 READERS = {
     "everybody": np.eye(3),
@@ -51,7 +51,8 @@ def apart(one: str, other: str, reader: str) -> float:
 
 @pytest.mark.parametrize("reader", READERS)
 def test_every_two_estimators_differ_in_colour(reader):
-    drawn = looks(list(LABELS))
+    # The rows that cost nothing are all grey: their markers tell them apart.
+    drawn = looks([name for name in LABELS if name not in (*TRIVIAL[1:], TRUE_START)])
     gaps = {(a, b): apart(drawn[a].colour, drawn[b].colour, reader) for a, b in combinations(drawn, 2)}
     near = {pair: round(gap, 1) for pair, gap in gaps.items() if gap < LEAST_LAB}
     assert near == {}
