@@ -107,10 +107,10 @@ def test_who_passes_the_reference_is_said_and_that_nobody_does() -> None:
 
 def test_the_true_start_held_is_no_estimator_and_must_lose() -> None:
     summary = summarise(scores(LEVELS | {"true_start_held": 2.0}), {})
-    assert said(summary, "True start held").endswith("more than following it.")
-    assert "True start held" not in said(
-        summary, "Of the rows that cost nothing, Always at the prior errs least in health"
-    )
+    assert "It errs more than the reference" in said(summary, "True start held")
+    assert not any("True start held" in text for text in verdicts(summary, pd.DataFrame()) if text.startswith("Of the"))
+    still = summarise(scores(LEVELS | {"true_start_held": 0.4}), {})
+    assert said(still, "True start held").endswith("too little changes in these recordings.")
 
 
 def test_coverage_by_regime_names_its_ends() -> None:
