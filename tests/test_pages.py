@@ -17,7 +17,7 @@ from twinbench.data.population import BEGIN_MIN, BIAS_START_K, BLOCK, COMMISSION
 from twinbench.methods.estimator import Estimator
 
 TABLES = (
-    "comparison", "health", "skill", "calibrated", "regimes_calibrated", "paired", "claims", "single", "ablations",
+    "comparison", "health", "skill", "following", "calibrated", "regimes_calibrated", "paired", "claims", "single", "ablations",
     "faults",
 )  # fmt: skip
 SHOWN = {

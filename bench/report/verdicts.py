@@ -14,8 +14,7 @@ import pandas as pd
 from twinbench.bench.report.main_table import extremes
 from twinbench.bench.report.table_formats import number, span
 from twinbench.bench.report.words import names_of
-from twinbench.bench.roster import PROPOSED, QUANTITIES, REFERENCE, TRIVIAL, UNRANKED, label
-from twinbench.bench.statistics.regimes import REGIMES
+from twinbench.bench.roster import PROPOSED, QUANTITIES, REFERENCE, TRIVIAL, TRUE_START, UNRANKED, label
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
 from twinbench.data.batch import HEALTH
@@ -39,8 +38,9 @@ def verdicts(summary: Summary, regimes: pd.DataFrame) -> list[str]:
     Args:
         regimes: what ``bench.statistics.coverage.coverage_table`` returns.
     """
-    found = (*_states(summary), *_skill(summary), *_parameters(summary), *_close(summary), *_passing(summary))
-    return [*found, *_coverage(summary), *_in_regimes(regimes)]
+    worth = (*_skill(summary), *_parameters(summary), *_true_start(summary))
+    near = (*_close(summary), *_passing(summary))
+    return [*_states(summary), *worth, *near, *_coverage(summary), *_in_regimes(regimes)]
 
 
 def _ranked(summary: Summary) -> list[str]:
@@ -67,7 +67,7 @@ def _states(summary: Summary) -> Iterator[str]:
 def _skill(summary: Summary) -> Iterator[str]:
     """Who is worth more than the rows that cost nothing, by the paired interval."""
     for metric in (LIFE, FORECAST):
-        skills = {e: summary.skill(e, metric) for e in summary.estimators if e not in TRIVIAL}
+        skills = {e: summary.skill(e, metric) for e in summary.estimators if e not in (*TRIVIAL, TRUE_START)}
         skills = {e: s for e, s in skills.items() if math.isfinite(s.low)}
         if not skills:
             continue
@@ -94,6 +94,19 @@ def _parameters(summary: Summary) -> Iterator[str]:
         rest = [QUANTITIES[h][0] for h, s in skills.items() if s.low <= 0.0]
         said = f"{label(estimator)} has skill, by its interval, in {names_of(above) if above else 'no parameter'}"
         yield f"{said}, and none is shown in {names_of(rest)}." if rest and above else f"{said}."
+
+
+def _true_start(summary: Summary) -> Iterator[str]:
+    """Does a row that knows each machine's true start lose to the reference? If not, too little changes."""
+    value = summary.value(TRUE_START, LIFE)
+    if math.isfinite(value.times_low):
+        less = "It errs less than the reference: too little changes in these recordings."
+        more = "It errs more than the reference, so health changes enough to be worth following."
+        says = more if value.times_low > 1.0 else less if value.times_high < 1.0 else "The interval does not part them."
+        yield (
+            f"{label(TRUE_START)}, which nobody can have, errs {number(value.times)} times as much in health as the "
+            f"reference (95 % interval {span(value.times_low, value.times_high, to=True)}). {says}"
+        )
 
 
 def _close(summary: Summary) -> Iterator[str]:
@@ -152,7 +165,7 @@ def _in_regimes(regimes: pd.DataFrame) -> Iterator[str]:
         return
     right = own["calibrated_pct"].between(*CALIBRATED_PCT)
     pairs = sorted(own[["calibrated_pct", "quantity", "regime"]].itertuples(index=False, name=None))
-    ends = [f"{number(pct)} % ({QUANTITIES[q][0]}; {REGIMES[r]})" for pct, q, r in (pairs[0], pairs[-1])]
+    ends = [f"{number(pct)} % ({QUANTITIES[q][0]}, {r.replace('_', ' ')})" for pct, q, r in (pairs[0], pairs[-1])]
     yield (
         f"By quantity and regime, its calibrated coverage goes from {ends[0]} to {ends[1]}. In {int(right.sum())} of "
         f"{len(own)} pairs it lies between {CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} %."

@@ -95,7 +95,7 @@ def test_parity_is_of_eight_thousand_points_and_perfect_where_the_estimate_is(re
 
 def test_claims_that_the_run_does_not_tell_are_dashes():
     harder, latency, scores = nothing()
-    table = claims_table(claims(summarise(scores, {}), Evidence(), scores, harder, latency))
+    table = claims_table(claims(summarise(scores, {}), Evidence(), scores, harder, latency), True)
     assert all(row[2].text == "–" for row in table.rows)
     assert all(row[1].text != "–" for row in table.rows)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -101,6 +103,24 @@ def test_who_passes_the_reference_is_said_and_that_nobody_does() -> None:
     passing = summarise(scores(LEVELS | {"deeponet_kalman": 0.5}), {})
     assert "DeepONet-Kalman in filtered pressure, filtered temperature" in said(passing, "By its paired 95 % interval")
     assert said(summarise(scores(LEVELS | {"pinn_ukf": 1.5, "deeponet_kalman": 1.5}), {}), "No ranked estimator passes")
+
+
+def test_the_true_start_held_is_no_estimator_and_must_lose() -> None:
+    summary = summarise(scores(LEVELS | {"true_start_held": 2.0}), {})
+    assert "It errs more than the reference" in said(summary, "True start held")
+    assert not any("True start held" in text for text in verdicts(summary, pd.DataFrame()) if text.startswith("Of the"))
+    still = summarise(scores(LEVELS | {"true_start_held": 0.4}), {})
+    assert said(still, "True start held").endswith("too little changes in these recordings.")
+
+
+def test_coverage_by_regime_names_its_ends() -> None:
+    rows = [
+        ("deeponet_kalman", r, q, 90.0 + k) for k, (r, q) in enumerate(product(("all", "after_load"), ESTIMATED[:4]))
+    ]
+    regimes = pd.DataFrame(rows, columns=["estimator", "regime", "quantity", "calibrated_pct"])
+    text = verdicts(summarise(scores(LEVELS), {}), regimes)[-1]
+    assert "from 90.0 % (intake pressure, all) to 97.0 % (wall temperature, after load)" in text
+    assert text.endswith("In 5 of 8 pairs it lies between 93 and 97 %.")
 
 
 def test_coverage_is_that_of_the_worst_and_best_quantity() -> None:
