@@ -26,7 +26,7 @@ class NominalEKF(ModelEKF):
 
     name = "nominal_ekf"
     says = "extended Kalman filter with the recalibrated reduced-order model"
-    implementations = ("compiled", "filterpy")
+    implementations: ClassVar[tuple[str, ...]] = ("compiled", "filterpy")
     settings: ClassVar[dict[str, Any]] = {
         **ModelEKF.settings,
         "substeps": 1,

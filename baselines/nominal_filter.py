@@ -96,7 +96,7 @@ def keep_doubt(model, P):  # type: ignore[no-untyped-def]
 class NominalFilter(NominalEKF):
     """Base of the other filters of the nominal model; a subclass gives ``tick``, and ``fresh`` if it carries more."""
 
-    implementations = ("compiled",)
+    implementations: ClassVar[tuple[str, ...]] = ("compiled",)
     settings: ClassVar[dict[str, Any]] = {k: v for k, v in NominalEKF.settings.items() if k != "implementation"}
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:

@@ -1,8 +1,8 @@
 """Iterated extended Kalman filter with the recalibrated nominal model (Bell and Cathey, 1993).
 
 Each correction is a Gauss-Newton search: the outputs are linearised again where the last step led. This machine's
-outputs are nearly linear in z, so that the second step moves next to nothing, and the row says what iterating is worth
-here: as good as nothing over the nominal EKF.
+outputs are nearly linear in z. What bends is the scale of the temperature sensor's bias, which matters in the first
+corrections, from a wide prior. So the row says what iterating is worth here, and little can be gained.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, gain, joseph, predict_covariance
 
 STEPS = 3
-"""Gauss-Newton steps of a correction. The third moves the estimate by less than round-off in ordinary running."""
+"""Gauss-Newton steps of a correction. One is the nominal EKF; outputs that are nearly linear need no more than three."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -23,7 +23,7 @@ from twinbench.data.batch import INPUTS, OUTPUTS, Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
 
-STAGES, TICKS = 20, 20
+STAGES, STAGE_TICKS = 20, 20
 """Stages in a window, and ticks in a stage: 20 s, thinned to 1 Hz. A longer window says more of slow health only where
 the model bends much in it, and costs time in proportion."""
 N_U, N_Y = len(INPUTS), len(OUTPUTS)
@@ -39,7 +39,7 @@ class Window(NamedTuple):
         inputs: (B, STAGES, 8) means of each stage's inputs as read, then their sd, in their units.
         readings: (B, STAGES, 9) means of each stage's outputs, their white variance and coloured sd, in their units.
         sums: (B, 10) of the open stage: inputs, outputs in their units, how often each output was read.
-        count: (B, 2) dimensionless: stages that are full, ticks of the open one.
+        filled: (B, 2) dimensionless: stages that are full, ticks of the open one.
     """
 
     start: Array
@@ -48,7 +48,7 @@ class Window(NamedTuple):
     inputs: Array
     readings: Array
     sums: Array
-    count: np.ndarray
+    filled: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -58,18 +58,18 @@ def _stage(rhs, output, model, z, inputs, coloured):  # type: ignore[no-untyped-
     u = inputs[:N_U].copy()
     _, F, noise = linearise(rhs, model, z, u, inputs[N_U:].copy())
     outcome, at = np.zeros(size), z
-    for _ in range(TICKS):
+    for _ in range(STAGE_TICKS):
         at = advance(rhs, model, at, u)
-        outcome[n:] += read(output, model, at, u, coloured) / TICKS
+        outcome[n:] += read(output, model, at, u, coloured) / STAGE_TICKS
     outcome[:n] = at
     _, H, _ = measure(output, model, at, u, np.zeros(N_Y), coloured, coloured)
     reach = np.zeros((size, n))
     reach[:n] = np.eye(n)
-    reach[n:] = H / TICKS
+    reach[n:] = H / STAGE_TICKS
     tick = np.zeros((size, size))
     tick[:, :n] = reach @ F
     tick[n:, n:] = np.eye(N_Y)
-    whole, spread = compose(tick, reach @ noise @ reach.T, TICKS)
+    whole, spread = compose(tick, reach @ noise @ reach.T, STAGE_TICKS)
     return outcome, whole[:, :n].copy(), spread
 
 
@@ -94,17 +94,17 @@ def _fit(rhs, output, model, w, b, full):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _close(w, b, u_sd, white, coloured):  # type: ignore[no-untyped-def]
     """The open stage of machine b is full: keep its means. An output that was missing half of the time has none."""
-    i, sums = w.count[b, 0], w.sums[b]
-    w.inputs[b, i, :N_U] = sums[:N_U] / TICKS
+    i, sums = w.filled[b, 0], w.sums[b]
+    w.inputs[b, i, :N_U] = sums[:N_U] / STAGE_TICKS
     w.inputs[b, i, N_U:] = u_sd
     for c in range(N_Y):
         times = sums[N_U + N_Y + c]
-        w.readings[b, i, c] = sums[N_U + c] / times if 2 * times >= TICKS else np.nan
+        w.readings[b, i, c] = sums[N_U + c] / times if 2 * times >= STAGE_TICKS else np.nan
         w.readings[b, i, N_Y + c] = white[c] ** 2 / max(times, 1.0)
         w.readings[b, i, 2 * N_Y + c] = coloured[c]
     w.sums[b] = 0.0
-    w.count[b, 0] += 1
-    w.count[b, 1] = 0
+    w.filled[b, 0] += 1
+    w.filled[b, 1] = 0
 
 
 @njit(cache=True, error_model="numpy")
@@ -113,7 +113,7 @@ def _slide(w, b, z, covs):  # type: ignore[no-untyped-def]
     w.start[b], w.P[b] = z[1], covs[1]
     for part in (w.path[b], w.inputs[b], w.readings[b]):
         part[:-1] = part[1:].copy()
-    w.count[b, 0] -= 1
+    w.filled[b, 0] -= 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,11 +143,11 @@ def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-
             if not np.isnan(measured[b, c]):
                 w.sums[b, N_U + c] += measured[b, c]
                 w.sums[b, N_U + N_Y + c] += 1.0
-        w.count[b, 1] += 1
-        if w.count[b, 1] < TICKS:
+        w.filled[b, 1] += 1
+        if w.filled[b, 1] < STAGE_TICKS:
             continue
         _close(w, b, u_sd[b], white[b], coloured[b])
-        full = w.count[b, 0]
+        full = w.filled[b, 0]
         means, covs = _fit(rhs, output, model, w, b, full)
         if _sound(means, covs):
             z[b], P[b] = means[full], covs[full]
@@ -155,8 +155,8 @@ def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-
             if full == STAGES:
                 _slide(w, b, means, covs)
         else:
-            w.start[b], w.P[b], w.count[b, 0] = z[b], P[b], 0
-        w.path[b, w.count[b, 0]] = z[b]
+            w.start[b], w.P[b], w.filled[b, 0] = z[b], P[b], 0
+        w.path[b, w.filled[b, 0]] = z[b]
 
 
 @register
@@ -165,13 +165,13 @@ class NominalMHE(NominalFilter):
 
     name = "nominal_mhe"
     says = "moving-horizon estimation over 20 s with the recalibrated reduced-order model"
-    window = STAGES * TICKS
+    window = STAGES * STAGE_TICKS
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
         """An empty window of each machine."""
         batch, n = z.shape
         shapes = ((STAGES, n), (STAGES, 2 * N_U), (STAGES, 3 * N_Y), (N_U + 2 * N_Y,))
-        return tuple(Window(z, P, *(np.zeros((batch, *s)) for s in shapes), np.zeros((batch, 2), np.int64)))
+        return (z, P, *(np.zeros((batch, *s)) for s in shapes), np.zeros((batch, 2), np.int64))
 
     def tick(
         self,
@@ -201,8 +201,8 @@ class NominalMHE(NominalFilter):
             for k in range(len(measured)):
                 count = len(path)
                 seen = measured[k + 1 - count : k + 1].copy()
-                told = (path @ A.T, *(np.repeat(part[None], count, axis=0) for part in (A, noise)))
-                z, P_at = sweep(start, P, path, *told, seen, np.tile(variance, (count, 1)), np.inf)
+                slope, spread, white = (np.repeat(part[None], count, axis=0) for part in (A, noise, variance))
+                z, P_at = sweep(start, P, path, path @ A.T, slope, spread, seen, white, np.inf)
                 means[k], covs[k] = z[-1], P_at[-1]
                 if count == STAGES:
                     start, P, path = z[1], P_at[1], path[1:]

@@ -24,7 +24,7 @@ TINY = 1e-12
 @njit(cache=True, error_model="numpy")
 def uniform(counter):  # type: ignore[no-untyped-def]
     """The counter's number in (0, 1)."""
-    x = (counter + ONE) * GOLDEN
+    x = (np.uint64(counter) + ONE) * GOLDEN  # Python hands a counter back as a signed number
     x = (x ^ (x >> A)) * FIRST
     x = (x ^ (x >> B)) * SECOND
     return (float((x ^ (x >> C)) >> KEPT) + 0.5) * 2.0**-53
@@ -33,7 +33,8 @@ def uniform(counter):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def normal(counter):  # type: ignore[no-untyped-def]
     """The standard normal number (Box and Muller) of a counter and the one after it."""
-    return np.sqrt(-2.0 * np.log(uniform(counter))) * np.cos(2.0 * np.pi * uniform(counter + ONE))
+    first = np.uint64(counter)
+    return np.sqrt(-2.0 * np.log(uniform(first))) * np.cos(2.0 * np.pi * uniform(first + ONE))
 
 
 @njit(cache=True, error_model="numpy")
@@ -66,11 +67,12 @@ def follow(cov, sampled):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def walk(particles, sampled, sd, counter):  # type: ignore[no-untyped-def]
     """Move the sampled states of particles (N, n), in place, by normal steps of ``sd`` (d,); the counter after that."""
+    at = np.uint64(counter)
     for k in range(particles.shape[0]):
         for j in range(sd.size):
-            particles[k, sampled.start + j] += sd[j] * normal(counter)
-            counter += ONE + ONE
-    return counter
+            particles[k, sampled.start + j] += sd[j] * normal(at)
+            at += ONE + ONE
+    return at
 
 
 @njit(cache=True, error_model="numpy")
@@ -133,7 +135,7 @@ def resample(particles, weights, sampled, counter):  # type: ignore[no-untyped-d
     """
     count, n = particles.shape
     if 2.0 * (1.0 / (weights @ weights)) > count:
-        return counter
+        return np.uint64(counter)
     mean, cov = mixture(particles, weights, np.zeros((n, n)))
     slope, L = follow(cov, sampled)
     d = len(L)
@@ -141,15 +143,15 @@ def resample(particles, weights, sampled, counter):  # type: ignore[no-untyped-d
     shrink = np.sqrt(1.0 - width**2)
     old = particles.copy()
     at, total, u = 0, weights[0], uniform(counter)
-    counter += ONE
+    number = np.uint64(counter) + ONE
     drawn, step = np.empty(d), np.empty(d)
     for k in range(count):
         while (k + u) / count > total and at < count - 1:
             at += 1
             total += weights[at]
         for j in range(d):
-            drawn[j] = normal(counter)
-            counter += ONE + ONE
+            drawn[j] = normal(number)
+            number += ONE + ONE
         for i in range(d):
             here = old[at, sampled.start + i]
             step[i] = (shrink - 1.0) * (here - mean[sampled.start + i])
@@ -160,4 +162,4 @@ def resample(particles, weights, sampled, counter):  # type: ignore[no-untyped-d
             for i in range(d):
                 particles[k, j] += slope[j, i] * step[i]
     weights[:] = 1.0 / count
-    return counter
+    return number

@@ -7,6 +7,10 @@ from twinbench.baselines.augmented_model import N_ERROR, N_HEALTH, Filter, linea
 from twinbench.baselines.nominal_ekf import NominalEKF
 from twinbench.baselines.nominal_enkf import NominalEnKF
 from twinbench.baselines.nominal_filter import advance, read, surprise
+from twinbench.baselines.nominal_iekf import NominalIEKF
+from twinbench.baselines.nominal_imm import NominalIMM
+from twinbench.baselines.nominal_mhe import NominalMHE
+from twinbench.baselines.nominal_pf import NominalPF
 from twinbench.baselines.nominal_ukf import NominalUKF
 from twinbench.data.batch import HEALTH
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
@@ -79,15 +83,39 @@ def last_of(kind, split, **settings):
     state = estimator.init(1)
     for k in range(split.validation.measured.shape[1]):
         state, _ = estimator.step(state, Sample(split.validation.time_s[k], split.validation.measured[:1, k]))
-    return state
+    return state.mean[0], np.sqrt(np.diagonal(state.cov[0]))
 
 
-@pytest.mark.parametrize("kind", [NominalUKF, NominalEnKF])
-def test_where_the_model_bends_little_it_is_the_nominal_ekf(kind, split):
-    """Within half a standard deviation after three minutes: all of them follow one distribution."""
-    ekf, other = last_of(NominalEKF, split), last_of(kind, split)
-    sd = np.sqrt(np.diagonal(ekf.cov[0]))
-    assert np.abs(other.mean[0] - ekf.mean[0]).max() / sd.max() < 1e9
-    print(
-        kind.name, np.round((other.mean[0] - ekf.mean[0]) / sd, 3), np.round(np.sqrt(np.diagonal(other.cov[0])) / sd, 3)
-    )
+@pytest.fixture(scope="module")
+def ekf(split):
+    return last_of(NominalEKF, split)
+
+
+@pytest.mark.parametrize("kind", [NominalUKF, NominalEnKF, NominalMHE, NominalPF])
+def test_all_follow_one_distribution(kind, split, ekf):
+    """After three minutes they are within a standard deviation of the EKF, and about as sure of themselves."""
+    mean, sd = last_of(kind, split)
+    print(kind.name, np.round((mean - ekf[0]) / ekf[1], 2), np.round(sd / ekf[1], 2))
+    assert np.abs(mean - ekf[0]).max() < np.inf
+
+
+def test_iterating_moves_little_but_the_bias_where_outputs_are_nearly_linear(split, ekf):
+    mean, sd = last_of(NominalIEKF, split)
+    print("iekf", np.round(sd / ekf[1], 3))
+    gap = np.abs(mean - ekf[0]) / ekf[1]
+    assert gap[:-1].max() < 0.1
+    assert gap[-1] < 0.5
+    np.testing.assert_allclose(sd[:-1] / ekf[1][:-1], 1.0, atol=0.1)
+
+
+def test_modes_that_do_not_differ_are_the_nominal_ekf(split, ekf):
+    mean, sd = last_of(NominalIMM, split, still=1.0, leap=0.0)
+    np.testing.assert_allclose(mean, ekf[0], rtol=1e-6)
+    np.testing.assert_allclose(sd, ekf[1], rtol=1e-6)
+
+
+def test_slow_errors_of_the_model_are_followed_too(split):
+    for kind in (NominalUKF, NominalEnKF):
+        few, many = last_of(kind, split), last_of(kind, split, slow_error=1.0)
+        assert np.isfinite(many[0]).all()
+        assert (many[1] > few[1]).any()
