@@ -19,7 +19,7 @@ from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, gain, joseph, predict_covariance
 
 STEPS = 3
-"""Gauss-Newton steps of a correction. One is the nominal EKF; outputs that are nearly linear need no more than three."""
+"""Gauss-Newton steps of a correction. One is the nominal EKF; for outputs nearly linear three are more than enough."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,7 +17,6 @@ from numba import njit
 
 from twinbench.bench.latency.timing import ROUNDS
 from twinbench.data.batch import CHANNELS, Array
-from twinbench.methods.deeponet_kalman.augmented import tick
 from twinbench.methods.deeponet_kalman.cycle import (
     INNOVATION_CLIP_SD,
     KEEP,
@@ -30,6 +29,7 @@ from twinbench.methods.deeponet_kalman.cycle import (
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.stream import heads_with_jacobian
+from twinbench.methods.deeponet_kalman.tick import tick
 from twinbench.methods.frontend import gate_one
 from twinbench.methods.noise import output_sd_of
 from twinbench.methods.reporting import report_one
