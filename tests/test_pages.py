@@ -17,8 +17,8 @@ from twinbench.data.population import BEGIN_MIN, BIAS_START_K, BLOCK, COMMISSION
 from twinbench.methods.estimator import Estimator
 
 TABLES = (
-    "comparison", "health", "skill", "following", "calibrated", "regimes_calibrated", "paired", "claims", "single", "ablations",
-    "faults",
+    "comparison", "health", "skill", "following", "calibrated", "regimes_calibrated", "paired", "claims", "single",
+    "ablations", "faults",
 )  # fmt: skip
 SHOWN = {
     "README.md": {"paper/answer.md", "paper/tables/comparison.md"},
