@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from helpers.compressor_recordings import small_batch
+from helpers.compressor_recordings import small_batch, trained_twin
 
 from twinbench.common.errors import BadInput
 from twinbench.data.batch import CHANNELS, HEALTH, Batch
@@ -18,7 +18,7 @@ from twinbench.methods.deeponet_kalman.augmentation import (
     TEMPERATURE,
     augmented,
 )
-from twinbench.methods.deeponet_kalman.method import check_audit
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman, check_audit
 from twinbench.methods.deeponet_kalman.operator_training import Recipe, Scales, audit, feasibility, fit_operator
 from twinbench.methods.deeponet_kalman.windows import WindowSource
 from twinbench.methods.frontend import FrontEnd
@@ -94,6 +94,19 @@ def test_the_recordings_alone_teach_the_operator_to_ignore_health(train, validat
     _, checked = trained(train, validation, perturbed=False)
     with pytest.raises(BadInput, match="fails its audit: its sensitivity to capacity"):
         check_audit(checked.G_cosine, checked.G_size)
+
+
+def test_a_model_that_fails_its_audit_is_not_loaded(tmp_path):
+    twin = DeepONetKalman(**trained_twin().config)
+    twin.arrays = {
+        **trained_twin().arrays,
+        "audit.G_cosine": np.ones(4),
+        "audit.G_size": np.array([1.0, 1.0, 3.0, 1.0]),
+    }
+    twin.save(tmp_path / "model.npz")
+    with pytest.raises(BadInput, match=r"its sensitivity to leakage has cosine 1 .* and 3 of its size") as told:
+        DeepONetKalman.load(tmp_path / "model.npz", audited=True)
+    assert "\n" not in str(told.value)
 
 
 def test_transitions_are_what_the_plant_does(train):
