@@ -37,8 +37,8 @@ class Filter(NamedTuple):
         keep: (4,) dimensionless AR(1) factors of the noise states and the drift.
         error_keep: dimensionless AR(1) factor of the model's slow errors.
         substeps: RK4 steps in a tick.
-        low: (nx + 5,) lower bounds of states, in their units, and of dimensionless health coordinates.
-        high: (nx + 5,) upper bounds, likewise.
+        low: (n,) lower bounds of z, in its units.
+        high: (n,) upper bounds, likewise.
     """
 
     theta: Array
@@ -75,6 +75,13 @@ def true_inputs(model, z, u):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def bound(model, z):  # type: ignore[no-untyped-def]
+    """z where the model is one, in place, whatever was read."""
+    for j in range(model.low.size):
+        z[j] = min(max(z[j], model.low[j]), model.high[j])
+
+
+@njit(cache=True, error_model="numpy")
 def move(rhs, model, z, u, theta):  # type: ignore[no-untyped-def]
     """z (n,) one tick on under true inputs u (4,): states by equations and slow errors, the rest by its memory."""
     nx = model.step.size
@@ -86,6 +93,7 @@ def move(rhs, model, z, u, theta):  # type: ignore[no-untyped-def]
         after[error + i] *= model.error_keep
     for i in range(N_SENSOR):
         after[sensor + i] *= model.keep[i]
+    bound(model, after)
     return after
 
 
@@ -159,13 +167,6 @@ def measure(output, model, z, u, measured, white_sd, coloured_sd):  # type: igno
         R[i, i] = white_sd[i] ** 2
         innovation[i] -= coloured_sd[i] * z[noise + i]
     return innovation, H, R
-
-
-@njit(cache=True, error_model="numpy")
-def bound(model, z):  # type: ignore[no-untyped-def]
-    """States and health where the model is one, in place, whatever was read."""
-    for j in range(model.low.size):
-        z[j] = min(max(z[j], model.low[j]), model.high[j])
 
 
 @njit(cache=True, error_model="numpy")

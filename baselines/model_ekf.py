@@ -43,6 +43,9 @@ from twinbench.physics.simulator import Simulator
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3, 0.01, 1e-4, 0.05])
 """Process noise of the plant's states per square root of a second, before ``state_walk``."""
 LEAST_FLOW = 0.05
+FARTHEST_SD = 10.0
+"""Of the noise states, the drift and the slow errors: absurd readings move them no farther. Ten times as much lets the
+inputs without drift, and the states, become what the equations have no answer to."""
 NONE_OUT = np.zeros(3, np.int64)
 """All outputs are believed."""
 
@@ -143,7 +146,8 @@ class ModelEKF(Estimator):
         health = np.array([machine.index(name) for name in HEALTH])
         low, high = (np.array([getattr(v, end) for v in machine.states]) for end in ("low", "high"))
         low[STATES.index("flow_memory")] = LEAST_FLOW
-        bounds = np.concatenate([low, -ZETA_LIMIT]), np.concatenate([high, ZETA_LIMIT])
+        limit = np.concatenate([ZETA_LIMIT, FARTHEST_SD * np.ones(N_SENSOR), FARTHEST_SD * np.sqrt(self._slow_var())])
+        bounds = np.concatenate([low, -limit]), np.concatenate([high, limit])
         self._model = Filter(
             machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, slow_keep, self.config["substeps"], *bounds
         )
