@@ -35,12 +35,8 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     every = round(min(evaluation.origin_every_s / SAMPLE_PERIOD_S, N))
     origins = _origins(N, every, int(leads.max()))
     inputs = fill_gaps(batch.measured[..., : len(INPUTS)])
-    mean, low, high = (np.empty((B, len(stored), len(ESTIMATED)), np.float32) for _ in range(3))
-    nis, dof = np.empty((B, len(stored)), np.float32), np.empty((B, len(stored)), np.int8)
-    flags = np.empty((B, len(stored)), np.int16)
-    forecast = np.empty((B, len(origins), len(leads), len(OUTPUTS)))
-    origin_mean = np.empty((B, len(origins), len(ESTIMATED)))
-    origin_cov = np.empty((B, len(origins), len(ESTIMATED), len(ESTIMATED)))
+    kept = _room(B, len(stored), len(origins), len(leads))
+    said = [kept[name] for name in ("mean", "low", "high")]
     state = estimator.init(B)
     samples = np.ascontiguousarray(batch.measured.transpose(1, 0, 2))
     at = 0
@@ -49,60 +45,49 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
         state, info = estimator.step(state, Sample(float(batch.time_s[k]), samples[k].copy()))
         if k % evaluation.stride == 0:
             i = k // evaluation.stride
-            mean[:, i], low[:, i], high[:, i] = state.mean, state.low, state.high
-            nis[:, i], flags[:, i] = info.nis, info.flags
-            dof[:, i] = info.accepted.sum(axis=1)
+            for part, value in zip(said, (state.mean, state.low, state.high), strict=True):
+                part[:, i] = value
+            kept["nis"][:, i], kept["flags"][:, i] = info.nis, info.flags
+            kept["nis_dof"][:, i] = info.accepted.sum(axis=1)
         if at < len(origins) and k == origins[at]:
-            _check_finite(estimator, batch.time_s[stored[: k // evaluation.stride + 1]], mean, low, high)
+            _check_finite(estimator, batch.time_s[stored[: k // evaluation.stride + 1]], *said)
             future = inputs[:, k + 1 : k + 1 + leads.max()].copy()
-            forecast[:, at] = estimator.forecast(state, future)[:, leads - 1]
-            origin_mean[:, at], origin_cov[:, at] = state.mean, state.cov
+            kept["forecast"][:, at] = estimator.forecast(state, future)[:, leads - 1]
+            kept["mean_at_origin"][:, at], kept["cov_at_origin"][:, at] = state.mean, state.cov
             at += 1
     if estimator.two_sided:
-        _look_back(estimator, batch.measured, stored, (mean, low, high), origins, (origin_mean, origin_cov))
-    _check_finite(estimator, batch.time_s[stored], mean, low, high)
-    return Estimates(
-        estimator.name,
-        seed,
-        batch.names,
-        batch.time_s[stored],
-        mean,
-        low,
-        high,
-        nis,
-        dof,
-        flags,
-        batch.time_s[origins],
-        np.array(evaluation.leads_s),
-        forecast,
-        origin_mean,
-        origin_cov,
-    )
+        _look_back(estimator, batch.measured, stored, origins, kept)
+    _check_finite(estimator, batch.time_s[stored], *said)
+    times = {"time_s": batch.time_s[stored], "forecast_time_s": batch.time_s[origins]}
+    return Estimates(estimator.name, seed, batch.names, leads_s=np.array(evaluation.leads_s), **times, **kept)
+
+
+def _room(machines: int, ticks: int, origins: int, leads: int) -> dict[str, np.ndarray]:
+    """Room for what is kept, by the names that it has in ``Estimates``."""
+    n = len(ESTIMATED)
+    return {
+        **{name: np.empty((machines, ticks, n), np.float32) for name in ("mean", "low", "high")},
+        "nis": np.empty((machines, ticks), np.float32),
+        "nis_dof": np.empty((machines, ticks), np.int8),
+        "flags": np.empty((machines, ticks), np.int16),
+        "forecast": np.empty((machines, origins, leads, len(OUTPUTS))),
+        "mean_at_origin": np.empty((machines, origins, n)),
+        "cov_at_origin": np.empty((machines, origins, n, n)),
+    }
 
 
 def _look_back(
-    estimator: Estimator,
-    measured: Array,
-    stored: np.ndarray,
-    said: tuple[np.ndarray, ...],
-    origins: np.ndarray,
-    at_origins: tuple[np.ndarray, ...],
+    estimator: Estimator, measured: Array, stored: np.ndarray, origins: np.ndarray, kept: dict[str, np.ndarray]
 ) -> None:
-    """Put what is known afterwards in the place of what was said step by step; forecasts stay as they were made.
-
-    Args:
-        said: mean, low and high (B, len(stored), 10), in the quantities' units, are written.
-        at_origins: mean (B, len(origins), 10) and covariance (B, len(origins), 10, 10), likewise.
-    """
+    """Put what is known afterwards in the place of what was said step by step; forecasts stay as they were made."""
     ticks = np.union1d(stored, origins)
     known = estimator.smooth(measured, ticks)
-    for parts, names, places in (
-        (said, ("mean", "low", "high"), np.searchsorted(ticks, stored)),
-        (at_origins, ("mean", "cov"), np.searchsorted(ticks, origins)),
-    ):
-        for part, name in zip(parts, names, strict=True):
-            values = getattr(known, name)
-            part[:] = values.reshape(len(measured), len(ticks), *values.shape[1:])[:, places]
+    at_stored, at_origins = np.searchsorted(ticks, stored), np.searchsorted(ticks, origins)
+    whose = {"mean": "mean", "low": "low", "high": "high", "mean_at_origin": "mean", "cov_at_origin": "cov"}
+    for name, own in whose.items():
+        values = getattr(known, own)
+        places = at_origins if name.endswith("origin") else at_stored
+        kept[name][:] = values.reshape(len(measured), len(ticks), *values.shape[1:])[:, places]
 
 
 def _check_finite(estimator: Estimator, time_s: Array, *bounds: np.ndarray) -> None:
