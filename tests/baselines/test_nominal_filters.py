@@ -93,15 +93,19 @@ def ekf(split):
 
 @pytest.mark.parametrize("kind", [NominalUKF, NominalEnKF, NominalMHE, NominalPF])
 def test_all_follow_one_distribution(kind, split, ekf):
-    """After three minutes they are within a standard deviation of the EKF, and about as sure of themselves."""
+    """Three minutes from a wide prior: a mistake in the equations would be tens of standard deviations.
+
+    What bends, leakage above all, leaves the filters without Jacobians surer of health than the EKF is.
+    """
     mean, sd = last_of(kind, split)
-    print(kind.name, np.round((mean - ekf[0]) / ekf[1], 2), np.round(sd / ekf[1], 2))
-    assert np.abs(mean - ekf[0]).max() < np.inf
+    gap = np.abs(mean - ekf[0]) / ekf[1]
+    assert gap[:5].max() < 1.5
+    assert gap[5:].max() < 4.0
+    assert ((sd / ekf[1] > 0.1) & (sd / ekf[1] < 1.5)).all()
 
 
 def test_iterating_moves_little_but_the_bias_where_outputs_are_nearly_linear(split, ekf):
     mean, sd = last_of(NominalIEKF, split)
-    print("iekf", np.round(sd / ekf[1], 3))
     gap = np.abs(mean - ekf[0]) / ekf[1]
     assert gap[:-1].max() < 0.1
     assert gap[-1] < 0.5
