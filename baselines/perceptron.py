@@ -18,11 +18,22 @@ N_ACTING = len(HEALTH) - 1  # the sensor's bias does not act on the machine
 
 
 def network_input(batch: Batch, moves: Transitions) -> Array:
-    """(M, 14): states, inputs, valve position, health coordinates, each in its unit."""
+    """(M, 14) of transitions: states, inputs, valve position, health coordinates, each in its unit."""
     assert batch.truth is not None
     at = (moves.sequence, moves.sample)
-    valve = batch.truth.states[*at, X.valve_pos]
-    return np.concatenate([moves.x, batch.truth.inputs[at], valve[:, None], to_zeta(moves.theta)[:, :N_ACTING]], axis=1)
+    return read_of(moves.x, batch.truth.inputs[at], batch.truth.states[*at, X.valve_pos], moves.theta)
+
+
+def read_of(x: Array, u: Array, valve: Array, theta: Array) -> Array:
+    """What the network reads, (M, 14).
+
+    Args:
+        x: (M, 5) states in their units, order STATES.
+        u: (M, 4) inputs in their units, order INPUTS.
+        valve: (M,) the valve's position, dimensionless.
+        theta: (M, 5) health in its units, order HEALTH.
+    """
+    return np.concatenate([x, u, valve[:, None], to_zeta(theta)[:, :N_ACTING]], axis=1)
 
 
 def standard(read: Array) -> tuple[Array, Array]:

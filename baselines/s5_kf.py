@@ -13,7 +13,8 @@ import numpy as np
 
 from twinbench.baselines.gru_kf import SIZE, GRUKalman
 from twinbench.baselines.recurrent import ReadoutTwin, TwoRates
-from twinbench.baselines.state_space import StateSpace, StateSpaceTwin
+from twinbench.baselines.state_space import StateSpace
+from twinbench.baselines.state_space_twin import StateSpaceTwin
 from twinbench.methods.estimator import register
 
 

@@ -6,7 +6,9 @@ import torch
 
 from twinbench.baselines.nominal_ukf import NominalUKF
 from twinbench.baselines.perceptron import network_input, perceptron
-from twinbench.baselines.residual_ukf import ResidualUKF, residual_rates
+from twinbench.baselines.residual import residual_rates
+from twinbench.baselines.residual_ukf import ResidualUKF
+from twinbench.baselines.slow_errors import slow_error_sd
 from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 from twinbench.methods.estimator import Sample
@@ -86,6 +88,13 @@ def test_most_of_what_the_nominal_model_leaves_out_is_learnt(fitted, split):
     share = np.sqrt((left**2).mean(axis=0) / (missing**2).mean(axis=0))
     # Intake pressure is left out: the reduced model has it nearly right.
     assert (share[1:] < 0.5).all(), share
+
+
+def test_what_it_errs_by_for_minutes_is_its_own_and_not_the_nominal_models(fitted, split):
+    nominal = slow_error_sd(fitted.machine(), split.validation)
+    assert (fitted.arrays["slow_error.sd"] != nominal).all()
+    nothing = slow_error_sd(fitted.machine(), split.validation, 1, lambda x, u, theta: np.zeros((len(x), len(STATES))))
+    np.testing.assert_array_equal(nothing, nominal)
 
 
 def test_the_covariance_stays_positive_definite(fitted, split):

@@ -10,7 +10,8 @@ from twinbench.baselines.gru_kf import GRUKalman
 from twinbench.baselines.recurrent import TICKS_PER_STEP
 from twinbench.baselines.s5_kf import S5Kalman
 from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
-from twinbench.baselines.state_space import StateSpace, StateSpaceTwin, scan
+from twinbench.baselines.state_space import StateSpace, scan
+from twinbench.baselines.state_space_twin import StateSpaceTwin
 from twinbench.methods.training import weights_of
 
 
