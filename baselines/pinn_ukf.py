@@ -25,8 +25,8 @@ from twinbench.methods.kalman import INNOVATION_CLIP_SD
 from twinbench.methods.noise import coloured_keep, drift_keep, health_walk_var, output_sd
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
-from twinbench.physics.compressor import M_REF_KG_S, PLANT, X
-from twinbench.physics.health import HIGH, ZETA_LIMIT, ZETA_SCALE, to_theta, to_zeta
+from twinbench.physics.compressor import M_REF_KG_S, PLANT
+from twinbench.physics.health import HIGH, ZETA_LIMIT, to_theta, to_zeta
 from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
@@ -45,7 +45,6 @@ ZETA_HIGH = np.minimum(ZETA_LIMIT, to_zeta(HIGH))
 """Health stays where its interval has a width: beyond its physical bound both ends would be that bound."""
 ALPHA = 0.5
 W_MEAN, W_COV = weights(SIZE, ALPHA)
-VALVE = X.valve_pos
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3])
 """Process noise of the states per square root of a second, before ``state_walk``; that of the EKFs."""
 
@@ -84,9 +83,9 @@ class PINNUnscentedKalman(Estimator):
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train the network on transitions of training sequences and re-simulations; residuals come from validation."""
         import torch
-        from torch import nn
         from torch.nn import functional
 
+        from twinbench.baselines.perceptron import network_input, perceptron, standard
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import adamw, seeded, weights_of
         from twinbench.methods.transitions import Sampling, draw_transitions
@@ -96,9 +95,8 @@ class PINNUnscentedKalman(Estimator):
         train = resimulate(train, rng, config["copies"])
         moves = draw_transitions(train, config["transitions"], rng)
         assert train.truth is not None
-        read = _network_input(train, moves)
-        mean, scale = read.mean(axis=0), read.std(axis=0)
-        mean[-N_ZETA:], scale[-N_ZETA:] = 0.0, ZETA_SCALE
+        read = network_input(train, moves)
+        mean, scale = standard(read)
         step = moves.increment.std(axis=0)
         elsewhere, nominal = _collocation(train, moves, read, rng)
 
@@ -107,10 +105,7 @@ class PINNUnscentedKalman(Estimator):
 
         inputs, wanted = tensor((read - mean) / scale), tensor(moves.increment / step)
         beyond, balance = tensor((elsewhere - mean) / scale), tensor(nominal / step)
-        width = config["hidden"]
-        network = nn.Sequential(
-            nn.Linear(read.shape[1], width), nn.SiLU(), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, N_X)
-        )
+        network = perceptron(read.shape[1], config["hidden"], N_X)
         quarter = config["rows"] // 4
 
         def loss(_: int) -> torch.Tensor:
@@ -135,7 +130,7 @@ class PINNUnscentedKalman(Estimator):
             "loss": np.array(losses),
         }
         self.restore()
-        residual = held.increment - self._increment(_network_input(validation, held))
+        residual = held.increment - self._increment(network_input(validation, held))
         self.arrays["residual.cov"] = residual.T @ residual / len(residual)
         self.restore()
 
@@ -263,14 +258,6 @@ class PINNUnscentedKalman(Estimator):
             a *= 0.5 * (1.0 + np.tanh(0.5 * a))
         weight, bias = self._layers[-1]
         return (a @ weight + bias).astype(np.float64) * self.arrays["increment.scale"]
-
-
-def _network_input(batch: Batch, moves: Any) -> Array:
-    """(M, 13): states, inputs, valve position, health coordinates."""
-    assert batch.truth is not None
-    at = (moves.sequence, moves.sample)
-    valve = batch.truth.states[*at, VALVE]
-    return np.concatenate([moves.x, batch.truth.inputs[at], valve[:, None], to_zeta(moves.theta)[:, :N_ZETA]], axis=1)
 
 
 def _collocation(batch: Batch, moves: Any, read: Array, rng: np.random.Generator) -> tuple[Array, Array]:

@@ -15,36 +15,61 @@ from torch.nn import functional
 TICKS_PER_STEP = 40
 
 
-class SlowFast(nn.Module):
-    """GRU or LSTM cell at 0.5 Hz, readout at 20 Hz."""
+class TwoRates(nn.Module):
+    """Base of the networks: a subclass remembers at 0.5 Hz, in ``blank`` and ``remember``; the readout is at 20 Hz."""
 
-    def __init__(self, cell: str, features: int, hidden: int, readout: int, outputs: int) -> None:
+    def __init__(self, hidden: int, features: int, readout: int, outputs: int) -> None:
         super().__init__()
-        self.gated = cell == "gru"
-        self.cell = (nn.GRU if self.gated else nn.LSTM)(features, hidden, batch_first=True)
         self.first = nn.Linear(hidden + features, readout)
         self.second = nn.Linear(readout, outputs)
 
     def blank(self, batch: int) -> tuple[Tensor, ...]:
-        """The memory before the first step: hidden, and for the LSTM cell state."""
-        return tuple(torch.zeros(1, batch, self.cell.hidden_size) for _ in range(1 if self.gated else 2))
+        """The memory before the first step."""
+        raise NotImplementedError
+
+    def remember(self, slow: Tensor, carried: tuple[Tensor, ...]) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """What is read out after each of S slow steps, (B, S, hidden), and what is carried on.
+
+        Args:
+            slow: (B, S, F) standardised features at the steps.
+            carried: one per part of the memory, (.., B, ..) dimensionless, as ``blank`` gives them.
+        """
+        raise NotImplementedError
 
     def forward(self, slow: Tensor, fast: Tensor, carried: tuple[Tensor, ...]) -> tuple[Tensor, tuple[Tensor, ...]]:
         """Readouts (B, S, K, outputs), the K of a step following it, and what is carried on.
 
         Args:
-            slow: (B, S, F) standardised features at the S steps of the cell.
+            slow: (B, S, F) standardised features at the S steps of the memory.
             fast: (B, S, K, F) standardised features at the K ticks that are read out after each.
-            carried: one per part of the memory, (1, B, hidden) dimensionless, as ``blank`` gives them.
+            carried: one per part of the memory, dimensionless, as ``blank`` gives them.
         """
-        hidden, after = self.cell(slow, carried[0] if self.gated else carried)
+        hidden, after = self.remember(slow, carried)
         rows = hidden.unsqueeze(2).expand(-1, -1, fast.shape[2], -1)
         entry = functional.silu(self.first(torch.cat([rows, fast], dim=-1)))
-        return self.second(entry), (after,) if self.gated else after
+        return self.second(entry), after
 
 
-class SlowFastTwin:
-    """The same network in NumPy, float32, one tick at a time.
+class SlowFast(TwoRates):
+    """GRU or LSTM cell at 0.5 Hz, readout at 20 Hz."""
+
+    def __init__(self, cell: str, features: int, hidden: int, readout: int, outputs: int) -> None:
+        super().__init__(hidden, features, readout, outputs)
+        self.gated = cell == "gru"
+        self.cell = (nn.GRU if self.gated else nn.LSTM)(features, hidden, batch_first=True)
+
+    def blank(self, batch: int) -> tuple[Tensor, ...]:
+        """The memory before the first step: hidden, and for the LSTM cell state, each (1, B, hidden)."""
+        return tuple(torch.zeros(1, batch, self.cell.hidden_size) for _ in range(1 if self.gated else 2))
+
+    def remember(self, slow: Tensor, carried: tuple[Tensor, ...]) -> tuple[Tensor, tuple[Tensor, ...]]:
+        """The hidden state after each step."""
+        hidden, after = self.cell(slow, carried[0] if self.gated else carried)
+        return hidden, (after,) if self.gated else after
+
+
+class ReadoutTwin:
+    """The readout in NumPy, float32, one tick at a time; a subclass remembers in ``init`` and ``step``.
 
     Args:
         arrays: by name, weights of any shape, dimensionless; what does not start with ``prefix`` is left out.
@@ -53,10 +78,43 @@ class SlowFastTwin:
 
     def __init__(self, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
         w = {n.removeprefix(prefix): np.asarray(a, np.float32) for n, a in arrays.items() if n.startswith(prefix)}
-        self.inner, self.outer = w["cell.weight_ih_l0"].T.copy(), w["cell.weight_hh_l0"].T.copy()
-        self.inner_bias, self.outer_bias = w["cell.bias_ih_l0"], w["cell.bias_hh_l0"]
         self.first, self.first_bias = w["first.weight"].T.copy(), w["first.bias"]
         self.second, self.second_bias = w["second.weight"].T.copy(), w["second.bias"]
+        self.weights = w
+
+    def init(self, batch: int) -> tuple[np.ndarray, np.ndarray]:
+        """The memory before the first step: what is read out (B, hidden), and the rest (B, ..)."""
+        raise NotImplementedError
+
+    def step(self, h: np.ndarray, c: np.ndarray, features: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One slow step.
+
+        Args:
+            h: (B, hidden) dimensionless, what is read out.
+            c: (B, ..) dimensionless, the rest of the memory.
+            features: (B, F) standardised.
+        """
+        raise NotImplementedError
+
+    def read(self, h: np.ndarray, features: np.ndarray) -> np.ndarray:
+        """The readout, (B, outputs) float64.
+
+        Args:
+            h: (B, hidden) dimensionless hidden state.
+            features: (B, F) standardised.
+        """
+        entry = np.concatenate([h, features], axis=1) @ self.first + self.first_bias
+        return ((entry * _sigmoid(entry)) @ self.second + self.second_bias).astype(np.float64)
+
+
+class SlowFastTwin(ReadoutTwin):
+    """The GRU or LSTM in NumPy."""
+
+    def __init__(self, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
+        super().__init__(arrays, prefix)
+        w = self.weights
+        self.inner, self.outer = w["cell.weight_ih_l0"].T.copy(), w["cell.weight_hh_l0"].T.copy()
+        self.inner_bias, self.outer_bias = w["cell.bias_ih_l0"], w["cell.bias_hh_l0"]
         self.hidden = self.outer.shape[0]
         self.gates = self.outer.shape[1] // self.hidden  # 3: GRU, 4: LSTM
 
@@ -83,16 +141,6 @@ class SlowFastTwin:
         enter, forget, out = _sigmoid(s[:, :n]), _sigmoid(s[:, n : 2 * n]), _sigmoid(s[:, 3 * n :])
         c = forget * c + enter * np.tanh(s[:, 2 * n : 3 * n])
         return out * np.tanh(c), c
-
-    def read(self, h: np.ndarray, features: np.ndarray) -> np.ndarray:
-        """The readout, (B, outputs) float64.
-
-        Args:
-            h: (B, hidden) dimensionless hidden state.
-            features: (B, F) standardised.
-        """
-        entry = np.concatenate([h, features], axis=1) @ self.first + self.first_bias
-        return ((entry * _sigmoid(entry)) @ self.second + self.second_bias).astype(np.float64)
 
 
 def _sigmoid(v: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFast
+from twinbench.baselines.recurrent import TICKS_PER_STEP, TwoRates
 from twinbench.methods.training import adamw
 
 SLOW_STEPS = 75
@@ -29,7 +29,7 @@ class Schedule(NamedTuple):
 
 
 def fit_sequences(
-    network: SlowFast,
+    network: TwoRates,
     read: np.ndarray,
     target: np.ndarray,
     loss: Loss,
@@ -69,7 +69,7 @@ def fit_sequences(
     return adamw(network, one, schedule.iterations, schedule.learning_rate)
 
 
-def read_out(network: SlowFast, read: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
+def read_out(network: TwoRates, read: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
     """Ticks (M,), ``every`` apart, and what the network says there, (B, M, outputs) float64.
 
     Args:

@@ -7,6 +7,8 @@ after a minute, and puts it down to health. A slow error per state, AR(1), can.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
@@ -27,13 +29,18 @@ def error_keep() -> float:
     return float(np.exp(-SAMPLE_PERIOD_S / ERROR_TAU_S))
 
 
-def slow_error_sd(simulator: Simulator, batch: Batch, substeps: int = 1) -> Array:
+Beyond = Callable[[Array, Array, Array], Array]
+"""Of states (M, nx), inputs (M, 4) and health (M, 5) in their units: what is added to a tick's states (M, 5)."""
+
+
+def slow_error_sd(simulator: Simulator, batch: Batch, substeps: int = 1, beyond: Beyond | None = None) -> Array:
     """Root mean square (5,) of the one-minute means of a model's error in a tick, in the states' units, order STATES.
 
     Args:
         simulator: the model; its states are the plant's.
         batch: recordings with truth, which the model was not fitted to.
         substeps: RK4 steps in a tick.
+        beyond: what the model has beside the simulator.
     """
     assert batch.truth is not None
     truth, n = batch.truth, len(STATES)
@@ -45,6 +52,8 @@ def slow_error_sd(simulator: Simulator, batch: Batch, substeps: int = 1) -> Arra
         x, u = truth.states[b, ticks, : len(simulator.states)], truth.inputs[b, ticks, : len(INPUTS)]
         after = advance(simulator, x, u, SAMPLE_PERIOD_S, substeps, health)
         error = truth.states[b, ticks + 1, :n] - after[:, :n]
+        if beyond is not None:
+            error -= beyond(x, u, health.values)
         minutes = np.array_split(error, max(1, len(error) // per_minute))
         means += [minute.mean(axis=0) for minute in minutes]
     return np.sqrt(np.mean(np.square(means), axis=0))

@@ -10,6 +10,8 @@ from twinbench.baselines.gru_kf import GRUKalman
 from twinbench.baselines.lstm_rls import LSTMRecursiveLeastSquares
 from twinbench.baselines.pinn_ukf import PINNUnscentedKalman
 from twinbench.baselines.recurrent import TICKS_PER_STEP, SlowFast, SlowFastTwin
+from twinbench.baselines.recursive_kalmannet import RecursiveKalmanNet
+from twinbench.baselines.s5_kf import S5Kalman
 from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
 from twinbench.methods.operator import WINDOW, Operator
@@ -73,7 +75,9 @@ def test_deeponet_twin_equals_torch():
     np.testing.assert_allclose(estimator._answer(twin, query), wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("kind", [GRUKalman, LSTMRecursiveLeastSquares, DeepONet, PINNUnscentedKalman])
+@pytest.mark.parametrize(
+    "kind", [GRUKalman, S5Kalman, LSTMRecursiveLeastSquares, DeepONet, PINNUnscentedKalman, RecursiveKalmanNet]
+)
 def test_every_network_has_the_budget_of_the_proposed_one(kind):
     split = simulate_benchmark(
         DesignConfig(n_train=1, n_validation=1, n_test=1, n_single=0, minutes=2.5, warmup_minutes=0.5)
