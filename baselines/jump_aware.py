@@ -56,10 +56,10 @@ class Jumps(NamedTuple):
 
     Attributes:
         sums: (B, 2, 2, 3) dimensionless, of Page's test.
-        left: (B, 1) updates for which the causes are still weighed; negative: until the test begins.
-        out: (B, 3) updates for which an output is still not believed.
-        fits: (B, 3) updates in a row in which one of these fitted.
-        scores: (B, 8) log scores of the causes.
+        left: (B, 1) dimensionless: updates for which the causes are still weighed; negative: until the test begins.
+        out: (B, 3) dimensionless: updates for which an output is still not believed.
+        fits: (B, 3) dimensionless: updates in a row in which one of these fitted.
+        scores: (B, 8) dimensionless log scores of the causes.
         z: (B, 8, n) their filters' means, in the units of z.
         P: (B, 8, n, n) their covariances, in those units squared.
     """

@@ -25,7 +25,12 @@ time in proportion and change little."""
 
 
 def begin(z: Array, P: Array) -> Array:
-    """An ensemble (MEMBERS, n) with exactly the mean z (n,) and the covariance P (n, n), the same each time."""
+    """An ensemble (MEMBERS, n) with exactly these moments, the same each time.
+
+    Args:
+        z: (n,) its mean, in the units of z.
+        P: (n, n) its covariance, in those units squared.
+    """
     drawn = np.random.default_rng(0).normal(size=(MEMBERS, len(z) + 1))
     drawn[:, 0] = 1.0  # the others are made orthogonal to it: their mean is zero
     apart = np.linalg.qr(drawn)[0][:, 1:] * np.sqrt(MEMBERS - 1)
@@ -165,7 +170,16 @@ class NominalEnKF(NominalFilter):
     def toy_filter(
         F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
-        """The ensemble on a linear machine; R is diagonal."""
+        """The ensemble on a linear machine.
+
+        Args:
+            F: (n, n) how a tick moves the state, in the states' units.
+            H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+            Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+            R: (m, m) covariance of the measurement noise, in the sensors' units squared; diagonal.
+            x0: (n,) mean before the first prediction, each in its state's unit.
+            P0: (n, n) covariance before the first prediction, in the states' units squared.
+        """
 
         def run(measured: Array) -> tuple[Array, Array]:
             members = begin(x0, P0)

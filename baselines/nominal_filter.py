@@ -100,7 +100,12 @@ class NominalFilter(NominalEKF):
     settings: ClassVar[dict[str, Any]] = {k: v for k, v in NominalEKF.settings.items() if k != "implementation"}
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
-        """What is carried besides z (B, n) and P (B, n, n), before the first sample; every shape (B, ...)."""
+        """What is carried besides z and P, before the first sample; every shape (B, ...).
+
+        Args:
+            z: (B, n) mean of the prior, in the units of z.
+            P: (B, n, n) its covariance, in those units squared.
+        """
         return ()
 
     def tick(
@@ -115,11 +120,11 @@ class NominalFilter(NominalEKF):
         """One tick of B machines, written into z, P and info; gives back what is carried.
 
         Args:
-            z: (B, n) mean in the filter's coordinates.
-            P: (B, n, n) its covariance.
+            z: (B, n) mean in the filter's coordinates: states in their units, health as dimensionless zeta.
+            P: (B, n, n) its covariance, in those units squared.
             started: (B,) bool, was there a tick before?
-            own: what ``fresh`` or the tick before gave; it is not changed.
-            told: what ``filter_inputs`` gives, in the channels' units.
+            own: every shape (B, ...), in units of its own: what ``fresh`` or the tick before gave; it is not changed.
+            told: what ``filter_inputs`` gives, (B, 4) of inputs and (B, 3) of outputs, in the channels' units.
             info: innovation (B, 3), S (B, 3, 3) and NIS (B,), are written, in the outputs' units.
         """
         raise NotImplementedError

@@ -86,7 +86,16 @@ class NominalIEKF(NominalFilter):
     def toy_filter(
         F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
-        """On a linear machine every step leads to the same place."""
+        """On a linear machine every step leads to the same place.
+
+        Args:
+            F: (n, n) how a tick moves the state, in the states' units.
+            H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+            Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+            R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+            x0: (n,) mean before the first prediction, each in its state's unit.
+            P0: (n, n) covariance before the first prediction, in the states' units squared.
+        """
 
         def run(measured: Array) -> tuple[Array, Array]:
             x, P = x0, P0

@@ -33,9 +33,9 @@ class Window(NamedTuple):
     """What is carried between ticks, B machines.
 
     Attributes:
-        start: (B, n) mean of the arrival cost, in the filter's coordinates.
-        P: (B, n, n) its covariance.
-        path: (B, STAGES, n) the state at the start of each stage, as last fitted.
+        start: (B, n) mean of the arrival cost, in the units of z.
+        P: (B, n, n) its covariance, in those units squared.
+        path: (B, STAGES, n) the state at the start of each stage, as last fitted, in the units of z.
         inputs: (B, STAGES, 8) means of each stage's inputs as read, then their sd, in their units.
         readings: (B, STAGES, 9) means of each stage's outputs, their white variance and coloured sd, in their units.
         sums: (B, 10) of the open stage: inputs, outputs in their units, how often each output was read.
@@ -191,7 +191,16 @@ class NominalMHE(NominalFilter):
     def toy_filter(
         F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
     ) -> Callable[[Array], tuple[Array, Array]]:
-        """A window of 20 stages of one tick on a linear machine; R is diagonal."""
+        """A window of 20 stages of one tick on a linear machine.
+
+        Args:
+            F: (n, n) how a tick moves the state, in the states' units.
+            H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+            Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+            R: (m, m) covariance of the measurement noise, in the sensors' units squared; diagonal.
+            x0: (n,) mean before the first prediction, each in its state's unit.
+            P0: (n, n) covariance before the first prediction, in the states' units squared.
+        """
         reach = np.vstack([np.eye(len(x0)), H])
         A, noise, variance = reach @ F, reach @ Q @ reach.T, np.diag(R)
 

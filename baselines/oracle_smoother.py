@@ -31,9 +31,9 @@ class Pass(NamedTuple):
     Attributes:
         ahead: (N, n) means before the correction, in the units of z; of the first tick the prior.
         ahead_cov: (N, n, n) their covariances, in those units squared.
-        z: (N, n) means after it.
-        P: (N, n, n) their covariances.
-        F: (N, n, n) slope that led to each tick from the one before.
+        z: (N, n) means after it, in the units of z.
+        P: (N, n, n) their covariances, in those units squared.
+        F: (N, n, n) slope that led to each tick from the one before, in the units of z.
     """
 
     ahead: Array

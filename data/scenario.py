@@ -90,11 +90,12 @@ class Scenario:
 
 
 def health_of(start: Array, changes: tuple[Change, ...], time_s: Array) -> Array:
-    """(N, 5) health in the parameters' units, order HEALTH, at times (N,) in seconds.
+    """(N, 5) health in the parameters' units, order HEALTH.
 
     Args:
         start: (5,) at the beginning, in the same units.
         changes: what moves; of one parameter one after another.
+        time_s: (N,) in seconds.
     """
     values = np.tile(start, (len(time_s), 1))
     for change in changes:

@@ -85,7 +85,8 @@ def fitted(form: Sequence[str], learnt: pd.DataFrame, held: pd.DataFrame, starts
 
     Args:
         form: names of PARAMETERS that are fitted.
-        learnt, held: columns time_s, u_V, level2_V.
+        learnt: the recording that is fitted, columns time_s, u_V, level2_V.
+        held: the recording that is held out, the same columns.
         starts: fits from random values, of which the best on ``learnt`` counts.
     """
     rng = np.random.default_rng(seed)

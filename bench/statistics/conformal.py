@@ -44,7 +44,9 @@ def nonconformity(mean: Array, low: Array, high: Array, true: Array) -> Array:
     """Errors over the half-width on their side, dimensionless; inf where that is no positive number.
 
     Args:
-        mean, low, high: of one shape, estimates and bounds of their intervals, in any unit.
+        mean: (..., N) estimates, in any unit.
+        low: lower bounds of their intervals, likewise.
+        high: upper bounds of their intervals, likewise.
         true: likewise.
     """
     half = np.where(true > mean, high - mean, mean - low)

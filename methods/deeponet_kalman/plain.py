@@ -73,6 +73,9 @@ class PlainTwin:
 
     Args:
         dtype: of the operator. In double precision what differs is the compiled form's round-off alone.
+
+    Attributes:
+        rivals: of each cause that is weighed z (19,), P (19, 19) and safety, in the units of z.
     """
 
     def __init__(self, twin: DeepONetKalman, dtype: torch.dtype = torch.float64) -> None:
@@ -87,7 +90,7 @@ class PlainTwin:
         self.z, self.P = fresh["z"][0].copy(), fresh["P"][0].copy()
         self.memory = Memory(*(part[0] for part in self.front_end.init(1)))
         self.safety = fresh["safety"][0].copy()
-        self.rivals: list[tuple[Array, Array, np.void]] = []  # z, P and safety of each cause that is weighed
+        self.rivals: list[tuple[Array, Array, np.void]] = []
         self.score, self.left = LOG_PRIOR.copy(), 0
         self.ticks = 0
         self.mask = np.zeros(N_CHANNELS)  # of the last sample, which the window takes in when the next one is there

@@ -1,4 +1,4 @@
-"""Who is marked in a column, what a headline may say, and how everybody stands to who never looks."""
+"""Who is marked in a column, and what a headline and an answer may say."""
 
 from __future__ import annotations
 
@@ -92,16 +92,6 @@ def test_tied_differences_are_tested_as_scipy_tests_them():
 )
 def test_the_headline_says_no_more_than_the_tests(errors, forecasts, says):
     assert says in headline(summarise(scores(errors, forecasts), {}))
-
-
-def test_everybody_is_held_against_who_never_looks():
-    with_prior = {**CLEAR, PRIOR: 2.0 + wobble(7), REFERENCE: 0.5 + wobble(8)}
-    (said,) = [p for p in answer(summarise(scores(with_prior), {})) if "uses no measurement" in p]
-    assert "Better by the paired 95 % interval: Oracle (reference) and GRU + KF. No significant" in said
-    assert "No significant difference: DeepONet. Worse: LSTM + RLS." in said
-    nobody = {**CLEAR, PRIOR: 0.1 + wobble(7)}
-    assert any("interval: none. Worse: GRU + KF" in p for p in answer(summarise(scores(nobody), {})))
-    assert not [p for p in answer(summarise(scores(CLEAR), {})) if "uses no measurement" in p]
 
 
 def test_who_is_alike_is_named_with_its_p():

@@ -74,6 +74,14 @@ def test_skill_needs_an_interval_above_zero() -> None:
     assert rest == "GRU + KF. Worse: LSTM + RLS."
 
 
+def test_that_nobody_has_skill_is_said_and_without_a_row_that_costs_nothing_nothing_is() -> None:
+    begins = "Of the rows that cost nothing"
+    nobody = summarise(scores(LEVELS | {"always_prior": 0.1}), {})
+    assert "with this skill: none. Worse: " in said(nobody, f"{begins}, Always at the prior errs least in health")
+    alone = summarise(scores({name: level for name, level in LEVELS.items() if name != "always_prior"}), {})
+    assert not any(text.startswith(begins) for text in verdicts(alone, pd.DataFrame()))
+
+
 def test_a_parameter_without_skill_is_named() -> None:
     changed = {"leakage_life_pct__deeponet_kalman": 3.0}
     text = said(summarise(scores(LEVELS, **changed), {}), "DeepONet-Kalman has skill")
