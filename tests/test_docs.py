@@ -6,11 +6,11 @@ import json
 import re
 import shlex
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.prose import PAGES, READ, ROOT, sentences
 from scipy.stats import fisher_exact
 
 from twinbench.bench.cli.main import build_parser
@@ -27,15 +27,8 @@ from twinbench.proof.concealed.findings import read_cases, with_marks
 from twinbench.proof.flagship.gates import WHOLE, read_draws
 from twinbench.proof.flagship.judge import ABSTAINS
 
-ROOT = Path(__file__).parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
-
-
-FOLDERS = sorted(page for page in ROOT.glob("*/README.md") if not page.parent.name.startswith("."))
-READ = (*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *FOLDERS)
 LONGEST_WORDS = 35
 """A sentence of a page has at most as many: longer ones cannot be read aloud."""
-ABBREVIATIONS = ("e.g.", "i.e.", "cf.", "vs.", "etc.", "et al.", "Eq.", "Eqs.", "Fig.", "Figs.")
 
 
 def example() -> str:
@@ -492,34 +485,6 @@ def test_pythons_are_the_same_everywhere():
 
 def test_setting_up_installs_what_export_needs():
     assert "-e '.[export]'" in (ROOT / "Makefile").read_text(encoding="utf-8")
-
-
-def sentences(text: str) -> list[str]:
-    """The sentences of a page: code is one word, a link its text; list items and table cells stand alone.
-
-    Headings, code blocks, formulas on lines of their own and what a command wrote (from a comment with its name to
-    ``<!-- end -->``) are left out.
-    """
-    text = re.sub(r"^```.*?^```$", "\n", text, flags=re.DOTALL | re.MULTILINE)
-    text = re.sub(r"<!-- (?!end)[^>]*-->.*?<!-- end -->", "\n", text, flags=re.DOTALL)
-    text = re.sub(r"^\$\$.*?\$\$$", "\n", text, flags=re.DOTALL | re.MULTILINE)
-    text = re.sub(r"^(?:#.*|\|[-:| ]+\||!\[.*)$", "", text, flags=re.MULTILINE)
-    text = re.sub(r"`[^`]+`|\$[^$]+\$", "Code", text)
-    text = re.sub(r"!?\[([^]]*)\]\([^)]*\)", r"\1", text)
-    text = re.sub(r"^\|.*$", lambda row: row[0].replace("|", "\n\n"), text, flags=re.MULTILINE)
-    text = re.sub(r"^ *(?:[-*+>]|\d+\.) ", "\n", text, flags=re.MULTILINE)
-    found = []
-    for block in re.split(r"\n\s*\n", text):
-        begun: list[str] = []
-        for word in block.split():
-            begun.append(word)
-            bare = word.strip("\"'()[]*_")
-            ends = word.rstrip("\"')]*_").endswith((".", "!", "?")) and bare != "..."
-            if ends and not any(" ".join(begun).rstrip("\"')]*_").endswith(a) for a in ABBREVIATIONS):
-                found.append(" ".join(begun))
-                begun = []
-        found.append(" ".join(begun))
-    return [sentence for sentence in found if sentence]
 
 
 def long_sentences(text: str) -> list[str]:

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_docs import PAGES, READ, ROOT, sentences
+from helpers.prose import PAGES, READ, ROOT, sentences
 
 from twinbench.bench.registry import discover
 from twinbench.bench.roster import LABELS
