@@ -22,20 +22,24 @@ from twinbench.methods.kalman import INNOVATION_CLIP_SD, gain
 from twinbench.methods.noise import input_sd, output_sd
 from twinbench.methods.training import adamw
 
-STRETCH = 64
+BACK_TICKS = 64
 """Ticks of back-propagation through the filter. A correction shows in the loss at once, so that longer ones cost more
 and teach little."""
 JUDGED_EVERY = 8
 """Ticks between those at which the likelihood is taken: it changes little from tick to tick."""
-LOST = 100.0
+GIVEN_UP = 100.0
 """Squared deviations per entry, from which on a machine teaches nothing and begins another sequence: ten standard
 deviations in each. Early in training some filters lose their machine; of the trained ones none was seen to."""
-JITTER = 1e-9
+COV_JITTER = 1e-9
 """Added to covariances in units of those before the first sample, where their likelihood is taken."""
 
 
 class GainNetwork(nn.Module):
-    """A recurrent cell at every tick; of its state the gain, and the scales of process and measurement noise."""
+    """A recurrent cell at every tick; of its state the gain, and the scales of process and measurement noise.
+
+    Attributes:
+        reach: (n, 3) dimensionless root mean square of the usual gain.
+    """
 
     def __init__(self, hidden: int, mean: Array, reach: Array) -> None:
         """At first it says the mean of the Kalman filter's gain (n, 3), whatever it reads.
@@ -43,7 +47,7 @@ class GainNetwork(nn.Module):
         Args:
             hidden: width of the cell.
             mean: (n, 3) dimensionless.
-            reach: (n, 3) root mean square of the same, which what it says is a multiple of.
+            reach: (n, 3) dimensionless root mean square of the same, which what it says is a multiple of.
         """
         super().__init__()
         size = len(mean)
@@ -61,7 +65,7 @@ class GainNetwork(nn.Module):
         """Gain (B, n, 3) and logarithms of the noise's scales (B, n + 3), float64, and the cell's state.
 
         Args:
-            read: (B, F) what ``seen`` gives.
+            read: (B, F) dimensionless, what ``seen`` gives.
             h: (B, hidden) dimensionless.
         """
         h = self.cell(read, h)
@@ -75,10 +79,10 @@ class Carried(NamedTuple):
     """What goes from tick to tick, B machines.
 
     Attributes:
-        z: (B, n) in the filter's coordinates.
-        P: (B, n, n) its covariance.
+        z: (B, n) mean in the units of z.
+        P: (B, n, n) its covariance, in those units squared.
         h: (B, hidden) dimensionless, the network's.
-        noise: (B, n + 3) logarithms of the noise's scales, as said a tick before.
+        noise: (B, n + 3) dimensionless logarithms of the noise's scales, as said a tick before.
     """
 
     z: Tensor
@@ -170,7 +174,7 @@ def tick(network: GainNetwork, equations: Equations, at: Carried, told: tuple[Ar
     """One tick in torch, the numbers of the compiled filter's.
 
     Args:
-        told: one tick of what ``told_of`` gives, (B, ..).
+        told: (B, 4) of inputs and (B, 3) of outputs, in the channels' units: one tick of what ``told_of`` gives.
         values: (B, 7) standardised readings.
     """
     before, now, u_sd, measured, white, coloured = told
@@ -206,7 +210,11 @@ def tick(network: GainNetwork, equations: Equations, at: Carried, told: tuple[Ar
 
 
 def made_of(tensor: Tensor) -> Array:
-    """Its numbers, apart from what they came from."""
+    """Its numbers, apart from what they came from.
+
+    Args:
+        tensor: of any shape, in any unit.
+    """
     return np.ascontiguousarray(tensor.detach().numpy())
 
 
@@ -221,8 +229,8 @@ class Lessons(NamedTuple):
         filled: (B, N, 7) readings after the gate, in the channels' units.
         accepted: (B, N, 7) bool.
         values: (B, N, 7) float32, the same standardised.
-        truth: (B, N, J) float32, what is judged, in the filter's coordinates.
-        judged: (J,) where that stands in z.
+        truth: (B, N, J) float32, what is judged, in the units of z.
+        judged: (J,) positions of that in z.
     """
 
     filled: Array
@@ -233,10 +241,17 @@ class Lessons(NamedTuple):
 
 
 def likelihood(at: Carried, truth: Tensor, judged: np.ndarray, unit: Array) -> tuple[Tensor, Tensor]:
-    """Of the truth (B, J), per entry: negative log-likelihood (B,) but for a constant, and squared deviations (B,)."""
+    """Of the truth (B, J), per entry: negative log-likelihood (B,) but for a constant, and squared deviations (B,).
+
+    Args:
+        at: what was estimated.
+        truth: (B, J) in the units of z.
+        judged: (J,) positions of that in z.
+        unit: (n,) what each of z is measured by, in its unit.
+    """
     scale = torch.from_numpy(unit[judged])
     error = (at.z[:, judged] - truth) / scale
-    cov = at.P[:, judged][:, :, judged] / (scale[:, None] * scale) + JITTER * torch.eye(len(judged))
+    cov = at.P[:, judged][:, :, judged] / (scale[:, None] * scale) + COV_JITTER * torch.eye(len(judged))
     L = torch.linalg.cholesky(cov)
     whitened = torch.linalg.solve_triangular(L, error[..., None], upper=False)[..., 0]
     log_sd = torch.log(torch.diagonal(L, dim1=1, dim2=2)).mean(dim=1)
@@ -258,7 +273,7 @@ def fit_gain(
         start: of as many machines as the schedule's batch, before the first sample.
     """
     batch, ticks = schedule.batch, lessons.filled.shape[1]
-    steps = min(STRETCH, ticks - 1)
+    steps = min(BACK_TICKS, ticks - 1)
     sequence, k = rng.integers(len(lessons.filled), size=batch), rng.integers(1, ticks - steps + 1, size=batch)
     carried, lost = start, np.zeros(batch, np.bool_)
 
@@ -282,8 +297,8 @@ def fit_gain(
             if i % JUDGED_EVERY == JUDGED_EVERY - 1:
                 truth = torch.from_numpy(lessons.truth[sequence, k + i]).double()
                 said, off = likelihood(at, truth, lessons.judged, equations.rules.unit)
-                lost = (off > LOST).numpy()
-                total = total + said[off <= LOST].sum()
+                lost = (off > GIVEN_UP).numpy()
+                total = total + said[off <= GIVEN_UP].sum()
                 count += int((~lost).sum())
         carried = at
         k[:] += steps

@@ -120,7 +120,7 @@ class GRUKalman(Estimator):
         """The same network for the online cycle.
 
         Args:
-            arrays: by name, what was learnt.
+            arrays: by name, what was learnt, of any shape, dimensionless.
         """
         return SlowFastTwin(arrays)
 

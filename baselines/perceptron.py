@@ -40,7 +40,7 @@ def standard(read: Array) -> tuple[Array, Array]:
     """Mean and scale (14,) that the network's inputs are standardised by.
 
     Args:
-        read: (M, 14) as ``network_input`` gives it.
+        read: (M, 14) as ``network_input`` gives it, each in its unit.
     """
     mean, scale = read.mean(axis=0), read.std(axis=0)
     mean[-N_ACTING:], scale[-N_ACTING:] = 0.0, ZETA_SCALE

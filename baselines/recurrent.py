@@ -91,7 +91,7 @@ class ReadoutTwin:
 
         Args:
             h: (B, hidden) dimensionless, what is read out.
-            c: (B, ..) dimensionless, the rest of the memory.
+            c: (B, ...) dimensionless, the rest of the memory.
             features: (B, F) standardised.
         """
         raise NotImplementedError
@@ -108,7 +108,12 @@ class ReadoutTwin:
 
 
 class SlowFastTwin(ReadoutTwin):
-    """The GRU or LSTM in NumPy."""
+    """The GRU or LSTM in NumPy.
+
+    Args:
+        arrays: by name, weights of any shape, dimensionless; what does not start with ``prefix`` is left out.
+        prefix: of the names.
+    """
 
     def __init__(self, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
         super().__init__(arrays, prefix)

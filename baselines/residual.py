@@ -24,12 +24,12 @@ class Residual(NamedTuple):
     Attributes:
         mean: (14,) of what it reads, each in its unit.
         scale: (14,) likewise.
-        first: (14, W) weights, dimensionless, as the next five.
-        first_bias: (W,).
-        second: (W, W).
-        second_bias: (W,).
-        third: (W, 5).
-        third_bias: (5,).
+        first: (14, W) dimensionless weights.
+        first_bias: (W,) dimensionless.
+        second: (W, W) dimensionless.
+        second_bias: (W,) dimensionless.
+        third: (W, 5) dimensionless.
+        third_bias: (5,) dimensionless.
         unit: (5,) of what it says, in the states' units per second.
     """
 

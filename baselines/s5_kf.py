@@ -41,6 +41,6 @@ class S5Kalman(GRUKalman):
         """The compiled recurrence.
 
         Args:
-            arrays: by name, what was learnt.
+            arrays: by name, what was learnt, of any shape, dimensionless.
         """
         return StateSpaceTwin(arrays)

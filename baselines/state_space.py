@@ -17,7 +17,7 @@ from torch.nn import functional
 from twinbench.baselines.recurrent import TICKS_PER_STEP, TwoRates
 from twinbench.data.batch import SAMPLE_PERIOD_S
 
-SHORTEST_S, LONGEST_S = 2.0, 1000.0
+QUICKEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 """Time constants that the states of a layer have before training: from a step of the memory to most of a recording."""
 FLAT_STEP = math.log(math.e - 1.0)
 """Whose softplus is one: a layer's step before training."""
@@ -31,7 +31,7 @@ def scan(keep: Tensor, drive: Tensor, start: Tensor) -> Tensor:
     Args:
         keep: (B, S, P) dimensionless.
         drive: (B, S, P) in the states' unit.
-        start: (B, P) the state before the first step.
+        start: (B, P) the state before the first step, in the states' unit.
     """
     shift = 1
     while shift < keep.shape[1]:
@@ -46,7 +46,7 @@ class Layer(nn.Module):
 
     def __init__(self, hidden: int, states: int) -> None:
         super().__init__()
-        tau_s = torch.logspace(math.log10(SHORTEST_S), math.log10(LONGEST_S), states)
+        tau_s = torch.logspace(math.log10(QUICKEST_TAU_S), math.log10(SLOWEST_TAU_S), states)
         self.log_rate = nn.Parameter(torch.log(SAMPLE_PERIOD_S * TICKS_PER_STEP / tau_s))
         self.pace = nn.Linear(hidden, states)
         nn.init.zeros_(self.pace.weight)

@@ -10,7 +10,12 @@ from twinbench.baselines.state_space import NORM_EPS
 
 
 class StateSpaceTwin(ReadoutTwin):
-    """The same network as a compiled recurrence."""
+    """The same network as a compiled recurrence.
+
+    Args:
+        arrays: by name, weights of any shape, dimensionless; what does not start with ``prefix`` is left out.
+        prefix: of the names.
+    """
 
     def __init__(self, arrays: dict[str, np.ndarray], prefix: str = "net.") -> None:
         super().__init__(arrays, prefix)
@@ -34,7 +39,7 @@ class StateSpaceTwin(ReadoutTwin):
 
         Args:
             h: (B, hidden) dimensionless; the recurrence does not read it.
-            c: (B, layers P) dimensionless states.
+            c: (B, layers * P) dimensionless states.
             features: (B, F) standardised.
         """
         h, c = np.empty_like(h), c.copy()

@@ -18,12 +18,12 @@ from twinbench.methods.estimator import Estimator
 
 TABLES = (
     "comparison", "health", "skill", "following", "calibrated", "regimes_calibrated", "paired", "claims", "single",
-    "ablations", "faults",
 )  # fmt: skip
 SHOWN = {
     "README.md": {"paper/answer.md", "paper/tables/comparison.md"},
     "docs/reproduction.md": {
         "paper/answer.md", "paper/paper_says.md", *(f"paper/tables/{name}.md" for name in TABLES),
+        "paper_healthy/tables/ablations.md", "paper_healthy/tables/faults.md",
     },
     "docs/estimators.md": {"paper/tables/cost.md"},
     "docs/latency.md": {"latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"},
