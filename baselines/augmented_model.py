@@ -24,6 +24,8 @@ N_HEALTH, N_NOISE, N_ERROR = len(HEALTH), len(OUTPUTS), len(STATES)
 N_SENSOR = N_NOISE + 1
 """Entries of z that belong to the sensors: coloured noise and drift, AR(1) of unit variance."""
 SUCTION, DISCHARGE = CHANNEL.p_suc_bar, OUTPUTS.index("p_dis_bar")
+REST = 1e-12
+"""Of a tick's process noise, what variances keep at least: far below anything that matters, far above round-off."""
 
 
 class Filter(NamedTuple):
@@ -180,6 +182,13 @@ def forecast_one(rhs, model, z, P, u, u_sd):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def keep_doubt(model, P):  # type: ignore[no-untyped-def]
+    """Variances of P (n, n), in place, no smaller than REST of a tick's noise: a reading of zero has no noise."""
+    for i in range(len(P)):
+        P[i, i] = max(P[i, i], REST * model.Q[i, i])
+
+
+@njit(cache=True, error_model="numpy")
 def correct_one(output, model, z, P, u, measured, white_sd, coloured_sd, out):  # type: ignore[no-untyped-def]
     """z and P after the outputs ``measured`` (3,), the innovation, S and NIS.
 
@@ -194,6 +203,7 @@ def correct_one(output, model, z, P, u, measured, white_sd, coloured_sd, out):  
         if out[i] > 0:
             used[i] = np.nan
     z, P, S, nis = update(z, P, used, H, R, INNOVATION_CLIP_SD)
+    keep_doubt(model, P)
     bound(model, z)
     return z, P, innovation, S, nis
 

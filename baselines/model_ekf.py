@@ -36,7 +36,7 @@ from twinbench.methods.kalman import INNOVATION_CLIP_SD, linear_filter
 from twinbench.methods.noise import health_walk_var, input_sd, output_sd
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compile import compiled
-from twinbench.physics.health import ZETA_LIMIT
+from twinbench.physics.health import ZETA_HIGH, ZETA_LOW
 from twinbench.physics.jit import as_argument
 from twinbench.physics.simulator import Simulator
 
@@ -146,8 +146,8 @@ class ModelEKF(Estimator):
         health = np.array([machine.index(name) for name in HEALTH])
         low, high = (np.array([getattr(v, end) for v in machine.states]) for end in ("low", "high"))
         low[STATES.index("flow_memory")] = LEAST_FLOW
-        limit = np.concatenate([ZETA_LIMIT, FARTHEST_SD * np.ones(N_SENSOR), FARTHEST_SD * np.sqrt(self._slow_var())])
-        bounds = np.concatenate([low, -limit]), np.concatenate([high, limit])
+        limit = np.concatenate([FARTHEST_SD * np.ones(N_SENSOR), FARTHEST_SD * np.sqrt(self._slow_var())])
+        bounds = np.concatenate([low, ZETA_LOW, -limit]), np.concatenate([high, ZETA_HIGH, limit])
         self._model = Filter(
             machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, slow_keep, self.config["substeps"], *bounds
         )

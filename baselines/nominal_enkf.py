@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import bound, linearise
-from twinbench.baselines.nominal_filter import REST, NominalFilter, advance, read, surprise
+from twinbench.baselines.augmented_model import REST, bound, linearise
+from twinbench.baselines.nominal_filter import NominalFilter, advance, read, surprise
 from twinbench.data.batch import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, factorise

@@ -29,9 +29,6 @@ from twinbench.methods.kalman import bounded, factorise
 from twinbench.methods.reporting import clean_flags
 from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
-REST = 1e-12
-"""Of a tick's process noise, what variances keep at least: far below anything that matters, far above round-off."""
-
 
 @njit(cache=True, error_model="numpy")
 def advance(rhs, model, z, u):  # type: ignore[no-untyped-def]
@@ -84,13 +81,6 @@ def density(innovation, S, clip):  # type: ignore[no-untyped-def]
         if np.isnan(innovation[i]):
             used[i] = np.nan
     return surprise(used, S)[1]
-
-
-@njit(cache=True, error_model="numpy")
-def keep_doubt(model, P):  # type: ignore[no-untyped-def]
-    """Variances of P (n, n), in place, no smaller than REST of a tick's noise: a reading of zero has no noise."""
-    for i in range(len(P)):
-        P[i, i] = max(P[i, i], REST * model.Q[i, i])
 
 
 class NominalFilter(NominalEKF):

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import bound, forecast_one, measure
-from twinbench.baselines.nominal_filter import NominalFilter, keep_doubt
+from twinbench.baselines.augmented_model import bound, forecast_one, keep_doubt, measure
+from twinbench.baselines.nominal_filter import NominalFilter
 from twinbench.data.batch import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, gain, joseph, predict_covariance

@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import N_HEALTH, correct_one, forecast_one
+from twinbench.baselines.augmented_model import N_HEALTH, correct_one, forecast_one, keep_doubt
 from twinbench.baselines.model_ekf import NONE_OUT
-from twinbench.baselines.nominal_filter import NominalFilter, density, keep_doubt, surprise
+from twinbench.baselines.nominal_filter import NominalFilter, density, surprise
 from twinbench.data.batch import SAMPLE_PERIOD_S, Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import bound, correct_one, forecast_one, linearise, measure
+from twinbench.baselines.augmented_model import bound, correct_one, forecast_one, keep_doubt, linearise, measure
 from twinbench.baselines.horizon import compose, sweep
 from twinbench.baselines.model_ekf import NONE_OUT
-from twinbench.baselines.nominal_filter import NominalFilter, advance, keep_doubt, read
+from twinbench.baselines.nominal_filter import NominalFilter, advance, read
 from twinbench.data.batch import INPUTS, OUTPUTS, Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import N_HEALTH, bound, linearise, measure
-from twinbench.baselines.nominal_filter import NominalFilter, advance, keep_doubt, read
+from twinbench.baselines.augmented_model import N_HEALTH, bound, keep_doubt, linearise, measure
+from twinbench.baselines.nominal_filter import NominalFilter, advance, read
 from twinbench.baselines.particles import ONE, follow, mixture, resample, reweigh, walk
 from twinbench.data.batch import Array
 from twinbench.methods.estimator import register

@@ -26,7 +26,7 @@ from twinbench.methods.noise import coloured_keep, drift_keep, health_walk_var, 
 from twinbench.methods.probe import probe_lag
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compressor import M_REF_KG_S, PLANT
-from twinbench.physics.health import HIGH, ZETA_LIMIT, to_theta, to_zeta
+from twinbench.physics.health import ZETA_HIGH, ZETA_LOW, to_theta, to_zeta
 from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
 N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
@@ -41,8 +41,6 @@ SIZE = NOISE + N_NOISE
 VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
 KEEP = np.r_[0:N_X, ZETA:PROBE]
 SUCTION = INPUTS.index("p_suc_bar")
-ZETA_HIGH = np.minimum(ZETA_LIMIT, to_zeta(HIGH))
-"""Health stays where its interval has a width: beyond its physical bound both ends would be that bound."""
 ALPHA = 0.5
 W_MEAN, W_COV = weights(SIZE, ALPHA)
 STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3])
@@ -171,7 +169,7 @@ class PINNUnscentedKalman(Estimator):
         one_tick = self._tick_filterpy if self.config["implementation"] == "filterpy" else self._tick
         z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
         z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
-        z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], -ZETA_LIMIT, ZETA_HIGH)
+        z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], ZETA_LOW, ZETA_HIGH)
         command = clean.filled[:, len(INPUTS) - 1 : len(INPUTS)]
         valve = np.where(started[:, None], VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1], command)
         memory = (np.ones_like(started), valve, *front)

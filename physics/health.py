@@ -96,3 +96,5 @@ def to_zeta(theta: Array) -> Array:
 
 ZETA_LIMIT = np.abs(to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0])))
 """Bounds of the coordinates on either side, far outside a machine's life."""
+ZETA_LOW, ZETA_HIGH = -ZETA_LIMIT, np.minimum(ZETA_LIMIT, to_zeta(HIGH))
+"""Bounds that keep an interval's width: beyond a parameter's physical bound both of its ends would be that bound."""

@@ -61,12 +61,13 @@ def test_run_and_report_tell_the_comparison(
 ) -> None:
     fails = write_estimator(tmp_path, "fails", fit="raise RuntimeError('no')")
     told = read(capsys, 1, *run_arguments(tiny.profile, tmp_path / "out", [tiny.spec, fails]))
-    assert [row["estimator"] for row in told["comparison"]] == ["fails", "steady"]
+    rows = {row["estimator"]: row for row in told["comparison"]}
+    assert list(rows) == ["true_start_held", "fails", "steady"]
     assert told["failed"] == [{"estimator": "fails", "seed": 0, "stage": "fit", "reason": "RuntimeError: no"}]
     assert Path(told["report"]).is_file()
     table = pd.read_csv(tmp_path / "out" / "tables" / "comparison.csv").set_index("estimator")
-    assert told["comparison"][1]["p_nrmse_pct"] == pytest.approx(table.loc["steady", "p_nrmse_pct"], rel=1e-9)
-    assert told["comparison"][0]["p_nrmse_pct"] is None
+    assert rows["steady"]["p_nrmse_pct"] == pytest.approx(table.loc["steady", "p_nrmse_pct"], rel=1e-9)
+    assert rows["fails"]["p_nrmse_pct"] is None
     assert read(capsys, 0, "report", tmp_path / "out")["comparison"] == told["comparison"]
 
 

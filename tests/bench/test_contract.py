@@ -226,7 +226,7 @@ class Scarred(Good):
         *front, hurt, last = state.memory
         after, info = super().step(state._replace(memory=tuple(front)), sample)
         hurt = hurt + self.hurt(sample.measured, last, info)
-        off = np.where(hurt > self.patience, 9.0, 0.0)[:, None] * SCALE
+        off = np.where(hurt > self.patience, 40.0, 0.0)[:, None] * SCALE
         return self.reported(after.mean + off, (*after.memory, hurt, sample.measured)), info
 
 

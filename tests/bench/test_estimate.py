@@ -34,16 +34,19 @@ HASTY = (
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
-    """A run of the filter that knows the machine, and recordings of machines that it has not seen."""
+    """A run of the filter that knows the machine, and recordings of machines that it has not seen, the last one first.
+
+    The first is of low pressures, which stay within the training's when they are a third too high.
+    """
     folder = tmp_path_factory.mktemp("trained")
     profile = write_profile(folder)
     text = profile.read_text().replace("n_validation = 1", "n_validation = 6").replace("= 2.5", "= 4.0")
-    profile.write_text(text.replace("n_train = 2", "n_train = 6"))
+    profile.write_text(text.replace("n_train = 2", "n_train = 26"))
     with pytest.MonkeyPatch.context() as patch:
         run_here(patch)
         assert twinbench(*run_arguments(profile, folder / "run", ["oracle"])) == 0
     assert twinbench("simulate", "--profile", profile, "--no-truth", "--out", folder / "recordings") == 0
-    tables = [pd.read_csv(path) for path in listing(folder / "recordings")]
+    tables = [pd.read_csv(path) for path in listing(folder / "recordings")[::-1]]
     return SimpleNamespace(profile=profile, run=folder / "run", tables=tables)
 
 
@@ -188,13 +191,13 @@ def test_of_two_recordings_the_usable_one_is_written(trained, tmp_path, capsys):
 
 @pytest.mark.parametrize("every", [4, 20, 40])
 def test_an_estimate_survives_seldom_readings_because_inputs_are_joined(trained, estimate, sound, every):
-    _, whole, _ = sound(1)
-    status, said, _ = estimate(trained.tables[1][::every])
+    _, whole, _ = sound(3)
+    status, said, _ = estimate(trained.tables[3][::every])
     assert status == 0, said["because"]
     assert said["channels"][P_DIS]["period_s"] == pytest.approx(0.05 * every)
     assert said["channels"][P_DIS]["offered"] > 0.95
-    capacity = said["final"]["capacity"]
-    assert capacity["low"] <= whole["final"]["capacity"]["value"] <= capacity["high"]
+    efficiency = said["final"]["efficiency"]  # four minutes tell capacity and leakage only together
+    assert efficiency["low"] <= whole["final"]["efficiency"]["value"] <= efficiency["high"]
 
 
 def test_gaps_and_what_was_rejected_are_counted(trained, estimate):

@@ -19,7 +19,9 @@ from twinbench.bench.latency.timing import Name, Timed, Watch, back_to_back, one
 from twinbench.common.progress import Progress
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 
-SETTINGS = "[settings.deeponet_kalman]\n" + "".join(f"{k} = {v}\n" for k, v in DeepONetKalman.contract_settings.items())
+SETTINGS = "[settings.deeponet_kalman]\n" + "".join(
+    f"{k} = {json.dumps(v)}\n" for k, v in DeepONetKalman.contract_settings.items()
+)
 
 
 @pytest.fixture(scope="module")

@@ -94,7 +94,11 @@ def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
     assert table["merit"].min() < FAILED
 
 
-@pytest.mark.parametrize("name", sorted(set(LABELS) - {"twin"}))
+BY_HAND = {"nominal_ekf"}
+"""Whose settings were tried by hand on worn machines, after the last round."""
+
+
+@pytest.mark.parametrize("name", sorted(set(LABELS) - {"twin"} - BY_HAND))
 def test_the_settings_are_those_that_the_last_round_of_trials_chose(name):
     best = {}
     for part in ("first", "second", "third", "fourth", "fifth"):
