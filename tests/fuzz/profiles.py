@@ -17,6 +17,7 @@ iterations = 20
 windows = 64
 copies = 1
 transitions = 3000
+audited = false
 """
 )
 """Of the run that estimate, report, export and latency read: from fewer recordings none could be called usable."""
