@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 from twinbench.physics.places import places
-
-Array = NDArray[np.float64]
 
 INPUTS = ("p_suc_bar", "T_suc_K", "N_rpm", "valve")
 OUTPUTS = ("p_dis_bar", "T_dis_K", "m_flow_kg_s")
@@ -47,19 +47,21 @@ class Truth:
 
 @dataclass(frozen=True)
 class Batch:
-    """B recordings of N samples each, 20 Hz, in lockstep.
+    """B recordings of one machine, N samples each, in lockstep.
 
     Attributes:
         names: B sequence names.
         time_s: (N,) seconds, shared by all sequences.
-        measured: (B, N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        measured: (B, N, nu + ny) in the channels' units, inputs first; NaN means missing.
         truth: what a simulation knows; None wherever an estimator is judged.
+        machine: what they are of.
     """
 
     names: tuple[str, ...]
     time_s: Array
     measured: Array
     truth: Truth | None = None
+    machine: Machine = COMPRESSOR
 
     def __len__(self) -> int:
         return len(self.names)
@@ -81,4 +83,5 @@ class Batch:
             self.time_s[samples],
             self.measured[sequences][:, samples],
             truth,
+            self.machine,
         )

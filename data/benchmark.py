@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
+from twinbench.data.batch import Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
+from twinbench.data.fresh import MIX, draw
 from twinbench.data.population import worn_machines
-from twinbench.data.scenario import MIX, Scenario, draw, latin_hypercube, stream
-from twinbench.physics.compressor import PLANT
+from twinbench.data.scenario import Scenario, latin_hypercube, stream
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.machine import Machine
 from twinbench.physics.integrate import Varying, simulate
-from twinbench.physics.steady import steady_state
 
 PARTS = ("train", "validation", "test")
 SINGLE = "single"
@@ -66,7 +67,7 @@ class Split:
     test: Batch
 
 
-def design(config: DesignConfig = DesignConfig()) -> dict[str, tuple[Scenario, ...]]:
+def design(config: DesignConfig = DesignConfig(), machine: Machine = COMPRESSOR) -> dict[str, tuple[Scenario, ...]]:
     """The scenarios of each part, all of the population of worn machines.
 
     The test part also holds the paper's recordings: a fresh machine, one health change, and load and suction
@@ -78,50 +79,48 @@ def design(config: DesignConfig = DesignConfig()) -> dict[str, tuple[Scenario, .
     for part in PARTS:
         usual = getattr(DesignConfig, f"n_{part}")
         lengths = config.minutes, config.warmup_minutes
-        parts[part] = worn_machines(part, getattr(config, f"n_{part}"), usual, config.seed, *lengths)
-    mixes = latin_hypercube(config.n_single, DesignConfig.n_single, MIX, config.seed, "test", "lhs")
-    parts["test"] += [
-        draw(
-            f"{SINGLE}-{i:02d}",
-            SINGLE_KINDS[i % len(SINGLE_KINDS)],
-            config.seed,
-            config.minutes,
-            config.warmup_minutes,
-            mix,
-        )
-        for i, mix in enumerate(mixes)
-    ]
+        parts[part] = worn_machines(machine, part, getattr(config, f"n_{part}"), usual, config.seed, *lengths)
+    if machine is COMPRESSOR:  # the paper's recordings are of no other
+        parts["test"] += _fresh(config)
     return {part: tuple(scenarios) for part, scenarios in parts.items()}
 
 
+def _fresh(config: DesignConfig) -> list[Scenario]:
+    mixes = latin_hypercube(config.n_single, DesignConfig.n_single, MIX, config.seed, "test", "lhs")
+    lengths = config.minutes, config.warmup_minutes
+    return [
+        draw(f"{SINGLE}-{i:02d}", SINGLE_KINDS[i % len(SINGLE_KINDS)], config.seed, *lengths, mix)
+        for i, mix in enumerate(mixes)
+    ]
+
+
 def run(scenarios: tuple[Scenario, ...], warmup_minutes: float, level: Corruption = Corruption()) -> Batch:
-    """Simulate and corrupt scenarios of equal length; the warm-up is simulated and dropped."""
-    warm = round(warmup_minutes * 60.0 / SAMPLE_PERIOD_S)
+    """Simulate and corrupt scenarios of one machine and equal length; the warm-up is simulated and dropped."""
+    machine = scenarios[0].machine
+    period_s = machine.sample_period_s
+    warm = round(warmup_minutes * 60.0 / period_s)
     u = np.stack([s.inputs() for s in scenarios])
     health = np.stack([s.health() for s in scenarios])
-    x0 = np.stack([_nearly_settled(row) for row in u[:, 0]])
-    x, y = simulate(PLANT, u, x0, varying=Varying(HEALTH, health))
+    x0 = np.stack([machine.at_first(row) for row in u[:, 0]])
+    x, y = simulate(machine.plant, u, x0, dt_s=period_s, varying=Varying(machine.health_names, health))
     measured = np.stack(
-        [corrupt(u[b], y[b], level, stream(s.seed, s.name, "sensors")) for b, s in enumerate(scenarios)]
+        [corrupt(machine, u[b], y[b], level, stream(s.seed, s.name, "sensors")) for b, s in enumerate(scenarios)]
     )
     keep = slice(warm, None)
-    time_s = np.arange(u.shape[1] - warm) * SAMPLE_PERIOD_S
     return Batch(
         tuple(s.name for s in scenarios),
-        time_s,
+        np.arange(u.shape[1] - warm) * period_s,
         np.ascontiguousarray(measured[:, keep]),
         Truth(*(np.ascontiguousarray(a[:, keep]) for a in (x, health, y, u))),
+        machine,
     )
 
 
-def _nearly_settled(u0: Array) -> Array:
-    """The plant's state (8,) a little off its operating point at inputs u0 (4,)."""
-    return 0.98 * steady_state(PLANT, u0) + 0.02 * PLANT.initial(u0, np.array([3.0, 400.0, 0.1]), PLANT.theta())
-
-
-def simulate_benchmark(config: DesignConfig = DesignConfig(), level: Corruption = Corruption()) -> Split:
+def simulate_benchmark(
+    config: DesignConfig = DesignConfig(), level: Corruption = Corruption(), machine: Machine = COMPRESSOR
+) -> Split:
     """All sequences of the benchmark."""
-    return Split(*(run(scenarios, config.warmup_minutes, level) for scenarios in design(config).values()))
+    return Split(*(run(scenarios, config.warmup_minutes, level) for scenarios in design(config, machine).values()))
 
 
 def fingerprint(batch: Batch) -> str:

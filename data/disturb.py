@@ -12,7 +12,7 @@ import numpy as np
 from twinbench.data.batch import CHANNELS, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
 from twinbench.data.benchmark import DesignConfig, design, run
 from twinbench.data.corrupt import Corruption
-from twinbench.data.scenario import N_LIMITS_RPM, RATIO_LIMITS, Scenario, stream
+from twinbench.data.scenario import Scenario, stream
 from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE
 
 DISTURBED_MINUTES, MOST_DISTURBED, FRESH = 12.0, 8, 1
@@ -114,17 +114,10 @@ def _harder(scenario: Scenario, condition: Condition) -> Scenario:
     changes = tuple(
         replace(c, finish_s=c.begin_s + (c.finish_s - c.begin_s) / condition.pace) for c in scenario.changes
     )
-    return replace(
-        scenario,
-        changes=changes,
-        N_rpm=_stretched(scenario.N_rpm, N_LIMITS_RPM, condition.beyond),
-        ratio=_stretched(scenario.ratio, RATIO_LIMITS, condition.beyond),
-    )
-
-
-def _stretched(knots: Array, limits: tuple[float, float], beyond: float) -> Array:
-    middle = 0.5 * (limits[0] + limits[1])
-    return np.stack([knots[:, 0], middle + (1.0 + beyond) * (knots[:, 1] - middle)], axis=-1)
+    stretched = scenario.machine.stretched
+    if condition.beyond and stretched is not None:
+        scenario = replace(scenario, drive=stretched(scenario.drive, condition.beyond))
+    return replace(scenario, changes=changes)
 
 
 def with_fault(measured: Array, fault: SensorFault, rng: np.random.Generator) -> Array:

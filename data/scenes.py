@@ -13,7 +13,9 @@ import numpy as np
 from twinbench.data.batch import SAMPLE_PERIOD_S, Batch
 from twinbench.data.benchmark import run
 from twinbench.data.corrupt import Corruption
-from twinbench.data.scenario import HEALTHY, MIX, WORN, Change, Scenario, draw
+from twinbench.data.fresh import HEALTHY, MIX, WORN, draw
+from twinbench.data.scenario import Change, Scenario
+from twinbench.machines.compressor import Loads
 
 WARMUP_MINUTES = 5.0
 SCENE_MINUTES = 30.0
@@ -38,14 +40,14 @@ def load_ramps(seed: int, level: Corruption = Corruption()) -> Batch:
     scenarios = []
     for name, ratio, speed, ramp_s in zip(RAMP_NAMES, RAMPS, SPEEDS_RPM, RAMP_S, strict=True):
         still = draw(name, "none", seed, RAMP_MINUTES, WARMUP_MINUTES, MIDDLE)
-        scenarios.append(
-            replace(
-                still,
-                N_rpm=_ramp(speed, warm + RAMP_BEGINS_S, ramp_s),
-                ratio=_ramp(ratio, warm + RAMP_BEGINS_S, ramp_s),
-                p_suc_bar=np.array([[0.0, 0.95], [still.seconds, 0.95]]),
-            )
+        assert isinstance(still.drive, Loads)
+        drive = replace(
+            still.drive,
+            N_rpm=_ramp(speed, warm + RAMP_BEGINS_S, ramp_s),
+            ratio=_ramp(ratio, warm + RAMP_BEGINS_S, ramp_s),
+            p_suc_bar=np.array([[0.0, 0.95], [still.seconds, 0.95]]),
         )
+        scenarios.append(replace(still, drive=drive))
     return run(tuple(scenarios), WARMUP_MINUTES, level)
 
 

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from twinbench.data.batch import ESTIMATED, STATES, Array, Batch
-from twinbench.methods.observe import observe
-from twinbench.physics.health import HIGH, LOW
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.machine import Machine
 
 Z95 = 1.959963984540054
 """Half-width of a 95 % interval in standard deviations."""
@@ -23,8 +23,8 @@ class Sample(NamedTuple):
 
     Attributes:
         time_s: of the tick.
-        measured: (B, 7) in the channels' units, order CHANNELS; NaN means missing.
-        lag_s: (B, 7) seconds, how long before ``time_s`` each channel was read; None: not at all.
+        measured: (B, nu + ny) in the channels' units, inputs first; NaN means missing.
+        lag_s: (B, nu + ny) seconds, how long before ``time_s`` each channel was read; None: not at all.
     """
 
     time_s: float
@@ -36,10 +36,10 @@ class State(NamedTuple):
     """What is carried to the next tick, and what is reported.
 
     Attributes:
-        mean: (B, 10) in the quantities' units, order ESTIMATED.
-        cov: (B, 10, 10) in those units squared, symmetric positive semidefinite.
-        low: (B, 10) in the quantities' units, where the central 95 % begin.
-        high: (B, 10) in the quantities' units, where they end.
+        mean: (B, n) in the quantities' units: the machine's estimated states, then its health.
+        cov: (B, n, n) in those units squared, symmetric positive semidefinite.
+        low: (B, n) in the quantities' units, where the central 95 % begin.
+        high: (B, n) in the quantities' units, where they end.
         memory: the method's own arrays, in units of its own, every shape (B, ...).
     """
 
@@ -54,12 +54,12 @@ class Info(NamedTuple):
     """What is diagnostic only: nothing of it feeds the next step.
 
     Attributes:
-        innovation: (B, 3) measured minus predicted, in the outputs' units, order OUTPUTS; NaN where missing.
-        S: (B, 3, 3) innovation covariance, in those units squared.
+        innovation: (B, ny) measured minus predicted, in the outputs' units; NaN where missing.
+        S: (B, ny, ny) innovation covariance, in those units squared.
         nis: (B,) dimensionless, innovation' S^-1 innovation over the accepted channels; NaN if none.
-        accepted: (B, 3) bool, channels used in the correction.
+        accepted: (B, ny) bool, channels used in the correction.
         flags: (B,) int64, dimensionless: bitwise or of the FLAG_ constants.
-        age_s: (B, 7) seconds since each channel was last accepted, order CHANNELS.
+        age_s: (B, nu + ny) seconds since each channel was last accepted.
     """
 
     innovation: Array
@@ -90,6 +90,7 @@ class Estimator(ABC):
     saved: whatever else ``step`` needs is rebuilt from settings and arrays by ``restore``.
 
     Attributes:
+        machine: what it estimates.
         name: what commands and tables call it.
         says: what it is, in one line.
         settings: by name, their defaults.
@@ -125,11 +126,12 @@ class Estimator(ABC):
     two_sided: ClassVar[bool] = False
     """Does it know better afterwards? Then tables hold what ``smooth`` says, and its updates are not timed."""
 
-    def __init__(self, **settings: Any) -> None:
+    def __init__(self, machine: Machine = COMPRESSOR, **settings: Any) -> None:
         unknown = sorted(set(settings) - set(self.settings))
         if unknown:
             known = ", ".join(self.settings) or "none"
             raise ValueError(f"{self.name}: unknown setting {unknown[0]!r}; it has: {known}")
+        self.machine = machine
         self.config: dict[str, Any] = {**self.settings, **settings}
         self.arrays: dict[str, np.ndarray] = {}
 
@@ -171,20 +173,19 @@ class Estimator(ABC):
 
         Args:
             state: where it starts.
-            inputs: (B, L, 4), the measured inputs of the L ticks after the state's in the channels' units, order
-                INPUTS, gaps filled.
+            inputs: (B, L, nu), the measured inputs of the L ticks after the state's in the channels' units, gaps
+                filled.
 
         Returns:
-            (B, L, 3), the sensors' noise-free readings in the channels' units, order OUTPUTS. This default holds
-            the present ones.
+            (B, L, ny), the sensors' noise-free readings in the channels' units. This default holds the present ones.
         """
-        return np.repeat(observe(state.mean)[:, None], inputs.shape[1], axis=1)
+        return np.repeat(self.machine.observe(state.mean)[:, None], inputs.shape[1], axis=1)
 
     def smooth(self, measured: Array, ticks: np.ndarray) -> State:
         """What a whole recording says about some of its ticks; only of a method that is ``two_sided``.
 
         Args:
-            measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+            measured: (B, N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
             ticks: (K,) positions in the recordings, in increasing order.
 
         Returns:
@@ -198,20 +199,26 @@ class Estimator(ABC):
         Args:
             path: of that file.
         """
-        about = {"estimator": self.ablation_of or self.name, "settings": self.config}
+        about = {
+            "estimator": self.ablation_of or self.name,
+            "machine": self.machine.name,
+            "settings": self.config,
+        }
         config = np.frombuffer(json.dumps(about, sort_keys=True).encode(), dtype=np.uint8)
         with open(path, "wb") as file:
             np.savez(file, allow_pickle=False, **{"config.json": config}, **self.arrays)
 
     @classmethod
-    def load(cls, path: Path, **online: Any) -> Self:
+    def load(cls, path: Path, machine: Machine = COMPRESSOR, **online: Any) -> Self:
         """Read what ``save`` wrote; settings given here, ones of ``online``, take the place of its own.
 
         Args:
             path: of that file.
+            machine: what it was trained for.
 
         Raises:
-            ValueError: it holds another estimator, or one of another version, which had other settings.
+            ValueError: it holds another estimator, was trained for another machine, or is of another version, which
+                had other settings.
         """
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
@@ -219,10 +226,12 @@ class Estimator(ABC):
         own = cls.ablation_of or cls.name
         if about["estimator"] != own:
             raise ValueError(f"{path} holds the estimator {about['estimator']!r}, not {own!r}")
+        if about["machine"] != machine.name:
+            raise ValueError(f"{path} was trained for the machine {about['machine']!r}, not for {machine.name!r}")
         if odd := sorted(set(about["settings"]) ^ set(cls.settings)):
             whose = "it has" if odd[0] in about["settings"] else "it lacks"
             raise ValueError(f"{path} is of another version of {own}: {whose} the setting {odd[0]!r}; train it anew")
-        estimator = cls(**{**about["settings"], **online})
+        estimator = cls(machine, **{**about["settings"], **online})
         estimator.arrays = arrays
         estimator.restore()
         return estimator
@@ -264,43 +273,49 @@ def register(estimator: type[Estimator]) -> type[Estimator]:
     return estimator
 
 
-def gaussian_state(mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = ()) -> State:
+def gaussian_state(
+    mean: Array, cov: Array, memory: tuple[np.ndarray, ...] = (), machine: Machine = COMPRESSOR
+) -> State:
     """A state with Gaussian intervals; health is kept within its physical bounds.
 
     Args:
-        mean: (B, 10) in the quantities' units, order ESTIMATED.
-        cov: (B, 10, 10) or (10, 10), in those units squared.
+        mean: (B, n) in the quantities' units: the machine's estimated states, then its health.
+        cov: (B, n, n) or (n, n), in those units squared.
         memory: the method's own arrays, in units of its own, every shape (B, ...).
+        machine: whose quantities they are.
 
     Returns:
         The state, its ``low`` and ``high`` 1.96 standard deviations away, in the quantities' units.
     """
-    if mean.shape[-1] != len(ESTIMATED):
-        raise ValueError(f"mean has {mean.shape[-1]} columns, expected {len(ESTIMATED)}")
-    cov = np.broadcast_to(cov, (len(mean), len(ESTIMATED), len(ESTIMATED)))
+    n = len(machine.quantities)
+    if mean.shape[-1] != n:
+        raise ValueError(f"mean has {mean.shape[-1]} columns, expected {n}")
+    cov = np.broadcast_to(cov, (len(mean), n, n))
     half = Z95 * np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-    bounds = np.full((2, len(ESTIMATED)), [[-np.inf], [np.inf]])
-    bounds[:, len(STATES) :] = LOW, HIGH
+    bounds = np.full((2, n), [[-np.inf], [np.inf]])
+    bounds[:, len(machine.estimated) :] = machine.coordinates.low, machine.coordinates.high
     mean = np.clip(mean, *bounds)
     low, high = np.clip(mean - half, *bounds), np.clip(mean + half, *bounds)
     return State(mean, cov, low, high, memory)
 
 
-def no_info(batch: int) -> Info:
+def no_info(batch: int, machine: Machine = COMPRESSOR) -> Info:
     """The diagnostics of a method that has none.
 
     Args:
         batch: how many machines, B.
+        machine: of which kind.
 
     Returns:
         NaN, or nothing accepted and no flags, in the shapes and units of ``Info``.
     """
-    nothing = np.full((batch, 3), np.nan)
+    ny = len(machine.outputs)
+    nothing = np.full((batch, ny), np.nan)
     return Info(
         nothing,
-        np.full((batch, 3, 3), np.nan),
+        np.full((batch, ny, ny), np.nan),
         np.full(batch, np.nan),
-        np.zeros((batch, 3), dtype=bool),
+        np.zeros((batch, ny), dtype=bool),
         np.zeros(batch, dtype=np.int64),
-        np.full((batch, 7), np.nan),
+        np.full((batch, len(machine.channels)), np.nan),
     )

@@ -16,7 +16,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import CHANNELS, INPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import Array, Batch
 
 HAMPEL_WINDOW = 11
 """Samples in the Hampel window, the present one included."""
@@ -29,16 +29,16 @@ PLAUSIBLE_SPREADS = 10.0
 
 
 class Memory(NamedTuple):
-    """What the front end carries from tick to tick, B machines.
+    """What the front end carries from tick to tick, B machines of C channels.
 
     Attributes:
-        recent: (B, HAMPEL_WINDOW, 7) raw samples in the channels' units, order CHANNELS, newest last; NaN before the
+        recent: (B, HAMPEL_WINDOW, C) raw samples in the channels' units, inputs first, newest last; NaN before the
             first and where missing.
-        filled: (B, 7) last accepted values in the channels' units, order CHANNELS.
-        age_s: (B, 7) seconds since then; inf before the first.
-        outlier: (B, 7) dimensionless, sign of the previous sample's rejection, 0 if none.
-        last: (B, 7) last raw readings in the channels' units, order CHANNELS.
-        still: (B, 7) how many readings before them were the same, in samples.
+        filled: (B, C) last accepted values in the channels' units, inputs first.
+        age_s: (B, C) seconds since then; inf before the first.
+        outlier: (B, C) dimensionless, sign of the previous sample's rejection, 0 if none.
+        last: (B, C) last raw readings in the channels' units, inputs first.
+        still: (B, C) how many readings before them were the same, in samples.
     """
 
     recent: Array
@@ -53,11 +53,12 @@ class Fitted(NamedTuple):
     """What the gate knows of the channels, and how strict it is.
 
     Attributes:
-        mean: (7,) means of the training readings in the channels' units, order CHANNELS.
-        scale: (7,) their spreads in the channels' units, order CHANNELS.
-        floor: (7,) least noise sd that the gate assumes in the channels' units, order CHANNELS.
-        still: (7,) samples: so many readings in a row that are the same, from which on a sensor is stuck.
+        mean: (C,) means of the training readings in the channels' units, inputs first.
+        scale: (C,) their spreads in the channels' units, inputs first.
+        floor: (C,) least noise sd that the gate assumes in the channels' units, inputs first.
+        still: (C,) samples: so many readings in a row that are the same, from which on a sensor is stuck.
         threshold: of the Hampel precheck, robust standard deviations.
+        period_s: from tick to tick.
     """
 
     mean: Array
@@ -65,17 +66,18 @@ class Fitted(NamedTuple):
     floor: Array
     still: Array
     threshold: float
+    period_s: float
 
 
 class Clean(NamedTuple):
     """One tick after the gate.
 
     Attributes:
-        filled: (B, 7) accepted or last accepted values in the channels' units, order CHANNELS; never NaN.
-        accepted: (B, 7) bool, was it taken?
-        spike: (B, 7) bool, rejected by the gate.
-        age_s: (B, 7) seconds since each channel was last accepted.
-        before: (B, 7) values of the tick before, as they are known now, in the channels' units, order CHANNELS.
+        filled: (B, C) accepted or last accepted values in the channels' units, inputs first; never NaN.
+        accepted: (B, C) bool, was it taken?
+        spike: (B, C) bool, rejected by the gate.
+        age_s: (B, C) seconds since each channel was last accepted.
+        before: (B, C) values of the tick before, as they are known now, in the channels' units, inputs first.
     """
 
     filled: Array
@@ -105,11 +107,11 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
     Args:
         m: its Memory, without the leading axis.
         fitted: a Fitted.
-        measured: (7,) the tick's readings in the channels' units, order CHANNELS; NaN means missing.
-        accepted: (7,) bool, is written: was the reading taken?
-        spike: (7,) bool, is written: was it rejected as an isolated spike?
-        confirmed: (7,) bool, is written: was the reading of the tick before held back, and rightly there?
-        before: (7,) is written: the values of the tick before, what is confirmed put right, in the channels' units.
+        measured: (C,) the tick's readings in the channels' units, inputs first; NaN means missing.
+        accepted: (C,) bool, is written: was the reading taken?
+        spike: (C,) bool, is written: was it rejected as an isolated spike?
+        confirmed: (C,) bool, is written: was the reading of the tick before held back, and rightly there?
+        before: (C,) is written: the values of the tick before, what is confirmed put right, in the channels' units.
         kept: (HAMPEL_WINDOW,) is scratch.
     """
     window, channels = m.recent.shape
@@ -122,7 +124,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
         spike[c] = False
         confirmed[c] = False
         before[c] = m.filled[c]
-        m.age_s[c] += SAMPLE_PERIOD_S
+        m.age_s[c] += fitted.period_s
         if np.isnan(value):
             continue
         m.still[c] = m.still[c] + 1.0 if value == m.last[c] else 0.0
@@ -151,7 +153,7 @@ def gate_one(m, fitted, measured, accepted, spike, confirmed, before, kept):  # 
             spike[c] = True
         else:
             earlier = m.recent[window - 2, c]
-            if sign != 0.0 and m.age_s[c] > 1.5 * SAMPLE_PERIOD_S and not np.isnan(earlier):
+            if sign != 0.0 and m.age_s[c] > 1.5 * fitted.period_s and not np.isnan(earlier):
                 confirmed[c] = True
                 before[c] = earlier
             accepted[c] = True
@@ -196,37 +198,44 @@ class FrontEnd:
     """Fitted on the training split; ``step`` for one tick, ``run`` for whole sequences, same numbers.
 
     Attributes:
-        mean: (7,) means of the training readings in the channels' units, order CHANNELS.
-        scale: (7,) their spreads in the channels' units, order CHANNELS.
-        floor: (7,) least noise sd that the gate assumes in the channels' units, order CHANNELS.
-        still: (7,) samples: so many readings in a row that are the same, from which on a sensor is stuck.
+        mean: (C,) means of the training readings in the channels' units, inputs first.
+        scale: (C,) their spreads in the channels' units, inputs first.
+        floor: (C,) least noise sd that the gate assumes in the channels' units, inputs first.
+        still: (C,) samples: so many readings in a row that are the same, from which on a sensor is stuck.
+        period_s: from tick to tick.
         threshold: of the Hampel precheck, robust standard deviations; inf leaves it out.
     """
 
-    def __init__(self, mean: Array, scale: Array, floor: Array, still: Array, threshold: float = THRESHOLD) -> None:
-        self.mean, self.scale, self.floor, self.still, self.threshold = mean, scale, floor, still, threshold
+    def __init__(
+        self, mean: Array, scale: Array, floor: Array, still: Array, period_s: float, threshold: float = THRESHOLD
+    ) -> None:
+        self.mean, self.scale, self.floor, self.still = mean, scale, floor, still
+        self.period_s, self.threshold = period_s, threshold
 
     @property
     def fitted(self) -> Fitted:
         """For compiled code."""
-        return Fitted(self.mean, self.scale, self.floor, self.still, self.threshold)
+        return Fitted(self.mean, self.scale, self.floor, self.still, self.threshold, self.period_s)
 
     @classmethod
     def fit(cls, train: Batch) -> Self:
         """Channel means and spreads, and the noise floor from the median step between samples."""
-        flat = train.measured.reshape(-1, len(CHANNELS))
+        channels, period_s = train.measured.shape[-1], train.machine.sample_period_s
+        flat = train.measured.reshape(-1, channels)
         mean, spread = np.nanmean(flat, axis=0), np.nanstd(flat, axis=0)
-        steps = np.abs(np.diff(train.measured[:, ::1], axis=1)).reshape(-1, len(CHANNELS))
+        steps = np.abs(np.diff(train.measured[:, ::1], axis=1)).reshape(-1, channels)
         floor = np.nanmedian(steps, axis=0) / (0.6745 * np.sqrt(2.0))
         scale = np.maximum(spread, 1e-9)
-        still = np.full(len(CHANNELS), np.inf)
-        for c in range(len(INPUTS), len(CHANNELS)):
-            still[c] = max(STUCK_S / SAMPLE_PERIOD_S, 2.0 * _longest_run(train.measured[..., c]))
-        return cls(mean, scale, np.maximum(floor, 0.01 * scale), still)
+        still = np.full(channels, np.inf)
+        for c in range(len(train.machine.inputs), channels):
+            still[c] = max(STUCK_S / period_s, 2.0 * _longest_run(train.measured[..., c]))
+        return cls(mean, scale, np.maximum(floor, 0.01 * scale), still, period_s)
 
     def arrays(self) -> dict[str, Array]:
         """What is learnt, for ``Estimator.arrays``."""
-        return {f"front.{name}": getattr(self, name) for name in Fitted._fields[:4]}
+        return {f"front.{name}": getattr(self, name) for name in Fitted._fields[:4]} | {
+            "front.period_s": np.array(self.period_s)
+        }
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, np.ndarray], threshold: float = THRESHOLD) -> Self:
@@ -237,11 +246,11 @@ class FrontEnd:
             threshold: of the Hampel precheck.
         """
         mean, scale, floor, still = (arrays[f"front.{name}"] for name in Fitted._fields[:4])
-        return cls(mean, scale, floor, still, threshold)
+        return cls(mean, scale, floor, still, float(arrays["front.period_s"]), threshold)
 
     def init(self, batch: int) -> Memory:
         """Before the first sample: the training means stand in."""
-        n = len(CHANNELS)
+        n = len(self.mean)
         return Memory(
             np.full((batch, HAMPEL_WINDOW, n), np.nan),
             np.tile(self.mean, (batch, 1)),
@@ -252,11 +261,11 @@ class FrontEnd:
         )
 
     def step(self, memory: Memory, measured: Array) -> tuple[Memory, Clean]:
-        """Gate and fill one tick (B, 7); ``memory`` is not changed.
+        """Gate and fill one tick (B, C); ``memory`` is not changed.
 
         Args:
             memory: of the tick before.
-            measured: (B, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+            measured: (B, C) readings in the channels' units, inputs first; NaN means missing.
         """
         after = Memory(*(part.copy() for part in memory))
         accepted, spike, confirmed = (np.empty(measured.shape, dtype=np.bool_) for _ in range(3))
@@ -265,10 +274,10 @@ class FrontEnd:
         return after, Clean(after.filled, accepted, spike, after.age_s, before)
 
     def run(self, measured: Array, hindsight: bool = False) -> tuple[Array, np.ndarray, Array]:
-        """Whole sequences (B, N, 7): filled values, accepted mask, ages in seconds, same shape.
+        """Whole sequences (B, N, C): filled values, accepted mask, ages in seconds, same shape.
 
         Args:
-            measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+            measured: (B, N, C) readings in the channels' units, inputs first; NaN means missing.
             hindsight: values and mask of each tick as they are known one tick later.
         """
         filled = np.empty(measured.shape)
@@ -279,9 +288,9 @@ class FrontEnd:
         return filled, accepted, ages
 
     def standardise(self, filled: Array) -> Array:
-        """Zero mean, unit spread on the training split, (..., 7).
+        """Zero mean, unit spread on the training split, (..., C).
 
         Args:
-            filled: (..., 7) values in the channels' units, order CHANNELS.
+            filled: (..., C) values in the channels' units, inputs first.
         """
         return (filled - self.mean) / self.scale

@@ -2,78 +2,115 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S, Array
-from twinbench.physics.health import d_theta_d_zeta
-from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE, PRESSURE_DRIFT_TAU_S, speed_factor
-
-HEALTH_WALK = np.array([4e-4, 4e-4, 1.2e-4, 2e-3, 0.05])
-"""Standard deviation of what health moves by in a second, order HEALTH, before a filter's ``health_walk``."""
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 
 
-def health_walk_var(factor: float) -> Array:
-    """Variance (5,) that one tick adds to the coordinates of health, which is a random walk in them."""
-    return (factor * HEALTH_WALK / d_theta_d_zeta(np.zeros(len(HEALTH_WALK)))) ** 2 * SAMPLE_PERIOD_S
+class Sheet(NamedTuple):
+    """The outputs' noise, as compiled code takes it. ny outputs.
+
+    Attributes:
+        read: (ny,) positions of the outputs among the channels.
+        relative: (ny,) bool: noise is a share of the reading.
+        grows: (ny,) position of the channel with which noise grows; -1 where with none.
+        reference: (ny,) of that channel, in its unit.
+        at: (ny,) dimensionless factor there.
+        rise: (ny,) dimensionless, its rise up to twice the reference.
+        white: (ny,) sd as a share or in the outputs' units.
+        coloured: (ny,) likewise.
+    """
+
+    read: np.ndarray
+    relative: np.ndarray
+    grows: np.ndarray
+    reference: Array
+    at: Array
+    rise: Array
+    white: Array
+    coloured: Array
 
 
-_speed_factor = njit(cache=True)(speed_factor)
-_SPEED = CHANNELS.index("N_rpm")
-_READ = np.array([CHANNELS.index(s.channel) for s in OUTPUT_NOISE])
-_RELATIVE = np.array([s.relative for s in OUTPUT_NOISE])
-_WITH_SPEED = np.array([s.with_speed for s in OUTPUT_NOISE])
-_WHITE = np.array([s.white for s in OUTPUT_NOISE])
-_COLOURED = np.array([s.coloured for s in OUTPUT_NOISE])
+def sheet_of(machine: Machine) -> Sheet:
+    """The data sheet of a machine's outputs."""
+    noise = machine.noise[len(machine.inputs) :]
+    growths = [n.grows for n in noise]
+    return Sheet(
+        np.arange(len(machine.inputs), len(machine.channels)),
+        np.array([n.relative for n in noise]),
+        np.array([machine.channels.index(g.channel) if g else -1 for g in growths]),
+        *(np.array([getattr(g, part) if g else 1.0 for g in growths]) for part in ("reference", "at", "rise")),
+        np.array([n.white for n in noise]),
+        np.array([n.coloured for n in noise]),
+    )
 
 
 @njit(cache=True)
-def output_sd_of(filled, white, coloured):  # type: ignore[no-untyped-def]
-    """``output_sd`` of one machine: readings (7,), written into ``white`` and ``coloured`` (3,)."""
-    for c in range(_WHITE.size):
-        size = abs(filled[_READ[c]]) if _RELATIVE[c] else 1.0
-        if _WITH_SPEED[c]:
-            size *= _speed_factor(filled[_SPEED])
-        white[c], coloured[c] = size * _WHITE[c], size * _COLOURED[c]
+def output_sd_of(sheet, filled, white, coloured):  # type: ignore[no-untyped-def]
+    """``output_sd`` of one machine: readings (nu + ny,), written into ``white`` and ``coloured`` (ny,)."""
+    for c in range(white.size):
+        size = abs(filled[sheet.read[c]]) if sheet.relative[c] else 1.0
+        if sheet.grows[c] >= 0:
+            past = filled[sheet.grows[c]] - sheet.reference[c]
+            size *= sheet.at[c] + sheet.rise[c] * past / sheet.reference[c]
+        white[c], coloured[c] = size * sheet.white[c], size * sheet.coloured[c]
 
 
 @njit(cache=True)
-def _output_sd(filled, white, coloured):  # type: ignore[no-untyped-def]
+def _output_sd(sheet, filled, white, coloured):  # type: ignore[no-untyped-def]
     for b in range(filled.shape[0]):
-        output_sd_of(filled[b], white[b], coloured[b])
+        output_sd_of(sheet, filled[b], white[b], coloured[b])
 
 
-def output_sd(filled: Array) -> tuple[Array, Array]:
-    """White and coloured sd (B, 3) of the outputs, from readings (B, 7): what is relative refers to these.
+def output_sd(sheet: Sheet, filled: Array) -> tuple[Array, Array]:
+    """White and coloured sd (B, ny) of the outputs: what is relative refers to the readings.
 
     Args:
-        filled: (B, 7) readings in the channels' units, order CHANNELS, gaps filled.
+        sheet: of the machine.
+        filled: (B, nu + ny) readings in the channels' units, gaps filled.
     """
-    white, coloured = (np.empty((len(filled), len(OUTPUT_NOISE))) for _ in range(2))
-    _output_sd(filled, white, coloured)
+    white, coloured = (np.empty((len(filled), len(sheet.white))) for _ in range(2))
+    _output_sd(sheet, filled, white, coloured)
     return white, coloured
 
 
-def input_sd(filled: Array) -> Array:
-    """sd (B, 4) of the inputs, from readings (B, 7).
+def input_sd(machine: Machine, filled: Array) -> Array:
+    """sd (B, nu) of the inputs, in their units.
 
     Args:
-        filled: (B, 7) readings in the channels' units, order CHANNELS, gaps filled.
+        machine: whose.
+        filled: (B, nu + ny) readings in the channels' units, gaps filled.
     """
-    sizes = [np.abs(filled[:, CHANNELS.index(s.channel)]) if s.relative else np.ones(len(filled)) for s in INPUT_NOISE]
-    return np.stack(sizes, axis=-1) * [s.white for s in INPUT_NOISE]
+    noise = machine.noise[: len(machine.inputs)]
+    sizes = [np.abs(filled[:, i]) if n.relative else np.ones(len(filled)) for i, n in enumerate(noise)]
+    return np.stack(sizes, axis=-1) * [n.white for n in noise]
 
 
-def coloured_tau_s() -> Array:
-    """Time constants (3,) of the outputs' coloured noise."""
-    return np.array([s.tau_s for s in OUTPUT_NOISE])
+def coloured_tau_s(machine: Machine) -> Array:
+    """Time constants (ny,) of the outputs' coloured noise."""
+    return np.array([n.tau_s for n in machine.noise[len(machine.inputs) :]])
 
 
-def coloured_keep() -> Array:
-    """AR(1) factors (3,) of the outputs' coloured noise from tick to tick."""
-    return np.exp(-SAMPLE_PERIOD_S / coloured_tau_s())
+def coloured_keep(machine: Machine) -> Array:
+    """AR(1) factors (ny,) of the outputs' coloured noise from tick to tick."""
+    return np.exp(-machine.sample_period_s / coloured_tau_s(machine))
 
 
-def drift_keep() -> float:
-    """AR(1) factor from tick to tick of the drift that the pressure sensors share."""
-    return float(np.exp(-SAMPLE_PERIOD_S / PRESSURE_DRIFT_TAU_S))
+def drift_keep(machine: Machine) -> float:
+    """AR(1) factor from tick to tick of the drift that sensors share."""
+    return float(np.exp(-machine.sample_period_s / machine.drift.tau_s))
+
+
+def health_walk_var(machine: Machine, factor: float) -> Array:
+    """Variance (nh,) that one tick adds to the coordinates of health, which is a random walk in them.
+
+    Args:
+        machine: whose.
+        factor: dimensionless, times the walk of its record.
+    """
+    _, slope = machine.coordinates.theta_and_slope(np.zeros(len(machine.health)))
+    return (factor * machine.health_walk / slope) ** 2 * machine.sample_period_s

@@ -5,27 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import STATES, Array
+from twinbench.machines.coordinates import Array, Coordinates, map_one
 from twinbench.methods.estimator import FLAG_MISSING, FLAG_SPIKE, Z95, State
 from twinbench.methods.frontend import Clean
-from twinbench.physics.health import map_one
-
-N_STATES = len(STATES)
 
 
 @njit(cache=True, error_model="numpy")
-def report_one(z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def]
+def report_one(health, z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def]
     """``report`` of one machine, written into ``mean``, ``cov``, ``low`` and ``high``; for compiled code."""
+    states = keep.size - health.slope.size
     for i in range(keep.size):
         k = keep[i]
         half = Z95 * np.sqrt(P[k, k])
-        if i < N_STATES:
+        if i < states:
             mean[i], low[i], high[i] = z[k], z[k] - half, z[k] + half
             scale = 1.0
         else:
-            j = i - N_STATES
-            mean[i], scale = map_one(j, z[k])
-            low[i], high[i] = map_one(j, z[k] - half)[0], map_one(j, z[k] + half)[0]
+            j = i - states
+            mean[i], scale = map_one(health, j, z[k])
+            low[i], high[i] = map_one(health, j, z[k] - half)[0], map_one(health, j, z[k] + half)[0]
         for other in range(i):
             cov[i, other] *= scale
             cov[other, i] = cov[i, other]
@@ -35,23 +33,24 @@ def report_one(z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, error_model="numpy")
-def _report(z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def]
+def _report(health, z, P, keep, mean, cov, low, high):  # type: ignore[no-untyped-def]
     for b in range(z.shape[0]):
-        report_one(z[b], P[b], keep, mean[b], cov[b], low[b], high[b])
+        report_one(health, z[b], P[b], keep, mean[b], cov[b], low[b], high[b])
 
 
-def report(z: Array, P: Array, keep: np.ndarray, memory: tuple[np.ndarray, ...]) -> State:
+def report(health: Coordinates, z: Array, P: Array, keep: np.ndarray, memory: tuple[np.ndarray, ...]) -> State:
     """Physical units: delta method for the covariance, mapped bounds for the health intervals.
 
     Args:
+        health: the machine's map of its nh health parameters.
         z: (B, n) mean in the filter's coordinates: states in their units, health as dimensionless zeta.
         P: (B, n, n) its covariance, in those units squared.
-        keep: (10,) positions in z, dimensionless: where the five states and the five zeta stand.
+        keep: (m,) positions in z, dimensionless: where the estimated states stand, then the nh zeta.
         memory: the method's own arrays, in units of its own, every shape (B, ...).
     """
     shape = (len(z), len(keep))
     mean, low, high, cov = np.empty(shape), np.empty(shape), np.empty(shape), np.empty((*shape, len(keep)))
-    _report(z, P, keep, mean, cov, low, high)
+    _report(health, z, P, keep, mean, cov, low, high)
     return State(mean, cov, low, high, memory)
 
 

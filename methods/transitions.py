@@ -14,16 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.physics.compressor import PLANT, X
-from twinbench.physics.health import HIGH, LOW, SPAN
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 from twinbench.physics.integrate import Varying, advance
 
-STATE_SPREAD = np.array([0.006, 0.06, 6.0, 8.0, 0.04])
-"""sd of the state perturbations: bar, bar, K, K, 1."""
-HEALTH_LOW = np.array([0.86, 0.88, 0.008, 0.60, -7.0])
-HEALTH_HIGH = np.array([1.03, 1.03, 0.060, 1.06, 7.0])
-"""Range that the counterfactual health parameters cover, a little beyond the machine's life."""
 STIR_EDGES, STIR_SHARES = (0.1, 0.5), (0.5, 0.25, 0.25)
 """Classes of transient severity, by the largest change of an input within the window in units of its spread, and the
 share of windows that each gets: of the recordings, steps and ramps are a sixth, the steep ones a fiftieth."""
@@ -35,10 +29,10 @@ class Transitions(NamedTuple):
     Attributes:
         sequence: (M,) integers, positions in the batch.
         sample: (M,) integers, positions in the sequence; the window ends here.
-        x: (M, 5) perturbed states in their units, order STATES.
-        theta: (M, 5) counterfactual health in its units, order HEALTH.
+        x: (M, n) perturbed estimated states in their units.
+        theta: (M, nh) counterfactual health in its units.
         dt_s: (M,) seconds.
-        x_next: (M, 5) what the plant makes of it, in the states' units.
+        x_next: (M, n) what the plant makes of it, in the states' units.
     """
 
     sequence: np.ndarray
@@ -50,7 +44,7 @@ class Transitions(NamedTuple):
 
     @property
     def increment(self) -> Array:
-        """(M, 5) change of state over dt_s."""
+        """(M, n) change of state over dt_s."""
         return self.x_next - self.x
 
 
@@ -60,14 +54,14 @@ class Sampling:
 
     Attributes:
         history: samples that must precede each drawn one.
-        dt_s: horizons, drawn with equal chance.
+        dt_s: horizons, drawn with equal chance; a tick if left out.
         each: so many transitions share a window.
         perturbed: False gives the recording's own transitions (the negative control).
         stratified: windows by transient severity, as the paper has it; else uniformly.
     """
 
     history: int = 64
-    dt_s: tuple[float, ...] = (SAMPLE_PERIOD_S,)
+    dt_s: tuple[float, ...] = ()
     each: int = 1
     perturbed: bool = True
     stratified: bool = False
@@ -85,19 +79,22 @@ def draw_transitions(train: Batch, count: int, rng: np.random.Generator, how: Sa
     else:
         drawn = rng.integers(batch, size=windows), rng.integers(how.history, samples - 1, size=windows)
     sequence, sample = (np.repeat(which, how.each)[:count] for which in drawn)
+    machine, n, nh = train.machine, len(train.machine.estimated), len(train.machine.health)
     x = truth.states[sequence, sample].copy()
     theta = truth.health[sequence, sample].copy()
     if how.perturbed:
         near = rng.random(count)[:, None] < 0.4
-        x[:, : len(STATES)] += np.where(near, 0.15, 1.0) * STATE_SPREAD * rng.normal(size=(count, len(STATES)))
-        x[:, X.flow_memory] = np.maximum(x[:, X.flow_memory], 0.1)
-        size = np.where(near, 0.15, 1.0) * 0.35 * SPAN * rng.normal(size=(count, len(HEALTH)))
-        anywhere = rng.uniform(HEALTH_LOW, HEALTH_HIGH, size=(count, len(HEALTH)))
+        x[:, :n] += np.where(near, 0.15, 1.0) * machine.states_spread * rng.normal(size=(count, n))
+        for name, least in machine.least.items():
+            i = machine.estimated.index(name)
+            x[:, i] = np.maximum(x[:, i], 2.0 * least)
+        size = np.where(near, 0.15, 1.0) * 0.35 * machine.span * rng.normal(size=(count, nh))
+        ends = machine.counterfactual
+        anywhere = rng.uniform(*ends, size=(count, nh))
         theta = np.where(rng.random(count)[:, None] < 0.5, anywhere, theta + size)
-        theta = np.clip(theta, np.maximum(LOW, HEALTH_LOW), np.minimum(HIGH, HEALTH_HIGH))
-    horizons = rng.choice(np.array(how.dt_s), size=count)
-    n = len(STATES)
-    x_next = _plant(x, truth.inputs[sequence, sample], theta, horizons)
+        theta = np.clip(theta, *ends)
+    horizons = rng.choice(np.array(how.dt_s or (machine.sample_period_s,)), size=count)
+    x_next = _plant(machine, x, truth.inputs[sequence, sample], theta, horizons)
     return Transitions(sequence, sample, x[:, :n], theta, horizons, x_next)
 
 
@@ -113,15 +110,15 @@ def _by_severity(inputs: Array, history: int, count: int, rng: np.random.Generat
     return sequence, sample + history
 
 
-def _plant(x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
-    """The five states (M, 5) after dt_s (M,), from all of the plant's (M, nx)."""
-    after = np.empty((len(x), len(STATES)))
+def _plant(machine: Machine, x: Array, u: Array, theta: Array, dt_s: Array) -> Array:
+    """The estimated states (M, n) after dt_s (M,), from all of the plant's (M, nx)."""
+    n = len(machine.estimated)
+    after = np.empty((len(x), n))
     for horizon in np.unique(dt_s):
         rows = dt_s == horizon
-        substeps = max(1, round(2 * horizon / SAMPLE_PERIOD_S))
-        after[rows] = advance(PLANT, x[rows], u[rows], horizon, substeps, Varying(HEALTH, theta[rows]))[
-            :, : len(STATES)
-        ]
+        substeps = max(1, round(2 * horizon / machine.sample_period_s))
+        varying = Varying(machine.health_names, theta[rows])
+        after[rows] = advance(machine.plant, x[rows], u[rows], horizon, substeps, varying)[:, :n]
     return after
 
 
@@ -129,22 +126,22 @@ def plant_sensitivities(train: Batch, transitions: Transitions, step: float = 1e
     """Central differences of the plant at transitions, for audits.
 
     Returns:
-        F (M, 5, 5) = d x_next / d x, and G (M, 5, 5) = d x_next / d theta in physical units.
+        F (M, n, n) = d x_next / d x, and G (M, n, nh) = d x_next / d theta in physical units.
     """
-    truth = train.truth
+    truth, machine = train.truth, train.machine
     if truth is None:
         raise ValueError("sensitivities need sequences with truth, these have none")
-    hidden = truth.states[transitions.sequence, transitions.sample, len(STATES) :]
+    n, nh = len(machine.estimated), len(machine.health)
+    hidden = truth.states[transitions.sequence, transitions.sample, n:]
     u = truth.inputs[transitions.sequence, transitions.sample]
     dt_s = float(transitions.dt_s[0])
 
     def plant(x: Array, theta: Array) -> Array:
         full = np.concatenate([x, hidden], axis=1)
-        return advance(PLANT, full, u, dt_s, 2, Varying(HEALTH, theta))[:, : len(STATES)]
+        return advance(machine.plant, full, u, dt_s, 2, Varying(machine.health_names, theta))[:, :n]
 
-    F = np.empty((len(u), len(STATES), len(STATES)))
-    G = np.empty((len(u), len(STATES), len(HEALTH)))
-    for jacobian, spread, moved in ((F, STATE_SPREAD, 0), (G, SPAN, 1)):
+    F, G = np.empty((len(u), n, n)), np.empty((len(u), n, nh))
+    for jacobian, spread, moved in ((F, machine.states_spread, 0), (G, machine.span, 1)):
         for j, size in enumerate(step * spread):
             ends = []
             for sign in (1.0, -1.0):

@@ -1,0 +1,1 @@
+"""Machines: what the benchmark needs to know of one, and the ones that it knows."""
