@@ -115,7 +115,7 @@ class ModelEKF(Estimator):
         self.arrays |= {
             **FrontEnd.fit(train).arrays(),
             "prior.mean": states.mean(axis=0),
-            "prior.cov": np.cov(states.T),
+            "prior.cov": np.atleast_2d(np.cov(states.T)),
             "slow_error.sd": slow_error_sd(self.simulator(), validation, self.config["substeps"]),
         }
         self.restore()
