@@ -11,11 +11,16 @@ import pytest
 
 from twinbench.baselines import nominal_ekf_mended
 from twinbench.baselines.nominal_ekf_mended import NominalEKFMended, mend
-from twinbench.data.batch import HEALTH, INPUTS, OUTPUTS, Batch
+from twinbench.common.errors import BadInput
+from twinbench.data.batch import Batch
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.two_tanks import TWO_TANKS
 from twinbench.physics.compile import compiled
 from twinbench.physics.known_health import with_known_health
 from twinbench.physics.nominal import NOMINAL
+
+HEALTH, INPUTS, OUTPUTS = COMPRESSOR.health_names, COMPRESSOR.inputs, COMPRESSOR.outputs
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +66,7 @@ def test_what_it_finds_in_the_machine_is_in_the_filters_model_and_a_sensors_faul
 ) -> None:
     estimator = NominalEKFMended(recordings=2, hold_out=1, recording_minutes=1.0)
     estimator.fit(train, train, 0)
-    machine = estimator.machine()
+    machine = estimator.simulator()
     values = dict(zip((v.name for v in machine.parameters), machine.theta(), strict=True))
     assert values["K_s"] == 0.05
     assert values["iso"] == 0.0
@@ -100,3 +105,10 @@ def test_known_health_acts_as_the_same_health_among_the_parameters() -> None:
         for name in ("rhs", "output"):
             ours = getattr(compiled(known), name)(x, seen, known.theta())
             np.testing.assert_allclose(ours, getattr(compiled(worn), name)(x, u, worn.theta()), rtol=1e-13)
+
+
+def test_a_machine_without_a_catalogue_is_refused_in_one_line() -> None:
+    config = DesignConfig(n_train=2, n_validation=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5)
+    split = simulate_benchmark(config, machine=TWO_TANKS)
+    with pytest.raises(BadInput, match="no catalogue to mend the model of 'two_tanks' from"):
+        NominalEKFMended(TWO_TANKS).fit(split.train, split.validation, 0)
