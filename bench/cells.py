@@ -108,12 +108,12 @@ def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
 
 
 def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
-    """Run a trained estimator over the test and the validation split unless that is done."""
+    """Run a trained estimator over the test and the calibration split unless that is done."""
 
     def run() -> Estimates:
         split = load_split(store, cell.data)
         test = split.test.without_truth()
-        return calibrate.run(load_fit(store, cell), test, split.validation, profile.evaluation, cell.seed)
+        return calibrate.run(load_fit(store, cell), test, split.calibration, profile.evaluation, cell.seed)
 
     return attempt(store, "estimate", cell, cell.estimates, lambda: run().save)
 

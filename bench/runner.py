@@ -286,6 +286,7 @@ def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store
         + (f", and {parts} ablations" if parts else "")
         + f"\nseeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
+        f"calibrated on {data.n_calibration}, "
         f"tested on {data.n_test + data.n_single} others\n"
         f"results in {out}"
         + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else "")

@@ -14,7 +14,9 @@ from twinbench.data.benchmark import DesignConfig, Split, fingerprint, simulate_
 from twinbench.methods.estimator import Estimator, Info, Sample, State
 from twinbench.physics.compressor import PLANT
 
-DESIGN = DesignConfig(seed=7, n_train=3, n_validation=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
+DESIGN = DesignConfig(
+    seed=7, n_train=3, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5
+)
 SUBJECT_SEED = 1
 SCALE = np.array([v.scale for v in (*PLANT.states[: len(STATES)], *PLANT.parameters[: len(ESTIMATED) - len(STATES)])])
 """(10,) one typical change of each estimated quantity, order ESTIMATED: the unit of all deviations."""

@@ -19,7 +19,7 @@ from twinbench.bench.statistics.regimes import REGIMES, changes_of, regimes
 from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
 
 SHARES = ("inside_pct", "calibrated_pct")
-"""Columns of ``coverage_by_regime``: of the intervals as they are, and as the validation recordings stretch them."""
+"""Columns of ``coverage_by_regime``: of the intervals as they are, and as the calibration recordings stretch them."""
 
 
 def inside(estimates: Estimates, truth: Truth) -> Array:

@@ -26,7 +26,7 @@ FORECAST_ERRORS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")
 
 _CLEAN = {"p": "exhaust pressure", "T": "gas temperature in degC", "m": "mass flow"}
 _READ = {"p": "discharge pressure", "T": "discharge temperature in degC", "m": "mass flow"}
-_WIDENED = "once every interval is made wider or narrower by the factor that fits the validation recordings"
+_WIDENED = "once every interval is made wider or narrower by the factor that fits the calibration recordings"
 
 DEFINITIONS = {
     **{

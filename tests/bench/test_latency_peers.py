@@ -23,7 +23,9 @@ from twinbench.physics.health import to_theta
 @pytest.fixture(scope="module")
 def machine():
     """Readings (N, 7) and the true states (N, 5) of a recording without gaps."""
-    design = DesignConfig(seed=3, n_train=1, n_validation=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5)
+    design = DesignConfig(
+        seed=3, n_train=1, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5
+    )
     test = simulate_benchmark(design, Corruption(dropout=0.0, spikes=0.0)).test
     return test.measured[0], test.truth.states[0, :, :N_STATES]
 

@@ -16,7 +16,7 @@ from twinbench.data.scenario import N_LIMITS_RPM, P_SUC_LIMITS_BAR
 PAIRS = tuple(combinations(PARTS, 2))
 RATIO_RANGE = (2.05, 5.0)
 """What comes of RATIO_LIMITS as suction and health change, but for 0.1 % at either end."""
-SMALL = DesignConfig(n_train=2, n_validation=1, n_test=2, n_single=0, minutes=2.0, warmup_minutes=0.5)
+SMALL = DesignConfig(n_train=2, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.0, warmup_minutes=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +38,7 @@ def test_the_papers_numbers(split):
     assert {part: b.measured.shape for part, b in parts(split).items()} == {
         "train": (26, 30_000, 7),
         "validation": (20, 30_000, 7),
+        "calibration": (40, 30_000, 7),
         "test": (70, 30_000, 7),
     }
     for batch in parts(split).values():
@@ -60,7 +61,7 @@ def test_no_sequence_is_shared_between_parts(split):
     names = [name for b in parts(split).values() for name in b.names]
     contents = [hashlib.sha256(row.tobytes()).hexdigest() for b in parts(split).values() for row in b.measured]
     paths = [hashlib.sha256(row.tobytes()).hexdigest() for b in parts(split).values() for row in b.truth.states]
-    assert len(names) == len(set(names)) == len(set(contents)) == len(set(paths)) == 116
+    assert len(names) == len(set(names)) == len(set(contents)) == len(set(paths)) == 156
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)
@@ -84,7 +85,7 @@ def test_sensors_of_two_sequences_err_independently(split):
     for batch in parts(split).values():
         error = batch.measured[0, :, 4:] - batch.truth.outputs[0]
         errors.append(np.clip(np.nan_to_num(error / np.nanstd(error, axis=0)), -3.0, 3.0).ravel())
-    assert np.abs(np.corrcoef(errors) - np.eye(3)).max() < 0.05
+    assert np.abs(np.corrcoef(errors) - np.eye(len(errors))).max() < 0.05
 
 
 def test_the_same_seed_gives_the_same_bits(small):

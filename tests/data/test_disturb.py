@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
-from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.data.benchmark import PARTS, DesignConfig, simulate_benchmark
 from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
 
-SMALL = DesignConfig(n_train=1, n_validation=1, n_test=2, n_single=0, minutes=4.0, warmup_minutes=0.5)
+SMALL = DesignConfig(n_train=1, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=4.0, warmup_minutes=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -64,5 +64,5 @@ def test_a_gradual_bias_grows_and_fades():
 
 def test_the_sequences_are_none_of_the_benchmarks(undisturbed):
     ours = simulate_benchmark(SMALL)
-    seen = {row.tobytes() for part in (ours.train, ours.validation, ours.test) for row in part.truth.inputs[:, :100]}
+    seen = {row.tobytes() for part in (getattr(ours, name) for name in PARTS) for row in part.truth.inputs[:, :100]}
     assert not seen & {row.tobytes() for row in undisturbed.truth.inputs[:, :100]}

@@ -31,10 +31,10 @@ each_single = pytest.mark.parametrize("scenario", SINGLES, ids=lambda s: s.name)
 
 
 def test_the_papers_numbers():
-    assert [len(DESIGN[part]) for part in PARTS] == [26, 20, 70]
+    assert [len(DESIGN[part]) for part in PARTS] == [26, 20, 40, 70]
     kept = [s.samples - round(WARM_S / 0.05) for s in ALL]
     assert set(kept) == {30_000}
-    assert sum(kept) == 3_480_000
+    assert sum(kept) == 4_680_000
     assert all(s.seconds == 1800.0 for s in ALL)
 
 
@@ -127,7 +127,7 @@ def test_a_row_of_the_hypercube_does_not_depend_on_how_many_there_are(count):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_sequence_does_not_depend_on_how_many_others_there_are(part):
-    few = design(DesignConfig(n_train=3, n_validation=2, n_test=3, n_single=2))[part]
+    few = design(DesignConfig(n_train=3, n_validation=2, n_calibration=1, n_test=3, n_single=2))[part]
     whole = {s.name: s for s in DESIGN[part]}
     for one in few:
         same = whole[one.name]
