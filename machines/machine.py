@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from twinbench.machines.coordinates import Array, Coordinates, coordinates
-from twinbench.machines.sensors import Drift, Noise
+from twinbench.machines.sensors import APART, Drift, Noise
 from twinbench.physics.simulator import Simulator
 from twinbench.physics.steady import steady_state
 
@@ -25,8 +25,8 @@ STATE_WALK = 1e-3
 """Of a state's scale: its process noise in the square root of a second, unless a machine says otherwise. Filters tune a
 factor on it."""
 STATE_SPREAD = 0.2
-"""Of a state's scale: the sd of counterfactual states about a recording's, unless a machine says otherwise. Less teaches
-networks weaker sensitivities, more takes them where no machine runs."""
+"""Of a state's scale: the sd of counterfactual states about a recording's, unless a machine says otherwise. Less
+teaches networks weaker sensitivities, more takes them where no machine runs."""
 BEYOND_LIFE = 0.2
 """Of a life: how far beyond its ends counterfactual health goes, unless a machine says otherwise."""
 GRID = 10_000
@@ -35,8 +35,8 @@ GRID = 10_000
 Drive = Callable[[Array], Array]
 """``drive(time_s) -> (N, nu)``: true inputs in their units over times (N,) in seconds from a recording's first tick."""
 Loads = Callable[[float, Array, np.random.Generator], Drive]
-"""``loads(seconds, lean, rng) -> drive``: what a recording of such length is run through. ``lean`` (leans,) in [0, 1] are
-its coordinates in a Latin hypercube, for what is to differ evenly between recordings."""
+"""``loads(seconds, lean, rng) -> drive``: what a recording of such length is run through. ``lean`` (leans,) in [0, 1]
+are its coordinates in a Latin hypercube, for what is to differ evenly between recordings."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Reading:
         state: an estimated state, or a lag.
         gain: in the output's unit per unit of the state.
         bias: the health parameter that is added, if any.
-        key: short, in the names of scores: ``p_nrmse_pct``.
+        key: short, in the names of scores: ``p_nrmse_pct``; the output's name if left out.
         says: what the machine's quantity is, for tables; the state's name if left out.
         reads: what the reading is, likewise; the output's name if left out.
         zero: where errors in per cent of the value count from, in the state's unit (273.15 for kelvin).
@@ -103,6 +103,10 @@ class Reading:
     reads: str = ""
     zero: float = 0.0
     size: float = 0.0
+
+    def __post_init__(self) -> None:
+        for part, default in (("key", self.output), ("says", self.state), ("reads", self.output)):
+            object.__setattr__(self, part, getattr(self, part) or default)
 
 
 @dataclass(frozen=True)
@@ -164,7 +168,7 @@ class Machine:
     says: str = ""
     leans: int = 0
     lags: tuple[Lag, ...] = ()
-    drift: Drift = Drift()
+    drift: Drift = APART
     recalibrated: tuple[str, ...] = ()
     state_walk: Mapping[str, float] = field(default_factory=dict)
     state_spread: Mapping[str, float] = field(default_factory=dict)
