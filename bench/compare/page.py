@@ -10,8 +10,9 @@ import pandas as pd
 from twinbench.bench.compare.scores import DEFINITIONS, HEADLINE
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.report.words import names_of
-from twinbench.bench.roster import label
-from twinbench.bench.statistics.bootstrap import differences, means, sequence_scores
+from twinbench.bench.roster import UNRANKED, label
+from twinbench.bench.statistics.apart import complete, told_apart
+from twinbench.bench.statistics.bootstrap import means, sequence_scores
 
 HEADS = {
     "open1_ratio": Column("1 s", "error over holding the last reading"),
@@ -53,28 +54,28 @@ def _cell(row: Any) -> Cell:
 
 
 def says(scores: pd.DataFrame) -> list[str]:
-    """Who foretells best a minute ahead, from whom it is told apart, and whether that is worth anything."""
+    """Who foretells best a minute ahead, from whom the tests tell it apart, and whether that is worth anything."""
     by_recording = sequence_scores(scores, HEADLINE)
     mean = means(by_recording).set_index("estimator")
-    whole = mean[mean["mean"].notna() & (mean["reason"] == "")]
-    if whole.empty:
+    ranked = [e for e in complete(by_recording) if e not in UNRANKED]
+    if not ranked:
         return ["No estimator has a forecast of every recording."]
-    best, n = str(whole["mean"].idxmin()), len(by_recording.sequences)
-    row = whole.loc[best]
+    best, n = str(mean.loc[ranked, "mean"].idxmin()), len(by_recording.sequences)
+    row = mean.loc[best]
     within = f" (95 % interval {span(row['low'], row['high'], to=True)})" if np.isfinite(row["low"]) else ""
     sentences = [
-        f"{label(best)} foretells best a minute ahead: its error is {number(row['mean'])} times{within} that of holding "
-        "the last reading."
+        f"{label(best)} has the least error a minute ahead: {number(row['mean'])} times{within} that of holding the last "
+        "reading."
     ]
+    if not row["high"] < 1.0:
+        sentences.append("Its interval does not show it to be better than holding the last reading.")
     if n < FEWEST:
         return [*sentences, f"{n} recording{'s are' if n > 1 else ' is'} too few to tell estimators apart."]
-    gaps = differences(by_recording, best).set_index("estimator")
-    told = [label(str(e)) for e in gaps.index if gaps.loc[e, "low"] > 0.0]
-    same = [label(str(e)) for e in gaps.index if gaps.loc[e, "low"] <= 0.0]
+    others = [e for e in ranked if e != best]
+    told = [label(e) for e in others if told_apart(by_recording, best, e)]
+    same = [label(e) for e in others if not told_apart(by_recording, best, e)]
     if told:
-        sentences.append(f"By the paired 95 % interval over {n} recordings it errs less than {names_of(told)}.")
+        sentences.append(f"Wilcoxon's test with Holm's correction tells it from {names_of(told)}.")
     if same:
         sentences.append(f"It is not told apart from {names_of(same)}.")
-    if not row["high"] < 1.0:
-        sentences.append("That is not shown to be better than holding the last reading.")
     return sentences
