@@ -15,7 +15,7 @@ import numpy as np
 
 from twinbench.machines.coordinates import Array, Coordinates, coordinates
 from twinbench.machines.sensors import APART, Drift, Noise
-from twinbench.physics.simulator import Simulator
+from twinbench.physics.simulator import Simulator, Variable
 from twinbench.physics.steady import steady_state
 
 LIFE_WALKS = 300.0
@@ -138,6 +138,8 @@ class Machine:
         noise: of every channel, inputs first.
         loads: what the machine is run through.
         says: what it is, in words.
+        labels: what channels, states and health are called in tables and figures, by name; what their variables say if
+            left out.
         leans: coordinates of the Latin hypercube that ``loads`` takes.
         lags: states behind the estimated ones, in the simulators' order.
         drift: what several sensors err by together.
@@ -166,6 +168,7 @@ class Machine:
     noise: tuple[Noise, ...]
     loads: Loads
     says: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
     leans: int = 0
     lags: tuple[Lag, ...] = ()
     drift: Drift = APART
@@ -207,6 +210,26 @@ class Machine:
     def quantities(self) -> tuple[str, ...]:
         """Names of everything that is estimated: states, then health."""
         return self.estimated + self.health_names
+
+    @functools.cached_property
+    def variables(self) -> dict[str, Variable]:
+        """The plant's states, inputs, outputs and parameters by name."""
+        plant = self.plant
+        return {v.name: v for v in (*plant.parameters, *plant.outputs, *plant.inputs, *plant.states)}
+
+    def label(self, name: str) -> str:
+        """What a channel, state or parameter is called in tables and figures."""
+        return self.labels.get(name) or self.variables[name].says or name
+
+    def axis_label(self, name: str) -> str:
+        """``temperature bias, K``; a dash stands for no unit."""
+        unit = self.variables[name].unit
+        return f"{self.label(name)}, {'–' if unit in ('', '1') else unit}"
+
+    @functools.cached_property
+    def scales(self) -> Array:
+        """One typical change of everything that is estimated, (n + nh,) in the quantities' units."""
+        return np.array([self.variables[name].scale for name in self.quantities])
 
     @functools.cached_property
     def coordinates(self) -> Coordinates:

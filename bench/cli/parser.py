@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
+MACHINE_HELP = "compressor, two_tanks, motor, path/to/file.py[:NAME], or package.module:NAME (default: compressor)"
 VERBOSE_HELP = "report progress in detail on stderr; give it twice for more"
 
 
@@ -20,6 +21,11 @@ def add_training(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="use what the run in this folder trained (default: results/<profile>)",
     )
+
+
+def add_machine(parser: argparse.ArgumentParser) -> None:
+    """Of which machine: ``--machine``."""
+    parser.add_argument("--machine", default="compressor", metavar="MACHINE", help=MACHINE_HELP)
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
