@@ -39,11 +39,13 @@ class Profile:
     """One benchmark configuration.
 
     Attributes:
+        machine: its name, or the path of the file it comes from.
         scenes: run everyone in the scenes of the paper's figures, too.
         settings: overrides the settings of estimators, by name.
     """
 
     name: str
+    machine: str = "compressor"
     seeds: tuple[int, ...] = (0,)
     data: DesignConfig = field(default_factory=DesignConfig)
     corruption: Corruption = field(default_factory=Corruption)
@@ -135,7 +137,7 @@ def _several(value: Any, kind: type, full: str) -> tuple[Any, ...]:
 def _one(value: Any, kind: type, full: str) -> Any:
     if not fits(value, kind):
         raise BadInput(f"{full} is {value!r}, must be {KINDS[kind]}")
-    if kind is str and not re.fullmatch(r"[\w.-]*\w", value):
+    if kind is str and full != "machine" and not re.fullmatch(r"[\w.-]*\w", value):
         raise BadInput(f"{full} is {value!r}, must be a word: results go into a folder of that name")
     low, high = LIMITS.get(full, (-math.inf, math.inf))
     if kind is not str and not low <= value <= high:

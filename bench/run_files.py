@@ -61,7 +61,7 @@ class Ran:
 def write(out: Path, before: Earlier, store: Store, ran: Ran) -> None:
     """All files of a run, the manifest last."""
     stale = {c.estimator for c in ran.todo} - ran.unchanged
-    names = cells.load_split(store, ran.todo[0].data).test.names
+    names = cells.load_split(store, ran.todo[0]).test.names
     write_scores(out, before, ran.tables, ran.failed, names)
     write_failures(out, before, ran.failed, ran.todo)
     write_cost(out, before, store, ran)

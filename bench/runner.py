@@ -262,14 +262,14 @@ def _without(todo: list[Cell], failed: list[Outcome]) -> list[Cell]:
 
 
 def _score(store: Store, cell: Cell) -> pd.DataFrame:
-    table = score(cells.load_estimates(store, cell), cells.load_split(store, cell.data).test)
+    table = score(cells.load_estimates(store, cell), cells.load_split(store, cell).test)
     return table.assign(estimator=cell.estimator, seed=cell.seed)
 
 
 def _true_start(store: Store, cell: Cell) -> pd.DataFrame:
     """The row that cannot be had, at the ticks of a cell's estimates; all seeds would have the same."""
     time_s = cells.load_estimates(store, cell).time_s
-    table = true_start_held(cells.load_split(store, cell.data).test, time_s)
+    table = true_start_held(cells.load_split(store, cell).test, time_s)
     return table.assign(estimator=TRUE_START, seed=cell.seed)
 
 

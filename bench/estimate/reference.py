@@ -124,7 +124,7 @@ class References:
 
     def __init__(self, store: Store, cell: Cell, estimator: Estimator) -> None:
         self.store, self.cell, self.estimator = store, cell, estimator
-        split = cells.load_split(store, cell.data)
+        split = cells.load_split(store, cell)
         self.validation, self.envelope = split.validation, Envelope.of(split.train)
 
     def of(self, manner: Manner) -> Reference:
