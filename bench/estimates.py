@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from twinbench.common.store import reading
 
+
 @dataclass(frozen=True)
 class Estimates:
     """Estimates and intervals, no scores: nothing in here has seen the truth.

@@ -86,6 +86,20 @@ def load_profile(name: str) -> Profile:
         raise BadInput(f"profile {path}: {error}") from error
 
 
+def profile_on(name: str, machine: str) -> Profile:
+    """A profile, on a machine if one is named.
+
+    Args:
+        name: of the profile, or the path of a TOML file.
+        machine: its name, or the path of the file it comes from; empty: the profile's own.
+
+    Raises:
+        BadInput: as ``load_profile``.
+    """
+    profile = load_profile(name)
+    return dataclasses.replace(profile, machine=machine) if machine else profile
+
+
 def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as one, with keys joined by dots."""
     flat: dict[str, Any] = {}

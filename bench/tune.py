@@ -23,21 +23,16 @@ from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Evaluation, Profile
 from twinbench.bench.registry import find
 from twinbench.bench.settings import check_settings, search_space
-from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
+from twinbench.bench.statistics.scores import score
+from twinbench.bench.statistics.subject import Subject, subject_of
 from twinbench.bench.statistics.summary import LIFE
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, write_csv, write_text
 from twinbench.common.versions import provenance
-from twinbench.data.batch import ESTIMATED
+from twinbench.machines.load import load_machine, machine_at
 from twinbench.methods.estimator import Estimator
 
-ERRORS = ((LIFE,), STATE_ERRORS, FORECAST_ERRORS)
-"""What a twin is for: to know a machine's health, to say what it does, and to say what it will do. The three count
-alike; each is the mean of its metrics."""
-COVERAGES = tuple(f"coverage_{name}_pct" for name in ESTIMATED)
-"""Noted, and not chosen by: every quantity's intervals are calibrated afterwards, on other recordings. Settings that
-err least came out with intervals as narrow, and as even over the regimes, as settings whose own intervals hold."""
 FAILED = 1e6
 """Score of settings with which an estimator fails."""
 MOST_TRIALS = 10_000
@@ -46,13 +41,31 @@ EVALUATION = Evaluation(stride=10)
 TUNE_SEED = 0
 
 
-def merit(means: Mapping[str, float]) -> float:
-    """Geometric mean of ERRORS: it asks what share of each is saved, and no unit decides.
+def errors_of(subject: Subject) -> tuple[tuple[str, ...], ...]:
+    """What a twin is for: to know a machine's health, to say what it does, and to say what it will do.
+
+    The three count alike; each is the mean of its metrics.
+    """
+    return (LIFE,), subject.state_errors, subject.forecast_errors
+
+
+def coverages_of(subject: Subject) -> tuple[str, ...]:
+    """Noted, and not chosen by: every quantity's intervals are calibrated afterwards, on other recordings.
+
+    Settings that err least came out with intervals as narrow, and as even over the regimes, as settings whose own
+    intervals hold.
+    """
+    return tuple(f"coverage_{q.name}_pct" for q in subject.quantities)
+
+
+def merit(subject: Subject, means: Mapping[str, float]) -> float:
+    """Geometric mean of ``errors_of``: it asks what share of each is saved, and no unit decides.
 
     Args:
+        subject: what is estimated.
         means: by metric, over the validation recordings.
     """
-    errors = [np.mean([means[m] for m in metrics]) for metrics in ERRORS]
+    errors = [np.mean([means[m] for m in metrics]) for metrics in errors_of(subject)]
     return float(np.exp(np.mean(np.log(errors))))
 
 
@@ -93,6 +106,7 @@ def tune(
     if not 1 <= trials <= MOST_TRIALS:
         raise BadInput(f"--trials is {trials}, must lie in [1, {MOST_TRIALS}]")
     kind, own, spaces = searched(spec, profile, online)
+    subject = subject_of(load_machine(profile.machine))
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
     store = Store(out / "store")
@@ -114,9 +128,9 @@ def tune(
             means = _measure(spec, kind, replace(profile, seeds=(TUNE_SEED,)), chosen, store)
             for name, value in means.items():
                 trial.set_user_attr(name, value)
-            study.tell(trial, _merit_of(means))
+            study.tell(trial, _merit_of(subject, means))
             going.step(len(_finished(study)) - going.done)
-    return _write(kind, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
+    return _write(kind, subject, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
 
 
 def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
@@ -144,21 +158,23 @@ def _measure(
     outcome = cells.fit(store, profile, cell)
     if outcome.reason:
         return {"failed": outcome.reason}
-    validation = cells.load_split(store, cell.data).validation
+    validation = cells.load_split(store, cell).validation
     try:
         estimates = evaluate(cells.load_fit(store, cell), validation.without_truth(), EVALUATION, TUNE_SEED)
     except FloatingPointError as error:
         return {"failed": str(error)}
     table = score(estimates, validation).groupby("metric")["value"].mean()
-    means = {m: float(table[m]) for m in (*(m for metrics in ERRORS for m in metrics), *COVERAGES)}
-    if not np.isfinite(merit(means)):
+    subject = subject_of(machine_at(profile.machine))
+    wanted = (*(m for metrics in errors_of(subject) for m in metrics), *coverages_of(subject))
+    means = {m: float(table[m]) for m in wanted}
+    if not np.isfinite(merit(subject, means)):
         return {"failed": "an error is no number"}
     return {**means, "seconds": round(time.perf_counter() - began, 1)}
 
 
-def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
+def _write(kind: type[Estimator], subject: Subject, study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
     done = _finished(study)
-    merits = [_merit_of(t.user_attrs) for t in done]
+    merits = [_merit_of(subject, t.user_attrs) for t in done]
     rows = zip(done, merits, strict=True)
     table = pd.DataFrame([{"trial": t.number, **t.params, "merit": value, **_measured(t)} for t, value in rows])
     write_csv(out / f"{kind.name}.csv", table)
@@ -172,8 +188,8 @@ def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[st
     return section
 
 
-def _merit_of(measured: Mapping[str, Any]) -> float:
-    return FAILED if "failed" in measured else merit(measured)
+def _merit_of(subject: Subject, measured: Mapping[str, Any]) -> float:
+    return FAILED if "failed" in measured else merit(subject, measured)
 
 
 def _measured(trial: optuna.trial.FrozenTrial) -> dict[str, Any]:

@@ -20,7 +20,6 @@ HELD = 1e-6
 them by at least a thousandth of it; round-off is a millionth of a millionth."""
 
 
-
 def splits_of(machine: Machine) -> dict[str, str]:
     """By name, what a machine's recordings are split into thirds by."""
     return dict(machine.regimes) or {name: name for name in machine.inputs}

@@ -28,9 +28,7 @@ def definitions_of(subject: Subject) -> dict[str, str]:
     """Every metric that ``score`` returns, in one sentence to print under a table; of the times that CENSORED names it
     returns one for each change of health, as ``bench.statistics.tracking.change_scores`` names them."""
     names = [q.name for q in subject.quantities]
-    states, health, all_of = (
-        in_words(n) for n in (len(names) - len(subject.health), len(subject.health), len(names))
-    )
+    states, health, all_of = (in_words(n) for n in (len(names) - len(subject.health), len(subject.health), len(names)))
     return {
         **{
             f"{o.key}_nrmse_pct": f"RMSE of the filtered {o.says} against clean truth, in % of {o.share_of}."

@@ -19,7 +19,7 @@ LEADS_S = (1, 10, 60)
 
 
 class Followed(NamedTuple):
-    """An output and the state behind it: short name, what the state is, what the reading is, what errors are a share of."""
+    """An output and the state behind it: short name, what state and reading are, what errors are a share of."""
 
     key: str
     says: str

@@ -16,9 +16,9 @@ from twinbench.bench.statistics.censored import CENSORED, Waiting, restricted, w
 from twinbench.bench.statistics.marks import marked
 from twinbench.bench.statistics.ranks import Ranking, rank
 from twinbench.bench.statistics.scores import definitions_of, ideal
-from twinbench.bench.statistics.subject import PAPERS, Subject
 from twinbench.bench.statistics.skill import Skill, skills
 from twinbench.bench.statistics.strata import Stratum, of_stratum
+from twinbench.bench.statistics.subject import PAPERS, Subject
 
 LIFE = "health_life_pct"
 PARAMETERS = "parameter_error_pct"
