@@ -1,78 +1,118 @@
-"""The augmented filter's equations over any Simulator of the compressor, compiled. One machine at a time.
+"""The augmented filter's equations over any Simulator of a machine, compiled. One machine at a time.
 
-z = [the simulator's states, five health coordinates zeta, three coloured-noise states, the slow drift that the pressure
-sensors share, and, where the model errs, five slow errors of it]. Jacobians are forward differences of one Runge-Kutta
-step. The noise of the measured inputs enters as process noise through the sensitivity to them, and the drift through
-the same sensitivity: what the suction sensor reads is the true pressure times one plus the drift.
+z = [the simulator's states, the health coordinates zeta, a coloured-noise state of every output, the slow drift that
+sensors share, and, where the model errs, a slow error of every estimated state]. Jacobians are forward differences of
+one Runge-Kutta step. The noise of the measured inputs enters as process noise through the sensitivity to them, and the
+drift through the same sensitivity: what a sensor with drift reads is the true value times one plus the drift.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import CHANNEL, HEALTH, OUTPUTS, SAMPLE_PERIOD_S, STATES, Array
+from twinbench.machines.coordinates import Array, Coordinates, map_one
+from twinbench.machines.machine import Machine
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
 from twinbench.methods.noise import coloured_keep, drift_keep
-from twinbench.physics.health import map_one
+from twinbench.physics.compile import compiled
 from twinbench.physics.integrate import rk4
-from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
+from twinbench.physics.simulator import Simulator
 
-N_HEALTH, N_NOISE, N_ERROR = len(HEALTH), len(OUTPUTS), len(STATES)
-N_SENSOR = N_NOISE + 1
-"""Entries of z that belong to the sensors: coloured noise and drift, AR(1) of unit variance."""
-SUCTION, DISCHARGE = CHANNEL.p_suc_bar, OUTPUTS.index("p_dis_bar")
 REST = 1e-12
 """Of a tick's process noise, what variances keep at least: far below anything that matters, far above round-off."""
+DIFFERENCE = 1e-3
+"""Of a typical change of a health parameter: the step of its finite differences. A larger one errs by how the equations
+bend, a smaller one by round-off."""
 
 
 class Filter(NamedTuple):
-    """What one tick needs besides the equations.
+    """What one tick needs besides the equations. A machine of nx states, nh health parameters, nu inputs, ny outputs.
 
     Attributes:
         theta: (np,) the simulator's parameters, each in its unit.
-        health: (5,) positions of the health parameters in theta.
+        coordinates: the map of health.
+        health: (nh,) positions of the health parameters in theta.
+        acts: (nh,) bool: a parameter acts on the machine.
+        shows: (nh,) bool: a parameter acts on what the outputs read.
         step: (nx,) finite-difference steps of the states, in their units.
         Q: (n, n) process noise of one tick, input noise apart, in the units of z squared.
-        keep: (4,) dimensionless AR(1) factors of the noise states and the drift.
+        keep: (ny + 1,) dimensionless AR(1) factors of the noise states and the drift.
+        input_drift: (nu,) dimensionless shares of the inputs that one sd of the drift is; zero: an input has none.
+        output_drift: (ny,) likewise of the outputs.
         error_keep: dimensionless AR(1) factor of the model's slow errors.
+        period_s: from tick to tick.
         substeps: RK4 steps in a tick.
         low: (n,) lower bounds of z, in its units.
         high: (n,) upper bounds, likewise.
     """
 
     theta: Array
+    coordinates: Coordinates
     health: np.ndarray
+    acts: np.ndarray
+    shows: np.ndarray
     step: Array
     Q: Array
     keep: Array
+    input_drift: Array
+    output_drift: Array
     error_keep: float
+    period_s: float
     substeps: int
     low: Array
     high: Array
 
 
-def sensor_keep() -> Array:
-    """AR(1) factors (4,) from tick to tick: the outputs' coloured noise, the drift of the pressure sensors."""
-    return np.append(coloured_keep(), drift_keep())
+def sensor_keep(machine: Machine) -> Array:
+    """AR(1) factors (ny + 1,) from tick to tick: the outputs' coloured noise, the drift that sensors share."""
+    return np.append(coloured_keep(machine), drift_keep(machine))
+
+
+def size_of(machine: Machine, simulator: Simulator, slow_errors: bool) -> int:
+    """How many entries z has over a simulator of that machine."""
+    sensors = len(machine.outputs) + 1
+    return len(simulator.states) + len(machine.health) + sensors + slow_errors * len(machine.estimated)
+
+
+def shown(machine: Machine, simulator: Simulator) -> np.ndarray:
+    """(nh,) bool: which health parameters act on what the outputs read, states given."""
+    output = compiled(simulator).output
+    u, theta = np.array([v.nominal for v in simulator.inputs]), simulator.theta()
+    x, scale = (np.array([getattr(v, part) for v in simulator.states]) for part in ("nominal", "scale"))
+    acting = np.array([h.on_readings for h in machine.health])
+    for j, h in enumerate(machine.health):
+        moved = theta.copy()
+        moved[simulator.index(h.name)] += 0.5 * simulator.parameters[simulator.index(h.name)].scale
+        for at in (x, x + 0.5 * scale):  # a gain on a state whose nominal value is zero shows beside it
+            acting[j] |= bool((output(at, u, moved) != output(at, u, theta)).any())
+    return acting
 
 
 @njit(cache=True, error_model="numpy")
 def parameters(model, z):  # type: ignore[no-untyped-def]
-    """The simulator's parameters (np,) at the health of z, and d theta / d zeta (5,)."""
-    theta, slope = model.theta.copy(), np.empty(N_HEALTH)
-    for i in range(N_HEALTH):
-        theta[model.health[i]], slope[i] = map_one(i, z[model.step.size + i])
+    """The simulator's parameters (np,) at the health of z, and d theta / d zeta (nh,)."""
+    theta, slope = model.theta.copy(), np.empty(model.health.size)
+    for i in range(model.health.size):
+        theta[model.health[i]], slope[i] = map_one(model.coordinates, i, z[model.step.size + i])
     return theta, slope
 
 
 @njit(cache=True, error_model="numpy")
+def drift_of(model):  # type: ignore[no-untyped-def]
+    """Where the drift stands in z."""
+    return model.step.size + model.health.size + model.output_drift.size
+
+
+@njit(cache=True, error_model="numpy")
 def true_inputs(model, z, u):  # type: ignore[no-untyped-def]
-    """Inputs (4,) without the drift of the suction sensor."""
+    """Inputs (nu,) without the drift of their sensors."""
     u = u.copy()
-    u[SUCTION] /= 1.0 + PRESSURE_DRIFT_SHARE * z[model.step.size + N_HEALTH + N_NOISE]
+    for i in range(u.size):
+        if model.input_drift[i] != 0.0:
+            u[i] /= 1.0 + model.input_drift[i] * z[drift_of(model)]
     return u
 
 
@@ -85,15 +125,15 @@ def bound(model, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def move(rhs, model, z, u, theta):  # type: ignore[no-untyped-def]
-    """z (n,) one tick on under true inputs u (4,): states by equations and slow errors, the rest by its memory."""
+    """z (n,) one tick on under true inputs u (nu,): states by equations and slow errors, the rest by its memory."""
     nx = model.step.size
-    sensor, error = nx + N_HEALTH, nx + N_HEALTH + N_SENSOR
+    sensor, error = nx + model.health.size, drift_of(model) + 1
     after = z.copy()
-    after[:nx] = rk4(rhs, z[:nx].copy(), u, theta, SAMPLE_PERIOD_S, model.substeps)
+    after[:nx] = rk4(rhs, z[:nx].copy(), u, theta, model.period_s, model.substeps)
     for i in range(z.size - error):
         after[i] += z[error + i]
         after[error + i] *= model.error_keep
-    for i in range(N_SENSOR):
+    for i in range(model.keep.size):
         after[sensor + i] *= model.keep[i]
     bound(model, after)
     return after
@@ -101,70 +141,74 @@ def move(rhs, model, z, u, theta):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def linearise(rhs, model, z, u, u_sd):  # type: ignore[no-untyped-def]
-    """z (n,) one tick on, F and Q (n, n), from inputs u (4,) as read and their sd (4,)."""
+    """z (n,) one tick on, F and Q (n, n), from inputs u (nu,) as read and their sd (nu,)."""
     nx, n = model.step.size, z.size
-    sensor, error = nx + N_HEALTH, nx + N_HEALTH + N_SENSOR
+    sensor, drift = nx + model.health.size, drift_of(model)
     theta, slope = parameters(model, z)
     u = true_inputs(model, z, u)
     x = z[:nx].copy()
-    base = rk4(rhs, x, u, theta, SAMPLE_PERIOD_S, 1)
+    base = rk4(rhs, x, u, theta, model.period_s, 1)
     F = np.zeros((n, n))
     for j in range(nx):
         moved = x.copy()
         moved[j] += model.step[j]
-        F[:nx, j] = (rk4(rhs, moved, u, theta, SAMPLE_PERIOD_S, 1) - base) / model.step[j]
-    for j in range(N_HEALTH - 1):  # the sensor's bias does not act on the machine
-        shifted = theta.copy()
-        size = 1e-3 * slope[j]
-        shifted[model.health[j]] += size
-        F[:nx, nx + j] = (rk4(rhs, x, u, shifted, SAMPLE_PERIOD_S, 1) - base) / size * slope[j]
-    for j in range(N_HEALTH):
+        F[:nx, j] = (rk4(rhs, moved, u, theta, model.period_s, 1) - base) / model.step[j]
+    for j in range(model.health.size):
         F[nx + j, nx + j] = 1.0
-    for j in range(N_SENSOR):
+        if model.acts[j]:
+            shifted = theta.copy()
+            size = DIFFERENCE * slope[j]
+            shifted[model.health[j]] += size
+            F[:nx, nx + j] = (rk4(rhs, x, u, shifted, model.period_s, 1) - base) / size * slope[j]
+    for j in range(model.keep.size):
         F[sensor + j, sensor + j] = model.keep[j]
-    for j in range(n - error):
-        F[j, error + j] = 1.0
-        F[error + j, error + j] = model.error_keep
+    for j in range(n - drift - 1):
+        F[j, drift + 1 + j] = 1.0
+        F[drift + 1 + j, drift + 1 + j] = model.error_keep
     Q = model.Q.copy()
     for j in range(u.size):
         if u_sd[j] > 0.0:
             moved_u = u.copy()
             moved_u[j] += u_sd[j]
-            effect = rk4(rhs, x, moved_u, theta, SAMPLE_PERIOD_S, 1) - base
+            effect = rk4(rhs, x, moved_u, theta, model.period_s, 1) - base
             for a in range(nx):
                 for b in range(nx):
                     Q[a, b] += effect[a] * effect[b]
-            if j == SUCTION:
-                F[:nx, sensor + N_NOISE] = effect * (-PRESSURE_DRIFT_SHARE * u[j] / u_sd[j])
+            if model.input_drift[j] != 0.0:
+                F[:nx, drift] += effect * (-model.input_drift[j] * u[j] / u_sd[j])
     return move(rhs, model, z, u, theta), F, Q
 
 
 @njit(cache=True, error_model="numpy")
 def measure(output, model, z, u, measured, white_sd, coloured_sd):  # type: ignore[no-untyped-def]
-    """Innovation (3,), NaN where missing, H (3, n) and R (3, 3) for the outputs ``measured`` (3,).
+    """Innovation (ny,), NaN where missing, H (ny, n) and R (ny, ny) for the outputs ``measured`` (ny,).
 
     The function takes plain arrays because it is compiled.
     """
-    nx, n = model.step.size, z.size
-    noise, drift = nx + N_HEALTH, nx + N_HEALTH + N_NOISE
+    nx, n, ny = model.step.size, z.size, measured.size
+    noise, drift = nx + model.health.size, drift_of(model)
     theta, slope = parameters(model, z)
     u = true_inputs(model, z, u)
     x = z[:nx].copy()
     y = output(x, u, theta)
-    H = np.zeros((3, n))
+    H = np.zeros((ny, n))
     for j in range(nx):
         moved = x.copy()
         moved[j] += model.step[j]
         H[:, j] = (output(moved, u, theta) - y) / model.step[j]
-    bias = model.health[N_HEALTH - 1]
-    theta[bias] += 1.0
-    H[:, noise - 1] = (output(x, u, theta) - y) * slope[N_HEALTH - 1]
-    H[DISCHARGE, :] *= 1.0 + PRESSURE_DRIFT_SHARE * z[drift]
-    H[DISCHARGE, drift] = PRESSURE_DRIFT_SHARE * y[DISCHARGE]
+    for j in range(model.health.size):
+        if model.shows[j]:
+            shifted = theta.copy()
+            size = DIFFERENCE * slope[j]
+            shifted[model.health[j]] += size
+            H[:, nx + j] = (output(x, u, shifted) - y) / size * slope[j]
     innovation = measured - y
-    innovation[DISCHARGE] -= PRESSURE_DRIFT_SHARE * z[drift] * y[DISCHARGE]
-    R = np.zeros((3, 3))
-    for i in range(N_NOISE):
+    R = np.zeros((ny, ny))
+    for i in range(ny):
+        if model.output_drift[i] != 0.0:
+            H[i, :] *= 1.0 + model.output_drift[i] * z[drift]
+            H[i, drift] = model.output_drift[i] * y[i]
+            innovation[i] -= model.output_drift[i] * z[drift] * y[i]
         H[i, noise + i] = coloured_sd[i]
         R[i, i] = white_sd[i] ** 2
         innovation[i] -= coloured_sd[i] * z[noise + i]
@@ -190,16 +234,16 @@ def keep_doubt(model, P):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def correct_one(output, model, z, P, u, measured, white_sd, coloured_sd, out):  # type: ignore[no-untyped-def]
-    """z and P after the outputs ``measured`` (3,), the innovation, S and NIS.
+    """z and P after the outputs ``measured`` (ny,), the innovation, S and NIS.
 
     The function takes plain arrays because it is compiled.
 
     Args:
-        out: (3,) positive for outputs that are not to be believed; they have an innovation, and correct nothing.
+        out: (ny,) positive for outputs that are not to be believed; they have an innovation, and correct nothing.
     """
     innovation, H, R = measure(output, model, z, u, measured, white_sd, coloured_sd)
     used = innovation.copy()
-    for i in range(N_NOISE):
+    for i in range(used.size):
         if out[i] > 0:
             used[i] = np.nan
     z, P, S, nis = update(z, P, used, H, R, INNOVATION_CLIP_SD)
@@ -210,12 +254,12 @@ def correct_one(output, model, z, P, u, measured, white_sd, coloured_sd, out):  
 
 @njit(cache=True, error_model="numpy")
 def roll_out(rhs, output, model, z, inputs, readings):  # type: ignore[no-untyped-def]
-    """Open loop from z (B, n) over inputs (B, L + 1, 4) as read, from the present ones on; health is frozen.
+    """Open loop from z (B, n) over inputs (B, L + 1, nu) as read, from the present ones on; health is frozen.
 
     The function takes plain arrays because it is compiled.
 
     Args:
-        readings: (B, L, 3) noise-free ones, in the outputs' units, are written here.
+        readings: (B, L, ny) noise-free ones, in the outputs' units, are written here.
     """
     nx = model.step.size
     for b in range(z.shape[0]):
@@ -226,8 +270,3 @@ def roll_out(rhs, output, model, z, inputs, readings):  # type: ignore[no-untype
             at = move(rhs, model, at, u, theta)
             u = true_inputs(model, at, inputs[b, k + 1])
             readings[b, k] = output(at[:nx].copy(), u, theta)
-
-
-def size_of(machine: Any, slow_errors: bool) -> int:
-    """How many entries z has over that simulator."""
-    return len(machine.states) + N_HEALTH + N_SENSOR + (N_ERROR if slow_errors else 0)

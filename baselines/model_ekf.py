@@ -1,4 +1,4 @@
-"""An augmented extended Kalman filter over any Simulator of the compressor.
+"""An augmented extended Kalman filter over any Simulator of a machine.
 
 What z holds and how it moves is said in ``baselines.augmented_model``. The filter starts from the population of
 machines. With the exact plant it is what the oracle builds on, with the reduced-order model the nominal EKF.
@@ -13,9 +13,6 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import (
-    N_ERROR,
-    N_HEALTH,
-    N_SENSOR,
     Filter,
     bound,
     correct_one,
@@ -24,40 +21,37 @@ from twinbench.baselines.augmented_model import (
     measure,
     roll_out,
     sensor_keep,
+    shown,
     size_of,
 )
 from twinbench.baselines.filterpy_filters import ekf_predict, ekf_update
 from twinbench.baselines.slow_errors import error_keep, slow_error_sd
-from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, Info, Sample, State
 from twinbench.methods.frontend import Clean, FrontEnd, Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, linear_filter
-from twinbench.methods.noise import health_walk_var, input_sd, output_sd
+from twinbench.methods.noise import Sheet, health_walk_var, input_sd, output_sd, sheet_of
 from twinbench.methods.reporting import clean_flags, report
 from twinbench.physics.compile import compiled
-from twinbench.physics.health import ZETA_HIGH, ZETA_LOW
 from twinbench.physics.jit import as_argument
 from twinbench.physics.simulator import Simulator
 
-STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3, 0.01, 1e-4, 0.05])
-"""Process noise of the plant's states per square root of a second, before ``state_walk``."""
-LEAST_FLOW = 0.05
+EVERY_TICKS = 50
+"""Of the training states, how many apart those are that the prior is made of: neighbours say the same."""
 FARTHEST_SD = 10.0
 """Of the noise states, the drift and the slow errors: absurd readings move them no farther. Ten times as much lets the
 inputs without drift, and the states, become what the equations have no answer to."""
-NONE_OUT = np.zeros(3, np.int64)
-"""All outputs are believed."""
-
 
 @njit(cache=True, error_model="numpy")
 def _tick(rhs, output, model, z, P, started, u_before, u, u_sd, measured, white, coloured, info):  # type: ignore[no-untyped-def]
     innovation, S, nis = info
+    none_out = np.zeros(measured.shape[1], np.int64)
     for b in range(z.shape[0]):
         if started[b]:
             z[b], P[b], _ = forecast_one(rhs, model, z[b], P[b], u_before[b], u_sd[b])
         z[b], P[b], innovation[b], S[b], nis[b] = correct_one(
-            output, model, z[b], P[b], u[b], measured[b], white[b], coloured[b], NONE_OUT
+            output, model, z[b], P[b], u[b], measured[b], white[b], coloured[b], none_out
         )
         started[b] = True
 
@@ -90,7 +84,7 @@ def _tick_filterpy(
 
 
 class ModelEKF(Estimator):
-    """Base of the filters whose model is a Simulator; a subclass says which in ``machine``.
+    """Base of the filters whose model is a Simulator; a subclass says which in ``simulator``.
 
     ``slow_error`` is a multiple of what the model was found to err by for minutes; 0 leaves slow errors out.
     """
@@ -110,52 +104,66 @@ class ModelEKF(Estimator):
     }
     online = frozenset({"state_walk", "health_walk", "slow_error"})
 
-    def machine(self) -> Simulator:
-        """The model, after ``fit`` with what was calibrated."""
+    def simulator(self) -> Simulator:
+        """The model of ``machine``, after ``fit`` with what was calibrated."""
         raise NotImplementedError
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Nothing is learnt but the front end, where the states usually are, and how the model errs on validation."""
         assert train.truth is not None
-        states = train.truth.states.reshape(-1, train.truth.states.shape[-1])[::50]
+        states = train.truth.states.reshape(-1, train.truth.states.shape[-1])[::EVERY_TICKS]
         self.arrays |= {
             **FrontEnd.fit(train).arrays(),
             "prior.mean": states.mean(axis=0),
-            "prior.cov": np.cov(states.T),
-            "slow_error.sd": slow_error_sd(self.machine(), validation, self.config["substeps"]),
+            "prior.cov": np.atleast_2d(np.cov(states.T)),
+            "slow_error.sd": slow_error_sd(self.simulator(), validation, self.config["substeps"]),
         }
         self.restore()
 
     def restore(self) -> None:
         """Assemble the filter from settings and arrays."""
-        machine = self.machine()
-        self._machine = machine
-        self._front_end = FrontEnd.from_arrays(self.arrays)
-        equations = compiled(machine)
+        machine, simulator = self.machine, self.simulator()
+        self._front_end, self._sheet = FrontEnd.from_arrays(self.arrays), sheet_of(machine)
+        equations = compiled(simulator)
         self._rhs, self._output = as_argument(equations.rhs), as_argument(equations.output)
-        nx = len(machine.states)
-        scale = np.array([v.scale for v in machine.states])
-        keep, slow_keep = sensor_keep(), error_keep()
-        self._sensor, self._error = nx + N_HEALTH, nx + N_HEALTH + N_SENSOR
-        self._size = size_of(machine, self.config["slow_error"] > 0.0)
+        nx = len(simulator.states)
+        self._sensor = nx + len(machine.health)
+        self._error = self._sensor + len(machine.outputs) + 1
+        self._size = size_of(machine, simulator, self.config["slow_error"] > 0.0)
+        self._model = self._filter(simulator)
+
+    def _filter(self, simulator: Simulator) -> Filter:
+        machine, nx, (sensor, error) = self.machine, len(simulator.states), (self._sensor, self._error)
+        keep, slow_keep = sensor_keep(machine), error_keep(machine)
         Q = np.zeros(self._size)
-        Q[:nx] = (self.config["state_walk"] * STATE_WALK[:nx]) ** 2 * SAMPLE_PERIOD_S
-        Q[nx : self._sensor] = health_walk_var(self.config["health_walk"])
-        Q[self._sensor : self._error] = 1.0 - keep**2
-        Q[self._error :] = (1.0 - slow_keep**2) * self._slow_var()
-        health = np.array([machine.index(name) for name in HEALTH])
-        low, high = (np.array([getattr(v, end) for v in machine.states]) for end in ("low", "high"))
-        low[STATES.index("flow_memory")] = LEAST_FLOW
-        limit = np.concatenate([FARTHEST_SD * np.ones(N_SENSOR), FARTHEST_SD * np.sqrt(self._slow_var())])
-        bounds = np.concatenate([low, ZETA_LOW, -limit]), np.concatenate([high, ZETA_HIGH, limit])
-        self._model = Filter(
-            machine.theta(), health, 1e-4 * scale, np.diag(Q), keep, slow_keep, self.config["substeps"], *bounds
+        Q[:nx] = (self.config["state_walk"] * machine.states_walk[:nx]) ** 2 * machine.sample_period_s
+        Q[nx:sensor] = health_walk_var(machine, self.config["health_walk"])
+        Q[sensor:error] = 1.0 - keep**2
+        Q[error:] = (1.0 - slow_keep**2) * self._slow_var()
+        limit = FARTHEST_SD * np.concatenate([np.ones(error - sensor), np.sqrt(self._slow_var())])
+        (low, high), (zeta_low, zeta_high) = machine.state_bounds, machine.zeta_bounds
+        return Filter(
+            theta=simulator.theta(),
+            coordinates=machine.coordinates,
+            health=np.array([simulator.index(name) for name in machine.health_names]),
+            acts=np.array([not h.on_readings for h in machine.health]),
+            shows=shown(machine, simulator),
+            step=1e-4 * np.array([v.scale for v in simulator.states]),
+            Q=np.diag(Q),
+            keep=keep,
+            input_drift=machine.drift_shares[: len(machine.inputs)],
+            output_drift=machine.drift_shares[len(machine.inputs) :],
+            error_keep=slow_keep,
+            period_s=machine.sample_period_s,
+            substeps=self.config["substeps"],
+            low=np.concatenate([low, zeta_low, -limit]),
+            high=np.concatenate([high, zeta_high, limit]),
         )
 
     def _slow_var(self) -> Array:
         """Variance of each slow error that is in z."""
         size = self.config["slow_error"] * self.arrays["slow_error.sd"]
-        return np.square(size)[: N_ERROR if self.config["slow_error"] > 0.0 else 0]
+        return np.square(size)[: len(size) if self.config["slow_error"] > 0.0 else 0]
 
     def start(self, batch: int) -> tuple[Array, Array]:
         """z (B, n) and P (B, n, n) before the first sample: states as in training, health as in the population.
@@ -163,13 +171,13 @@ class ModelEKF(Estimator):
         Args:
             batch: how many machines, B.
         """
-        nx = len(self._model.step)
+        nx, (mean, cov) = len(self._model.step), self.machine.prior
         z = np.zeros((batch, self._size))
-        z[:, :nx], z[:, nx : self._sensor] = self.arrays["prior.mean"], PRIOR_MEAN
+        z[:, :nx], z[:, nx : self._sensor] = self.arrays["prior.mean"], mean
         P = np.zeros((batch, self._size, self._size))
         P[:, :nx, :nx] = self.arrays["prior.cov"]
-        P[:, nx : self._sensor, nx : self._sensor] = PRIOR_COV
-        P[:, self._sensor : self._error, self._sensor : self._error] = np.eye(N_SENSOR)
+        P[:, nx : self._sensor, nx : self._sensor] = cov
+        P[:, self._sensor : self._error, self._sensor : self._error] = np.eye(self._error - self._sensor)
         P[:, self._error :, self._error :] = np.diag(self._slow_var())
         return z, P
 
@@ -183,38 +191,57 @@ class ModelEKF(Estimator):
         z, P, started, *front = state.memory
         after, clean = self._front_end.step(Memory(*front), sample.measured)
         z, P, started = z.copy(), P.copy(), started.copy()
-        info = (np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z)))
+        info = self.blank_info(len(z))
         tick = _tick_filterpy if self.config["implementation"] == "filterpy" else _tick
-        tick(self._rhs, self._output, self._model, z, P, started, *filter_inputs(clean), info)
+        tick(self._rhs, self._output, self._model, z, P, started, *self.told(clean), info)
         reported = self._report(z, P, (started, *after))
-        return reported, Info(*info, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)
+        return reported, Info(*info, clean.accepted[:, len(self.machine.inputs) :], clean_flags(clean), clean.age_s)
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Run the model on with the parameters frozen; drift and slow errors fade."""
         u = np.concatenate([self.held(state), inputs], axis=1)
-        readings = np.empty((*inputs.shape[:2], 3))
+        readings = np.empty((*inputs.shape[:2], len(self.machine.outputs)))
         roll_out(self._rhs, self._output, self._model, np.ascontiguousarray(state.memory[0]), u, readings)
         return readings
 
     def held(self, state: State) -> Array:
-        """The inputs (B, 1, 4) that were last accepted, in their units."""
-        return Memory(*state.memory[-len(Memory._fields) :]).filled[:, None, : len(INPUTS)]
+        """The inputs (B, 1, nu) that were last accepted, in their units."""
+        return Memory(*state.memory[-len(Memory._fields) :]).filled[:, None, : len(self.machine.inputs)]
 
     def _report(self, z: Array, P: Array, memory: tuple[np.ndarray, ...]) -> State:
-        return report(z, P, self.reported(), (z, P, *memory))
+        return report(self.machine.coordinates, z, P, self.reported(), (z, P, *memory))
 
     def reported(self) -> np.ndarray:
-        """Positions (10,) in z of what is reported, order ESTIMATED."""
-        nx = len(self._model.step)
-        return np.r_[0 : len(STATES), nx : nx + N_HEALTH]
+        """Positions (n + nh,) in z of the machine's quantities."""
+        return np.r_[0 : len(self.machine.estimated), len(self._model.step) : self._sensor]
+
+    def told(self, clean: Clean) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """What ``filter_inputs`` gives of a tick of this machine.
+
+        Args:
+            clean: that tick after the gate.
+        """
+        return filter_inputs(self.machine, self._sheet, clean)
+
+    def blank_info(self, batch: int) -> tuple[Array, Array, Array]:
+        """Innovation (B, ny), S (B, ny, ny) and NIS (B,) to be written.
+
+        Args:
+            batch: how many machines, B.
+        """
+        ny = len(self.machine.outputs)
+        return np.empty((batch, ny)), np.empty((batch, ny, ny)), np.empty(batch)
 
 
-def filter_inputs(clean: Clean) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """What a tick reads: inputs before and now and their sd (B, 4), outputs, white and coloured sd (B, 3), in units.
+def filter_inputs(machine: Machine, sheet: Sheet, clean: Clean) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """What a tick reads: inputs before and now and their sd (B, nu), outputs, white and coloured sd (B, ny), in units.
 
     Args:
+        machine: whose tick.
+        sheet: the noise of its outputs.
         clean: a tick after the gate.
     """
-    before, now = (np.ascontiguousarray(part[:, : len(INPUTS)]) for part in (clean.before, clean.filled))
-    measured = np.where(clean.accepted, clean.filled, np.nan)[:, len(INPUTS) :].copy()
-    return before, now, input_sd(clean.filled), measured, *output_sd(clean.filled)
+    nu = len(machine.inputs)
+    before, now = (np.ascontiguousarray(part[:, :nu]) for part in (clean.before, clean.filled))
+    measured = np.where(clean.accepted, clean.filled, np.nan)[:, nu:].copy()
+    return before, now, input_sd(machine, clean.filled), measured, *output_sd(sheet, clean.filled)

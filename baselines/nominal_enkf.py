@@ -15,7 +15,7 @@ from numba import njit
 
 from twinbench.baselines.augmented_model import REST, bound, linearise
 from twinbench.baselines.nominal_filter import NominalFilter, advance, read, surprise
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, factorise
 

@@ -11,28 +11,18 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import (
-    DISCHARGE,
-    N_HEALTH,
-    N_NOISE,
-    bound,
-    move,
-    parameters,
-    true_inputs,
-)
-from twinbench.baselines.model_ekf import filter_inputs
+from twinbench.baselines.augmented_model import bound, drift_of, move, parameters, true_inputs
 from twinbench.baselines.nominal_ekf import NominalEKF
-from twinbench.data.batch import INPUTS, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Info, Sample, State
 from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import bounded, factorise
 from twinbench.methods.reporting import clean_flags
-from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
 
 @njit(cache=True, error_model="numpy")
 def advance(rhs, model, z, u):  # type: ignore[no-untyped-def]
-    """The point z (n,), put within the model's bounds in place, a tick on at its own health; inputs u (4,) as read."""
+    """The point z (n,), put within the model's bounds in place, a tick on at its own health; inputs u (nu,) as read."""
     bound(model, z)
     theta, _ = parameters(model, z)
     return move(rhs, model, z, true_inputs(model, z, u), theta)
@@ -40,13 +30,14 @@ def advance(rhs, model, z, u):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def read(output, model, z, u, coloured_sd):  # type: ignore[no-untyped-def]
-    """What the outputs (3,) read at the point z (n,) under inputs u (4,) as read, but for white noise."""
+    """What the outputs (ny,) read at the point z (n,) under inputs u (nu,) as read, but for white noise."""
     nx = model.step.size
-    noise = nx + N_HEALTH
+    noise = nx + model.health.size
     theta, _ = parameters(model, z)
     y = output(z[:nx].copy(), true_inputs(model, z, u), theta)
-    y[DISCHARGE] *= 1.0 + PRESSURE_DRIFT_SHARE * z[noise + N_NOISE]
-    for i in range(N_NOISE):
+    for i in range(y.size):
+        if model.output_drift[i] != 0.0:
+            y[i] *= 1.0 + model.output_drift[i] * z[drift_of(model)]
         y[i] += coloured_sd[i] * z[noise + i]
     return y
 
@@ -114,8 +105,8 @@ class NominalFilter(NominalEKF):
             P: (B, n, n) its covariance, in those units squared.
             started: (B,) bool, was there a tick before?
             own: every shape (B, ...), in units of its own: what ``fresh`` or the tick before gave; it is not changed.
-            told: what ``filter_inputs`` gives, (B, 4) of inputs and (B, 3) of outputs, in the channels' units.
-            info: innovation (B, 3), S (B, 3, 3) and NIS (B,), are written, in the outputs' units.
+            told: what ``filter_inputs`` gives, (B, nu) of inputs and (B, ny) of outputs, in the channels' units.
+            info: innovation (B, ny), S (B, ny, ny) and NIS (B,), are written, in the outputs' units.
         """
         raise NotImplementedError
 
@@ -130,7 +121,7 @@ class NominalFilter(NominalEKF):
         z, P, started, *own = state.memory[:cut]
         front, clean = self._front_end.step(Memory(*state.memory[cut:]), sample.measured)
         z, P = z.copy(), P.copy()
-        info = (np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z)))
-        carried = self.tick(z, P, started, tuple(own), filter_inputs(clean), info)
+        info = self.blank_info(len(z))
+        carried = self.tick(z, P, started, tuple(own), self.told(clean), info)
         reported = self._report(z, P, (np.ones_like(started), *carried, *front))
-        return reported, Info(*info, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)
+        return reported, Info(*info, clean.accepted[:, len(self.machine.inputs) :], clean_flags(clean), clean.age_s)

@@ -1,8 +1,8 @@
 """Iterated extended Kalman filter with the recalibrated nominal model (Bell and Cathey, 1993).
 
-Each correction is a Gauss-Newton search: the outputs are linearised again where the last step led. This machine's
-outputs are nearly linear in z. What bends is the scale of the temperature sensor's bias, which matters in the first
-corrections, from a wide prior. So the row says what iterating is worth here, and little can be gained.
+Each correction is a Gauss-Newton search: the outputs are linearised again where the last step led. Most machines'
+outputs are nearly linear in z. What bends is the scale of a sensor's bias, which matters in the first corrections, from
+a wide prior. So the row says what iterating is worth, and little can be gained.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import njit
 
 from twinbench.baselines.augmented_model import bound, forecast_one, keep_doubt, measure
 from twinbench.baselines.nominal_filter import NominalFilter
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, gain, joseph, predict_covariance
 

@@ -13,10 +13,9 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import N_HEALTH, correct_one, forecast_one, keep_doubt
-from twinbench.baselines.model_ekf import NONE_OUT
+from twinbench.baselines.augmented_model import correct_one, forecast_one, keep_doubt
 from twinbench.baselines.nominal_filter import NominalFilter, density, surprise
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
 from twinbench.methods.noise import health_walk_var
@@ -28,9 +27,9 @@ NEXT = np.array([[0.0, 0.7, 0.3], [0.9, 0.0, 0.1], [0.5, 0.5, 0.0]])
 """Dimensionless: which mode follows which. Ramps are commoner than leaps; what has ramped mostly stands still after."""
 
 
-def chain() -> Array:
-    """Probabilities (3, 3) of going from one mode to another in a tick."""
-    leave = SAMPLE_PERIOD_S / STAY_S[:, None]
+def chain(tick_s: float) -> Array:
+    """Probabilities (3, 3) of going from one mode to another in a tick of so many seconds."""
+    leave = np.minimum(tick_s / STAY_S[:, None], 1.0)
     return leave * NEXT + (1.0 - leave) * np.eye(len(STAY_S))
 
 
@@ -75,7 +74,9 @@ def _tick(rhs, output, models, turn, z, P, started, modes, told, info):  # type:
     before, now, u_sd, measured, white, coloured = told
     mu, zs, Ps = modes
     count = mu.shape[1]
-    innovation, S, log_density = np.empty((count, 3)), np.empty((count, 3, 3)), np.empty(count)
+    ny = measured.shape[1]
+    innovation, S, log_density = np.empty((count, ny)), np.empty((count, ny, ny)), np.empty(count)
+    none_out = np.zeros(ny, np.int64)
     for b in range(z.shape[0]):
         ahead = mu[b].copy()
         if started[b]:
@@ -84,7 +85,7 @@ def _tick(rhs, output, models, turn, z, P, started, modes, told, info):  # type:
             if started[b]:
                 zs[b, j], Ps[b, j], _ = forecast_one(rhs, models[j], zs[b, j], Ps[b, j], before[b], u_sd[b])
             zs[b, j], Ps[b, j], innovation[j], S[j], _ = correct_one(
-                output, models[j], zs[b, j], Ps[b, j], now[b], measured[b], white[b], coloured[b], NONE_OUT
+                output, models[j], zs[b, j], Ps[b, j], now[b], measured[b], white[b], coloured[b], none_out
             )
             keep_doubt(models[j], Ps[b, j])
             log_density[j] = density(innovation[j], S[j], INNOVATION_CLIP_SD)
@@ -117,15 +118,16 @@ class NominalIMM(NominalFilter):
     def restore(self) -> None:
         """As the nominal EKF, and the modes."""
         super().restore()
-        walk = health_walk_var(self.config["health_walk"])
-        leap = np.full(N_HEALTH, self.config["leap"] ** 2 * SAMPLE_PERIOD_S / STAY_S[-1])
-        at = np.arange(len(self._model.step), len(self._model.step) + N_HEALTH)
+        tick_s = self.machine.sample_period_s
+        walk = health_walk_var(self.machine, self.config["health_walk"])
+        leap = self.config["leap"] ** 2 * min(tick_s / STAY_S[-1], 1.0)
+        at = np.arange(len(self._model.step), self._sensor)
         models = []
         for var in (self.config["still"] ** 2 * walk, walk, walk + leap):
             Q = self._model.Q.copy()
             Q[at, at] = var
             models.append(self._model._replace(Q=Q))
-        self._models, self._turn = tuple(models), chain()
+        self._models, self._turn = tuple(models), chain(tick_s)
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
         """Every mode begins alike; their probabilities are those of the chain in the long run."""
@@ -162,11 +164,11 @@ class NominalIMM(NominalFilter):
             P0: (n, n) covariance before the first prediction, in the states' units squared.
         """
         count = len(STAY_S)
-        return linear_modes(F, H, np.repeat(Q[None], count, axis=0), R, x0, P0)
+        return linear_modes(F, H, np.repeat(Q[None], count, axis=0), R, x0, P0, chain(1.0))
 
 
 def linear_modes(
-    F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
+    F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array, turn: Array
 ) -> Callable[[Array], tuple[Array, Array]]:
     """These blocks on a linear-Gaussian machine whose process noise has modes, as ``methods.kalman.linear_filter``.
 
@@ -177,8 +179,9 @@ def linear_modes(
         R: (m, m) covariance of the measurement noise, in the sensors' units squared.
         x0: (n,) mean before the first prediction, each in its state's unit.
         P0: (n, n) covariance before the first prediction, in the states' units squared.
+        turn: (3, 3) probabilities of going from one mode to another in a tick.
     """
-    count, turn = len(Q), chain()
+    count = len(Q)
 
     def run(measured: Array) -> tuple[Array, Array]:
         mu = np.full(count, 1.0 / count)

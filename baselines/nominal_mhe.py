@@ -17,16 +17,14 @@ from numba import njit
 
 from twinbench.baselines.augmented_model import bound, correct_one, forecast_one, keep_doubt, linearise, measure
 from twinbench.baselines.horizon import compose, sweep
-from twinbench.baselines.model_ekf import NONE_OUT
 from twinbench.baselines.nominal_filter import NominalFilter, advance, read
-from twinbench.data.batch import INPUTS, OUTPUTS, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
 
-STAGES, STAGE_TICKS = 20, 20
-"""Stages in a window, and ticks in a stage: 20 s, thinned to 1 Hz. A longer window says more of slow health only where
-the model bends much in it, and costs time in proportion."""
-N_U, N_Y = len(INPUTS), len(OUTPUTS)
+STAGES, STAGE_S = 20, 1.0
+"""Stages in a window, and how long a stage is: 20 s, thinned to 1 Hz. A longer window says more of slow health only
+where the model bends much in it, and costs time in proportion."""
 
 
 class Window(NamedTuple):
@@ -36,9 +34,9 @@ class Window(NamedTuple):
         start: (B, n) mean of the arrival cost, in the units of z.
         P: (B, n, n) its covariance, in those units squared.
         path: (B, STAGES, n) the state at the start of each stage, as last fitted, in the units of z.
-        inputs: (B, STAGES, 8) means of each stage's inputs as read, then their sd, in their units.
-        readings: (B, STAGES, 9) means of each stage's outputs, their white variance and coloured sd, in their units.
-        sums: (B, 10) of the open stage: inputs, outputs in their units, how often each output was read.
+        inputs: (B, STAGES, 2 nu) means of each stage's inputs as read, then their sd, in their units.
+        readings: (B, STAGES, 3 ny) means of each stage's outputs, their white variance and coloured sd, in their units.
+        sums: (B, nu + 2 ny) of the open stage: inputs, outputs in their units, how often each output was read.
         filled: (B, 2) dimensionless: stages that are full, ticks of the open one.
     """
 
@@ -52,56 +50,57 @@ class Window(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _stage(rhs, output, model, z, inputs, coloured):  # type: ignore[no-untyped-def]
-    """Outcome, slope and noise of a stage from z (n,), as ``sweep`` takes them."""
-    n, size = z.size, z.size + N_Y
-    u = inputs[:N_U].copy()
-    _, F, noise = linearise(rhs, model, z, u, inputs[N_U:].copy())
+def _stage(rhs, output, model, ticks, z, inputs, coloured):  # type: ignore[no-untyped-def]
+    """Outcome, slope and noise of a stage of so many ticks from z (n,), as ``sweep`` takes them."""
+    n, nu, ny = z.size, inputs.size // 2, coloured.size
+    size = n + ny
+    u = inputs[:nu].copy()
+    _, F, noise = linearise(rhs, model, z, u, inputs[nu:].copy())
     outcome, at = np.zeros(size), z
-    for _ in range(STAGE_TICKS):
+    for _ in range(ticks):
         at = advance(rhs, model, at, u)
-        outcome[n:] += read(output, model, at, u, coloured) / STAGE_TICKS
+        outcome[n:] += read(output, model, at, u, coloured) / ticks
     outcome[:n] = at
-    _, H, _ = measure(output, model, at, u, np.zeros(N_Y), coloured, coloured)
+    _, H, _ = measure(output, model, at, u, np.zeros(ny), coloured, coloured)
     reach = np.zeros((size, n))
     reach[:n] = np.eye(n)
-    reach[n:] = H / STAGE_TICKS
+    reach[n:] = H / ticks
     tick = np.zeros((size, size))
     tick[:, :n] = reach @ F
-    tick[n:, n:] = np.eye(N_Y)
-    whole, spread = compose(tick, reach @ noise @ reach.T, STAGE_TICKS)
+    tick[n:, n:] = np.eye(ny)
+    whole, spread = compose(tick, reach @ noise @ reach.T, ticks)
     return outcome, whole[:, :n].copy(), spread
 
 
 @njit(cache=True, error_model="numpy")
-def _fit(rhs, output, model, w, b, full):  # type: ignore[no-untyped-def]
-    """Move machine b's path by a Gauss-Newton step over its ``full`` stages; as ``sweep``."""
-    n = w.start.shape[1]
-    size = n + N_Y
+def _fit(rhs, output, model, ticks, w, b, full):  # type: ignore[no-untyped-def]
+    """Move machine b's path by a Gauss-Newton step over its ``full`` stages of so many ticks; as ``sweep``."""
+    n, ny = w.start.shape[1], w.readings.shape[2] // 3
+    size = n + ny
     outcome, A, Q = np.empty((full, size)), np.empty((full, size, n)), np.empty((full, size, size))
     for i in range(full):
         bound(model, w.path[b, i])
         outcome[i], A[i], Q[i] = _stage(
-            rhs, output, model, w.path[b, i].copy(), w.inputs[b, i], w.readings[b, i, 2 * N_Y :].copy()
+            rhs, output, model, ticks, w.path[b, i].copy(), w.inputs[b, i], w.readings[b, i, 2 * ny :].copy()
         )
     readings = w.readings[b, :full]
     return sweep(
         w.start[b], w.P[b], w.path[b, :full], outcome, A, Q,
-        readings[:, :N_Y].copy(), readings[:, N_Y : 2 * N_Y].copy(), INNOVATION_CLIP_SD,
+        readings[:, :ny].copy(), readings[:, ny : 2 * ny].copy(), INNOVATION_CLIP_SD,
     )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
-def _close(w, b, u_sd, white, coloured):  # type: ignore[no-untyped-def]
+def _close(ticks, w, b, u_sd, white, coloured):  # type: ignore[no-untyped-def]
     """The open stage of machine b is full: keep its means. An output that was missing half of the time has none."""
-    i, sums = w.filled[b, 0], w.sums[b]
-    w.inputs[b, i, :N_U] = sums[:N_U] / STAGE_TICKS
-    w.inputs[b, i, N_U:] = u_sd
-    for c in range(N_Y):
-        times = sums[N_U + N_Y + c]
-        w.readings[b, i, c] = sums[N_U + c] / times if 2 * times >= STAGE_TICKS else np.nan
-        w.readings[b, i, N_Y + c] = white[c] ** 2 / max(times, 1.0)
-        w.readings[b, i, 2 * N_Y + c] = coloured[c]
+    i, sums, nu, ny = w.filled[b, 0], w.sums[b], u_sd.size, white.size
+    w.inputs[b, i, :nu] = sums[:nu] / ticks
+    w.inputs[b, i, nu:] = u_sd
+    for c in range(ny):
+        times = sums[nu + ny + c]
+        w.readings[b, i, c] = sums[nu + c] / times if 2 * times >= ticks else np.nan
+        w.readings[b, i, ny + c] = white[c] ** 2 / max(times, 1.0)
+        w.readings[b, i, 2 * ny + c] = coloured[c]
     w.sums[b] = 0.0
     w.filled[b, 0] += 1
     w.filled[b, 1] = 0
@@ -126,29 +125,31 @@ def _sound(z, covs):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-untyped-def]
+def _tick(rhs, output, model, ticks, z, P, started, w, told, info):  # type: ignore[no-untyped-def]
     before, now, u_sd, measured, white, coloured = told
+    nu, ny = before.shape[1], measured.shape[1]
+    none_out = np.zeros(ny, np.int64)
     for b in range(z.shape[0]):
         if started[b]:
             z[b], P[b], _ = forecast_one(rhs, model, z[b], P[b], before[b], u_sd[b])
         z[b], P[b], info[0][b], info[1][b], info[2][b] = correct_one(
-            output, model, z[b], P[b], now[b], measured[b], white[b], coloured[b], NONE_OUT
+            output, model, z[b], P[b], now[b], measured[b], white[b], coloured[b], none_out
         )
         keep_doubt(model, P[b])
         if not started[b]:
             w.start[b], w.P[b], w.path[b, 0] = z[b], P[b], z[b]
             continue
-        w.sums[b, :N_U] += before[b]
-        for c in range(N_Y):
+        w.sums[b, :nu] += before[b]
+        for c in range(ny):
             if not np.isnan(measured[b, c]):
-                w.sums[b, N_U + c] += measured[b, c]
-                w.sums[b, N_U + N_Y + c] += 1.0
+                w.sums[b, nu + c] += measured[b, c]
+                w.sums[b, nu + ny + c] += 1.0
         w.filled[b, 1] += 1
-        if w.filled[b, 1] < STAGE_TICKS:
+        if w.filled[b, 1] < ticks:
             continue
-        _close(w, b, u_sd[b], white[b], coloured[b])
+        _close(ticks, w, b, u_sd[b], white[b], coloured[b])
         full = w.filled[b, 0]
-        means, covs = _fit(rhs, output, model, w, b, full)
+        means, covs = _fit(rhs, output, model, ticks, w, b, full)
         if _sound(means, covs):
             z[b], P[b] = means[full], covs[full]
             bound(model, z[b])
@@ -165,12 +166,17 @@ class NominalMHE(NominalFilter):
 
     name = "nominal_mhe"
     says = "moving-horizon estimation over 20 s with the recalibrated reduced-order model"
-    window = STAGES * STAGE_TICKS
+
+    def restore(self) -> None:
+        """As the nominal EKF, and how many ticks a stage has."""
+        super().restore()
+        self._ticks = max(1, round(STAGE_S / self.machine.sample_period_s))
+        self.window = STAGES * self._ticks
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
         """An empty window of each machine."""
-        batch, n = z.shape
-        shapes = ((STAGES, n), (STAGES, 2 * N_U), (STAGES, 3 * N_Y), (N_U + 2 * N_Y,))
+        (batch, n), nu, ny = z.shape, len(self.machine.inputs), len(self.machine.outputs)
+        shapes = ((STAGES, n), (STAGES, 2 * nu), (STAGES, 3 * ny), (nu + 2 * ny,))
         return (z, P, *(np.zeros((batch, *s)) for s in shapes), np.zeros((batch, 2), np.int64))
 
     def tick(
@@ -184,7 +190,7 @@ class NominalMHE(NominalFilter):
     ) -> tuple[np.ndarray, ...]:
         """One step of the EKF; once a second, fit the window."""
         window = Window(*(part.copy() for part in own))
-        _tick(self._rhs, self._output, self._model, z, P, started, window, told, info)
+        _tick(self._rhs, self._output, self._model, self._ticks, z, P, started, window, told, info)
         return tuple(window)
 
     @staticmethod

@@ -1,6 +1,6 @@
 """Particle filter with the recalibrated nominal model (Gordon, Salmond and Smith, 1993), Rao-Blackwellised.
 
-Particles suppose the four health parameters that act on the machine, and move as these walk. Given them, the rest is
+Particles suppose the health parameters that act on the machine, and move as these walk. Given them, the rest is
 nearly linear, and an extended Kalman filter follows it whose covariance all particles share. Resampling is systematic
 and regularised. Nothing is drawn from outside: the counter of the random numbers is carried along, so that the same
 state and sample give the same answer.
@@ -11,33 +11,29 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import N_HEALTH, bound, keep_doubt, linearise, measure
+from twinbench.baselines.augmented_model import bound, keep_doubt, linearise, measure
 from twinbench.baselines.nominal_filter import NominalFilter, advance, read
 from twinbench.baselines.particles import ONE, follow, mixture, resample, reweigh, walk
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance
 
 PARTICLES = 96
 """As many as an update of a third of a millisecond allows. Fewer follow four parameters worse; twice as many cost twice
 the time."""
-N_SAMPLED = N_HEALTH - 1
-"""The temperature sensor's bias is left to the Kalman filter."""
-
 
 @njit(cache=True, error_model="numpy")
 def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-untyped-def]
     before, now, u_sd, measured, white, coloured = told
     clouds, weights, given, counter = w
-    nx = model.step.size
-    sampled = slice(nx, nx + N_SAMPLED)
+    sampled = model.step.size + np.flatnonzero(model.acts)
     sd = np.sqrt(np.diag(model.Q)[sampled])
     readings = np.empty((clouds.shape[1], measured.shape[1]))
     for b in range(z.shape[0]):
         particles, at = clouds[b], z[b]
         if started[b]:
             at, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
-            for i in range(nx, nx + N_SAMPLED):
+            for i in sampled:
                 Q[i, i] = 0.0
             given[b] = predict_covariance(given[b], F, Q)
             for k in range(len(particles)):
@@ -64,11 +60,18 @@ class NominalPF(NominalFilter):
     says = "Rao-Blackwellised particle filter with the recalibrated reduced-order model"
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
-        """Particles from the prior, alike for every machine, equal weights, the rest's covariance, the counter."""
+        """Particles from the prior, alike for every machine, equal weights, the rest's covariance, the counter.
+
+        What acts on readings alone, a bias, is left to the Kalman filter.
+
+        Args:
+            z: (B, n) mean of the prior, in the units of z.
+            P: (B, n, n) its covariance, in those units squared.
+        """
         batch = len(z)
-        sampled = slice(len(self._model.step), len(self._model.step) + N_SAMPLED)
+        sampled = len(self._model.step) + np.flatnonzero(self._model.acts)
         slope, L = follow(P[0], sampled)
-        step = np.random.default_rng(0).normal(size=(PARTICLES, N_SAMPLED)) @ np.tril(L).T
+        step = np.random.default_rng(0).normal(size=(PARTICLES, len(sampled))) @ np.tril(L).T
         given = P[0] - slope @ P[0][sampled]
         given[sampled], given[:, sampled] = 0.0, 0.0
         clouds = np.tile(z[0] + step @ slope.T, (batch, 1, 1))

@@ -15,7 +15,7 @@ from numba import njit
 from twinbench.baselines.augmented_model import bound, linearise
 from twinbench.baselines.nominal_filter import NominalFilter, advance, read
 from twinbench.baselines.unscented import correct, linear_filter, moments, sigma_points, weights
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
 

@@ -11,16 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from twinbench.baselines.augmented_model import N_HEALTH, N_NOISE, correct_one, forecast_one
-from twinbench.baselines.jump_aware import MOST_OUT_UPDATES, watch
+from twinbench.baselines.augmented_model import correct_one, forecast_one
+from twinbench.baselines.jump_aware import watch
 from twinbench.baselines.oracle import Oracle
-from twinbench.data.batch import INPUTS, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import State, register
 from twinbench.methods.kalman import cholesky_solve, symmetrise
 from twinbench.methods.noise import input_sd, output_sd
 from twinbench.methods.reporting import report
 from twinbench.methods.shifts import LIMIT_SD, N_SUMS
-from twinbench.methods.weighing import FAILS, LEAP
+from twinbench.methods.weighing import LEAP
 
 NO_CAUSE = -1
 
@@ -45,11 +45,11 @@ class Pass(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _began(sums, since, k):  # type: ignore[no-untyped-def]
-    """Note in ``since`` (2, 2, 3) when each sum was last zero. Returns when the one began that is nearest its limit."""
+    """Note in ``since`` (2, 2, ny) when each sum was last zero. Returns when the one began that is nearest its limit."""
     first, most = k, 0.0
     for i in range(N_SUMS):
         for side in range(2):
-            for c in range(N_NOISE):
+            for c in range(sums.shape[2]):
                 if sums[i, side, c] == 0.0:
                     since[i, side, c] = k
                 elif sums[i, side, c] / LIMIT_SD[i] > most:
@@ -58,7 +58,7 @@ def _began(sums, since, k):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def find_leaps(rhs, output, model, leaps, z, P, started, jumps, read, cause, out, info):  # type: ignore[no-untyped-def]
+def find_leaps(rhs, output, model, rules, z, P, started, jumps, read, cause, out, info):  # type: ignore[no-untyped-def]
     """Run the jump-aware filter over one machine's ticks; write what leapt when it began, and which outputs were out.
 
     The function takes plain arrays because it is compiled.
@@ -66,21 +66,21 @@ def find_leaps(rhs, output, model, leaps, z, P, started, jumps, read, cause, out
     Args:
         read: u_before, u, u_sd, measured, white and coloured sd, each (N, 1, ...).
         cause: (N,) of ``methods.weighing``, or NO_CAUSE.
-        out: (N, 3) is 1 where an output is not believed.
+        out: (N, ny) is 1 where an output is not believed.
     """
     u_before, u, u_sd, measured, white, coloured = read
-    since, began = np.zeros((N_SUMS, 2, N_NOISE), np.int64), 0
+    since, began = np.zeros(jumps.sums.shape[1:], np.int64), 0
     for k in range(cause.size):
         weighed = jumps.left[0, 0] > 0
         suspect = _began(jumps.sums[0], since, k)
         now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
-        decided = watch(rhs, output, model, leaps, z, P, started, jumps, 0, now, info)
+        decided = watch(rhs, output, model, rules, z, P, started, jumps, 0, now, info)
         if jumps.left[0, 0] > 0 and not weighed:
             began = suspect
-        if LEAP <= decided < LEAP + N_HEALTH:
+        if LEAP <= decided < LEAP + rules.leaps:
             cause[began] = decided
-        for c in range(N_NOISE):
-            if decided >= FAILS and jumps.out[0, c] >= MOST_OUT_UPDATES - 1:
+        for c in range(out.shape[1]):
+            if decided >= LEAP + rules.leaps and jumps.out[0, c] >= rules.most_out - 1:
                 out[began : k + 1, c] = 1
             if jumps.out[0, c] > 0:
                 out[k, c] = 1
@@ -143,7 +143,7 @@ class OracleSmoother(Oracle):
         """What a whole recording says about some of its ticks; machines are not in lockstep here, B x K stand in a row.
 
         Args:
-            measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+            measured: (B, N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
             ticks: (K,) positions in the recordings.
 
         Returns:
@@ -156,26 +156,26 @@ class OracleSmoother(Oracle):
             kept = self._smoothed(filled[b], accepted[b], later[b])
             z.append(kept.z[ticks])
             P.append(kept.P[ticks])
-        return report(np.concatenate(z), np.concatenate(P), self.reported(), ())
+        return report(self.machine.coordinates, np.concatenate(z), np.concatenate(P), self.reported(), ())
 
     def _smoothed(self, filled: Array, accepted: np.ndarray, later: Array) -> Pass:
-        """Both passes over one machine's readings (N, 7): as accepted, and as known one tick later."""
-        inputs, outputs = slice(0, len(INPUTS)), slice(len(INPUTS), None)
+        """Both passes over one machine's readings (N, nu + ny): as accepted, and as known one tick later."""
+        inputs, outputs = slice(0, len(self.machine.inputs)), slice(len(self.machine.inputs), None)
         before = np.concatenate([later[:1], later[:-1]])
         measured = np.where(accepted, filled, np.nan)[:, outputs]
-        parts = before[:, inputs], filled[:, inputs], input_sd(filled), measured, *output_sd(filled)
+        parts = before[:, inputs], filled[:, inputs], input_sd(self.machine, filled), measured, *output_sd(self._sheet, filled)
         read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
         samples, n = len(filled), self._size
-        cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, N_NOISE), np.int64)
-        info = (np.empty((1, 3)), np.empty((1, 3, 3)), np.empty(1))
+        cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, measured.shape[1]), np.int64)
+        info = self.blank_info(1)
         z, P = self.start(1)
         equations = self._rhs, self._output, self._model
-        find_leaps(*equations, self.leaps, z, P, np.zeros(1, np.bool_), self.unshaken(1), read, cause, out, info)
+        find_leaps(*equations, self.rules, z, P, np.zeros(1, np.bool_), self.unshaken(1), read, cause, out, info)
         square = (samples, n, n)
         kept = Pass(
             np.empty((samples, n)), np.empty(square), np.empty((samples, n)), np.empty(square), np.zeros(square)
         )
         z, P = self.start(1)
-        forward(*equations, self.leaps[0], z[0], P[0], read, cause, out, kept)
+        forward(*equations, self.rules.leap, z[0], P[0], read, cause, out, kept)
         backward(kept)
         return kept

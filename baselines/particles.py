@@ -55,22 +55,25 @@ def mixture(particles, weights, P):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def follow(cov, sampled):  # type: ignore[no-untyped-def]
-    """How far all states go (n, d) where the sampled ones, a slice of d, go by one, and the factor (d, d) of these."""
-    L = cov[sampled, sampled].copy()
+    """How far all states go (n, d) where the sampled ones, at positions (d,), go by one, and the factor (d, d) of these."""
+    L = cov[sampled][:, sampled].copy()
     for i in range(len(L)):
         L[i, i] *= 1.0 + TINY
-    slope = cholesky_solve(L, cov[sampled].copy()).T.copy()
+    slope = cholesky_solve(L, cov[sampled]).T.copy()
     factorise(L, len(L))
     return slope, L
 
 
 @njit(cache=True, error_model="numpy")
 def walk(particles, sampled, sd, counter):  # type: ignore[no-untyped-def]
-    """Move the sampled states of particles (N, n), in place, by normal steps of ``sd`` (d,); the counter after that."""
+    """Move the sampled states of particles (N, n), in place, by normal steps of ``sd`` (d,); the counter after that.
+
+    The function takes plain arrays because it is compiled.
+    """
     at = np.uint64(counter)
     for k in range(particles.shape[0]):
         for j in range(sd.size):
-            particles[k, sampled.start + j] += sd[j] * normal(at)
+            particles[k, sampled[j]] += sd[j] * normal(at)
             at += ONE + ONE
     return at
 
@@ -153,8 +156,8 @@ def resample(particles, weights, sampled, counter):  # type: ignore[no-untyped-d
             drawn[j] = normal(number)
             number += ONE + ONE
         for i in range(d):
-            here = old[at, sampled.start + i]
-            step[i] = (shrink - 1.0) * (here - mean[sampled.start + i])
+            here = old[at, sampled[i]]
+            step[i] = (shrink - 1.0) * (here - mean[sampled[i]])
             for j in range(i + 1):
                 step[i] += width * L[i, j] * drawn[j]
         for j in range(n):

@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 from twinbench.physics.integrate import Varying, advance
 from twinbench.physics.simulator import Simulator
 
@@ -24,17 +25,17 @@ ERROR_TAU_S = 600.0
 to take up what the model gets wrong, and slower for the errors to follow a change of load."""
 
 
-def error_keep() -> float:
+def error_keep(machine: Machine) -> float:
     """AR(1) factor of the slow errors from tick to tick."""
-    return float(np.exp(-SAMPLE_PERIOD_S / ERROR_TAU_S))
+    return float(np.exp(-machine.sample_period_s / ERROR_TAU_S))
 
 
 Beyond = Callable[[Array, Array, Array], Array]
-"""Of states (M, nx), inputs (M, 4) and health (M, 5) in their units: what is added to a tick's states (M, 5)."""
+"""Of states (M, nx), inputs (M, nu) and health (M, nh) in their units: what is added to a tick's estimated states (M, n)."""
 
 
 def slow_error_sd(simulator: Simulator, batch: Batch, substeps: int = 1, beyond: Beyond | None = None) -> Array:
-    """Root mean square (5,) of the one-minute means of a model's error in a tick, in the states' units, order STATES.
+    """Root mean square (n,) of the one-minute means of a model's error in a tick, of the estimated states in their units.
 
     Args:
         simulator: the model; its states are the plant's.
@@ -43,14 +44,15 @@ def slow_error_sd(simulator: Simulator, batch: Batch, substeps: int = 1, beyond:
         beyond: what the model has beside the simulator.
     """
     assert batch.truth is not None
-    truth, n = batch.truth, len(STATES)
-    every, per_minute = round(EVERY_S / SAMPLE_PERIOD_S), round(MEAN_OVER_S / EVERY_S)
+    machine, truth, n = batch.machine, batch.truth, len(batch.machine.estimated)
+    every = max(1, round(EVERY_S / machine.sample_period_s))
+    per_minute = max(1, round(MEAN_OVER_S / (every * machine.sample_period_s)))
     ticks = np.arange(0, truth.states.shape[1] - 1, every)
     means = []
     for b in range(len(batch)):
-        health = Varying(HEALTH, truth.health[b, ticks])
-        x, u = truth.states[b, ticks, : len(simulator.states)], truth.inputs[b, ticks, : len(INPUTS)]
-        after = advance(simulator, x, u, SAMPLE_PERIOD_S, substeps, health)
+        health = Varying(machine.health_names, truth.health[b, ticks])
+        x, u = truth.states[b, ticks, : len(simulator.states)], truth.inputs[b, ticks]
+        after = advance(simulator, x, u, machine.sample_period_s, substeps, health)
         error = truth.states[b, ticks + 1, :n] - after[:, :n]
         if beyond is not None:
             error -= beyond(x, u, health.values)

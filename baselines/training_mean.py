@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from twinbench.data.batch import ESTIMATED, OUTPUTS, Array, Batch
+from twinbench.baselines.always_prior import flat
+from twinbench.data.batch import Array, Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State, no_info, register
 
 CENTRAL_95 = (0.025, 0.975)
@@ -26,7 +27,8 @@ class TrainingMean(Estimator):
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Means, covariance and quantiles of states and health, means of the readings."""
         assert train.truth is not None
-        true = train.truth.estimated.reshape(-1, len(ESTIMATED))
+        states = flat(train.truth.states)[:, : len(self.machine.estimated)]
+        true = np.hstack([states, flat(train.truth.health)])
         low, high = np.quantile(true, CENTRAL_95, axis=0)
         mean = true.mean(axis=0)
         self.arrays = {
@@ -35,7 +37,7 @@ class TrainingMean(Estimator):
             # Of a lopsided quantity the mean may lie beyond a quantile.
             "low": np.minimum(low, mean),
             "high": np.maximum(high, mean),
-            "outputs.mean": train.truth.outputs.reshape(-1, len(OUTPUTS)).mean(axis=0),
+            "outputs.mean": flat(train.truth.outputs).mean(axis=0),
         }
 
     def init(self, batch: int) -> State:
@@ -47,7 +49,7 @@ class TrainingMean(Estimator):
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """As before."""
-        return state, no_info(len(state.mean))
+        return state, no_info(len(state.mean), self.machine)
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """The mean readings of the training recordings, whatever the inputs."""

@@ -121,7 +121,7 @@ class Estimator(ABC):
     toy_filter: ClassVar[Callable[..., Callable[[Array], tuple[Array, Array]]] | None] = None
     """Where the method reduces to a Kalman filter: its own blocks on a linear-Gaussian machine, as
     ``methods.kalman.linear_filter``; the contract battery holds them to the textbook."""
-    window: ClassVar[int] = 1
+    window: int = 1
     """Samples of history that one update looks at."""
     two_sided: ClassVar[bool] = False
     """Does it know better afterwards? Then tables hold what ``smooth`` says, and its updates are not timed."""

@@ -7,34 +7,60 @@ same mean and covariance (Blom and Bar-Shalom, IEEE Trans. Autom. Control 33, 19
 without the outputs that fail under the likeliest cause.
 
 A filter that takes part copies itself once for every cause, calls ``leap`` on the copies whose health leaps, leaves out
-the output that fails in others, and adds ``log_likelihood`` of every update to the cause's score, which begins at
-``LOG_PRIOR``.
+the output that fails in others, and adds ``log_likelihood`` of every update to the cause's score, which begins at its
+``log_prior``.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import HEALTH, OUTPUTS
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 from twinbench.methods.kalman import factorise
 
-FAILING = (OUTPUTS.index("p_dis_bar"), OUTPUTS.index("m_flow_kg_s"))
-"""Outputs that may fail. Not the temperature: what its sensor does is its bias, which is a health parameter."""
 NOTHING, LEAP = 0, 1
-BACK = LEAP + len(HEALTH)
-FAILS = BACK + 1
-N_CAUSES = FAILS + len(FAILING)
-"""Where causes stand: nothing; a health parameter leapt, one each; health went back; an output fails, one each."""
+"""Where the first causes stand: nothing happened; a health parameter leapt, one each from here on."""
 NOTHING_SHARE = 0.5
 """Prior probability that nothing happened; the others share the rest alike. A thousand times more or less of it moves a
 score by seven, which is what one or two readings that are clearly off say."""
-LOG_PRIOR = np.log(np.where(np.arange(N_CAUSES) == NOTHING, NOTHING_SHARE, (1.0 - NOTHING_SHARE) / (N_CAUSES - 1)))
 MOST_SURPRISE = 16.0
 """Bound on the NIS of one update: three readings reach it by chance once in a thousand. More lets an outlier decide."""
 FAILS_SD = 30.0
 """An output that fails reads anything within so many sd. More makes failures less likely: twice as much costs the score
 .7 in every update."""
+
+
+class Causes(NamedTuple):
+    """What may make a machine's readings step, as compiled code takes it, too.
+
+    Attributes:
+        back: where it stands that health went back; the nh leaps stand before it.
+        fails: where the failures of outputs stand, one each, from here on.
+        count: how many causes there are.
+        failing: (count - fails,) positions of the outputs that may fail. One whose bias is a health parameter does not:
+            what its sensor does is that bias.
+        log_prior: (count,) dimensionless log probabilities of the causes.
+    """
+
+    back: int
+    fails: int
+    count: int
+    failing: np.ndarray
+    log_prior: Array
+
+
+def causes_of(machine: Machine) -> Causes:
+    """The causes of a machine, in this order: nothing, a leap each, health went back, a failure each."""
+    failing = np.flatnonzero([not reading.bias for reading in machine.readings])
+    back = LEAP + len(machine.health)
+    count = back + 1 + len(failing)
+    prior = np.full(count, (1.0 - NOTHING_SHARE) / (count - 1))
+    prior[NOTHING] = NOTHING_SHARE
+    return Causes(back, back + 1, count, failing, np.log(prior))
 
 
 @njit(cache=True, error_model="numpy")

@@ -36,13 +36,13 @@ FIRST_SAMPLES = 2400
 
 def _part(store: Store, cell: Cell, evaluation: Evaluation, sequences: list[int], samples: int | None) -> None:
     pin_torch()
-    batch = load_split(store, cell.data).test.select(sequences, slice(samples)).without_truth()
+    batch = load_split(store, cell).test.select(sequences, slice(samples)).without_truth()
     evaluate(load_fit(store, cell), batch, evaluation, cell.seed)
 
 
 def measure(store: Store, cells: list[Cell], evaluation: Evaluation) -> pd.DataFrame:
     """Columns estimator, recordings, samples, wall_s."""
-    count, samples = load_split(store, cells[0].data).test.measured.shape[:2]
+    count, samples = load_split(store, cells[0]).test.measured.shape[:2]
     jobs = min(cores(), count)
     shares = [share.tolist() for share in np.array_split(np.arange(count), jobs)]
     rows = []

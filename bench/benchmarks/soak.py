@@ -170,7 +170,7 @@ def main() -> None:
     store, (cell,) = trained_cells(Training(a.profile, a.results), [PROPOSED])
     twin = load_fit(store, cell)
     assert isinstance(twin, DeepONetKalman)
-    found = run(twin, load_split(store, cell.data).test.measured, a.updates, seed=5)
+    found = run(twin, load_split(store, cell).test.measured, a.updates, seed=5)
     write_text(a.out / "soak.json", json.dumps(found | {"provenance": provenance()}, indent=2) + "\n")
     print((a.out / "soak.json").read_text())
 

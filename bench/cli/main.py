@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 from twinbench.bench.cli import (
     check,
+    compare,
     complete,
     estimate,
     export,
@@ -34,6 +35,7 @@ COMMANDS = {
     "tune": tune,
     "simulate": simulate,
     "estimate": estimate,
+    "compare": compare,
     "export": export,
     "mismatch": mismatch,
     "prove": prove,
@@ -42,7 +44,7 @@ COMMANDS = {
     "latency": latency,
     "completion": complete,
 }
-PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check")
+PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
 EPILOG = """examples:
   twinbench run --profile quick                    every estimator, in minutes
   twinbench run --only oracle nominal_ekf          two of them

@@ -130,7 +130,7 @@ class References:
     def __init__(self, store: Store, cell: Cell, estimator: Estimator) -> None:
         self.store, self.cell, self.estimator, self.machine = store, cell, estimator, estimator.machine
         self.every_tick: Manner = (1,) * len(self.machine.channels)  # as the estimators are trained
-        split = cells.load_split(store, cell.data)
+        split = cells.load_split(store, cell)
         self.validation, self.envelope = split.validation, Envelope.of(split.train)
 
     def of(self, manner: Manner) -> Reference:

@@ -47,7 +47,7 @@ def weights_kB(estimator: Estimator) -> float:
 
 def recording(store: Store, todo: list[Cell]) -> Array:
     """Readings (N, 7) of the first test recording, NaN where missing."""
-    return np.ascontiguousarray(cells.load_split(store, todo[0].data).test.measured[0])
+    return np.ascontiguousarray(cells.load_split(store, todo[0]).test.measured[0])
 
 
 def samples(readings: Array) -> list[Sample]:

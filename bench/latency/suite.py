@@ -96,7 +96,7 @@ def _measure(store: Store, todo: list[Cell], counts: Counts, console: Console) -
     """All that is timed, on one core, and then the memory; and who failed."""
     pin_torch()
     readings = recording(store, todo)
-    filled = FrontEnd.fit(cells.load_split(store, todo[0].data).train).run(readings[None])[0][0]
+    filled = FrontEnd.fit(cells.load_split(store, todo[0]).train).run(readings[None])[0][0]
     proposed = _proposed(store, todo)
     took, parts = {}, {}
     with Progress(console) as progress, one_core() as core:
