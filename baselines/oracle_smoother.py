@@ -163,7 +163,13 @@ class OracleSmoother(Oracle):
         inputs, outputs = slice(0, len(self.machine.inputs)), slice(len(self.machine.inputs), None)
         before = np.concatenate([later[:1], later[:-1]])
         measured = np.where(accepted, filled, np.nan)[:, outputs]
-        parts = before[:, inputs], filled[:, inputs], input_sd(self.machine, filled), measured, *output_sd(self._sheet, filled)
+        parts = (
+            before[:, inputs],
+            filled[:, inputs],
+            input_sd(self.machine, filled),
+            measured,
+            *output_sd(self._sheet, filled),
+        )
         read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
         samples, n = len(filled), self._size
         cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, measured.shape[1]), np.int64)

@@ -8,7 +8,7 @@ from pathlib import Path
 from twinbench.bench.cli.output import tell
 from twinbench.bench.cli.parser import add_machine, add_map, add_recordings, add_training
 
-ESTIMATE = """columns of the compressor, a reading each 0.05 s (20 Hz, as in training), an empty cell where it is missing:
+ESTIMATE = """columns of the compressor, one reading each 0.05 s (20 Hz, as in training), a cell empty where missing:
   time_s       s      time, increasing
   p_suc_bar    bar    suction pressure, absolute
   T_suc_K      K      suction temperature
@@ -39,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the estimates and their figures"
     )
-    add_machine(parser)
+    add_machine(parser, default="")
     add_training(parser)
     add_map(parser)
     parser.add_argument(
@@ -50,9 +50,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from twinbench.bench.estimate.apply import Training, apply
-    from twinbench.machines.load import load_machine
 
-    where = Training(a.profile, a.results, load_machine(a.machine))
+    where = Training(a.profile, a.results, a.machine)
     summaries = apply(a.estimator, a.recordings, a.out, where, a.map, a.force)
     if a.json:
         tell(a, summaries)

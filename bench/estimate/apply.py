@@ -20,7 +20,7 @@ from twinbench.bench.estimate.sampling import joined, manner_of
 from twinbench.bench.estimate.witness import watch
 from twinbench.bench.estimate.words import told
 from twinbench.bench.estimates import Estimates
-from twinbench.bench.profile import Profile, flattened, load_profile
+from twinbench.bench.profile import Profile, flattened, folder_of, profile_on
 from twinbench.bench.registry import discover, find
 from twinbench.bench.results import load_results
 from twinbench.bench.roster import label, ordered
@@ -31,7 +31,7 @@ from twinbench.common.threads import pin_torch
 from twinbench.common.versions import code_version
 from twinbench.data.recording import Recording, check_overlap, read_recording
 from twinbench.data.units import limits_of, units_of
-from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.load import load_machine
 from twinbench.machines.machine import Machine
 
 SHORTEST_S = 10.0
@@ -46,12 +46,12 @@ class Training:
     Attributes:
         profile: name or path of the profile.
         results: the run's folder; None: where ``twinbench run`` puts it.
-        machine: for which machine.
+        machine: its name, or the path of the file it comes from; empty: the profile's own.
     """
 
     profile: str
     results: Path | None = None
-    machine: Machine = COMPRESSOR
+    machine: str = ""
 
 
 def trained_cells(where: Training, names: Sequence[str]) -> tuple[Store, list[Cell]]:
@@ -60,10 +60,12 @@ def trained_cells(where: Training, names: Sequence[str]) -> tuple[Store, list[Ce
     Raises:
         BadInput: one is not trained in that run, or none is.
     """
-    profile = load_profile(where.profile)
-    results = where.results or Path("results") / profile.name
+    profile = profile_on(where.profile, where.machine)
+    results = where.results or folder_of(profile, where.machine)
+    named = f" --machine {where.machine}" if where.machine else ""
     store = Store(results / "store")
     found = []
+    load_machine(profile.machine)  # refuses what is none
     for name in names or ordered(discover()):
         cell = cells.make_cell(name, profile.seeds[0], profile)
         if store.has("fit", cell.fit):
@@ -72,12 +74,12 @@ def trained_cells(where: Training, names: Sequence[str]) -> tuple[Store, list[Ce
             raise BadInput(
                 f"{name} is not trained in {results} with this code and profile {profile.name!r}"
                 f"{_what_differs(results, name, profile)}; "
-                f"train it with: twinbench run --profile {where.profile} --only {name} --out {results}"
+                f"train it with: twinbench run --profile {where.profile}{named} --only {name} --out {results}"
             )
     if not found:
         raise BadInput(
             f"nothing is trained in {results} with this code and profile {profile.name!r}; "
-            f"train with: twinbench run --profile {where.profile} --out {results}"
+            f"train with: twinbench run --profile {where.profile}{named} --out {results}"
         )
     return store, found
 
@@ -90,7 +92,9 @@ def _what_differs(results: Path, name: str, profile: Profile) -> str:
         return ""
     kind = find(name)
     now, then = (flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
-    trained = [key for key in now if key.startswith(("seeds", "data.", "corruption.", f"settings.{kind.name}."))]
+    trained = [
+        key for key in now if key.startswith(("machine", "seeds", "data.", "corruption.", f"settings.{kind.name}."))
+    ]
     for key in trained:
         if then.get(key) != now[key]:
             return f" (there {key} was {then.get(key)}, now it is {now[key]})"
@@ -129,7 +133,8 @@ def apply(
         One summary per recording: what the estimate rests on, whether it is ``usable``, where it ended, with 95 %
         intervals, and in words.
     """
-    recordings = _read(paths, mapping, where.machine)
+    profile = profile_on(where.profile, where.machine)
+    recordings = _read(paths, mapping, load_machine(profile.machine))
     store, (cell,) = trained_cells(where, [name])
     pin_torch()
     references = References(store, cell, cells.load_fit(store, cell))
