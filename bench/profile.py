@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from twinbench.common.errors import BadInput
+from twinbench.common.filespec import split_spec
 from twinbench.common.toml_file import read_toml
 from twinbench.data.benchmark import DesignConfig
 from twinbench.data.corrupt import Corruption
@@ -98,6 +99,18 @@ def profile_on(name: str, machine: str) -> Profile:
     """
     profile = load_profile(name)
     return dataclasses.replace(profile, machine=machine) if machine else profile
+
+
+def folder_of(profile: Profile, machine: str) -> Path:
+    """Where a run goes unless it is told: ``results/<profile>``, and the machine if one was named.
+
+    Args:
+        profile: of the run.
+        machine: its name, or the path of the file it comes from; empty: none was named.
+    """
+    file, name = split_spec(machine)
+    called = name.lower() or Path(file).stem if file else machine.rpartition(":")[2].lower()
+    return Path("results") / (f"{profile.name}_{called}" if machine else profile.name)
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

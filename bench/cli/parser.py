@@ -7,8 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-from twinbench.common.filespec import split_spec
-
 SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
 MACHINE_HELP = "compressor, two_tanks, motor, path/to/file.py[:NAME], or package.module:NAME (default: compressor)"
 VERBOSE_HELP = "report progress in detail on stderr; give it twice for more"
@@ -21,19 +19,13 @@ def add_training(parser: argparse.ArgumentParser) -> None:
         "--results",
         type=Path,
         metavar="DIR",
-        help="use what the run in this folder trained (default: results/<profile>)",
+        help="use what the run in this folder trained (default: results/<profile>, and the machine)",
     )
 
 
 def add_machine(parser: argparse.ArgumentParser, default: str = "compressor") -> None:
     """Of which machine: ``--machine``. With an empty default a profile may say it."""
     parser.add_argument("--machine", default=default, metavar="MACHINE", help=MACHINE_HELP)
-
-
-def named(machine: str) -> str:
-    """What folders call a machine: its name, or that of its file."""
-    file, name = split_spec(machine)
-    return name.lower() or Path(file).stem if file else machine
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, failed_cells, rows_of, tell
-from twinbench.bench.cli.parser import add_machine, named
+from twinbench.bench.cli.parser import add_machine
 
 SAYS = "run the benchmark: simulate, train, evaluate, compare, report"
 EXAMPLE = "twinbench run --only oracle gru_kf"
@@ -56,12 +56,12 @@ def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from shutil import get_terminal_size
 
-    from twinbench.bench.profile import profile_on
+    from twinbench.bench.profile import folder_of, profile_on
     from twinbench.bench.report.table_formats import to_text
     from twinbench.bench.runner import Backend, Wanted, run
 
     profile = profile_on(a.profile, a.machine)
-    out = a.out or Path("results") / (f"{profile.name}_{named(a.machine)}" if a.machine else profile.name)
+    out = a.out or folder_of(profile, a.machine)
     command = command_line()
     wanted = Wanted(tuple(a.only), a.ablations, a.robustness, a.resume)
     finished = run(profile, out, wanted, Backend(a.backend, a.scheduler), command)
