@@ -15,7 +15,9 @@ from twinbench.bench.roster import TRIVIAL
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, key_of, write_csv
 from twinbench.common.threads import pin_torch
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.coordinates import Array
+from twinbench.machines.load import machine_at
 from twinbench.methods.estimator import Estimator, Sample
 
 MODE = "back_to_back"
@@ -46,28 +48,29 @@ def weights_kB(estimator: Estimator) -> float:
 
 
 def recording(store: Store, todo: list[Cell]) -> Array:
-    """Readings (N, 7) of the first test recording, NaN where missing."""
+    """Readings (N, nu + ny) of the first test recording, NaN where missing."""
     return np.ascontiguousarray(cells.load_split(store, todo[0]).test.measured[0])
 
 
-def samples(readings: Array) -> list[Sample]:
+def samples(readings: Array, period_s: float = COMPRESSOR.sample_period_s) -> list[Sample]:
     """One machine's ticks.
 
     Args:
-        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        readings: (N, nu + ny) in the channels' units, inputs first; NaN means missing.
+        period_s: from tick to tick.
     """
-    return [Sample(SAMPLE_PERIOD_S * k, row[None]) for k, row in enumerate(readings)]
+    return [Sample(period_s * k, row[None]) for k, row in enumerate(readings)]
 
 
 def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name, tuple[Timed, Stepped]], list[Outcome]]:
     """Warm runners of every implementation, and who fails before it is warm; the trivial rows do nothing worth timing.
 
     Args:
-        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        readings: (N, nu + ny) in the channels' units, inputs first; NaN means missing.
     """
     ready: dict[Name, tuple[Timed, Stepped]] = {}
     failed = []
-    ticks = samples(readings)
+    ticks = samples(readings, machine_at(todo[0].machine).sample_period_s) if todo else []
     for cell in (c for c in todo if c.estimator not in TRIVIAL):
         kind = find(cell.spec)
         for implementation in () if kind.two_sided else kind.implementations:
