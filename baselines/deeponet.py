@@ -51,7 +51,7 @@ def network_of(widths: dict[str, int]) -> Any:
             super().__init__()
             slow = features.width(len(CHANNELS)) - len(CHANNELS)
             latents, trunk = widths["latents"], widths["trunk"]
-            self.branch = Branch(widths["width_1"], widths["width_2"], 32, latents, slow)
+            self.branch = Branch(widths["width_1"], widths["width_2"], 32, latents, slow, len(CHANNELS))
             self.hidden_1 = nn.Linear(N_QUERY, trunk)
             self.hidden_2 = nn.Linear(trunk, latents)
             self.out = nn.Linear(latents, SIZE)
