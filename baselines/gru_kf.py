@@ -62,11 +62,8 @@ class GRUKalman(Estimator):
 
     def __init__(self, machine: Machine = COMPRESSOR, **settings: Any) -> None:
         super().__init__(machine, **settings)
-        self._layout, self._ticks, self._kept = (
-            layout_of(machine, as_read=True),
-            ticks_per_step(machine),
-            features.keep_of(machine),
-        )
+        self._layout = layout_of(machine, as_read=True)
+        self._ticks, self._kept = ticks_per_step(machine), features.keep_of(machine)
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train on the training sequences and their re-simulations; learn the error from validation."""

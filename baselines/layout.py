@@ -26,7 +26,8 @@ class Layout:
         biases: (ny, nh) bool: health that is added to a reading.
         shift: (m, nh) health that is part of a state of z, in its unit per unit of the parameter; zero unless z holds
             what biased sensors see.
-        seen: (size,) bool: what an output reads, what a lag that is read follows, and what moves alike.
+        through: (ny, m) bool: what an output reads, and what that follows as its lag.
+        seen: (size,) bool: any of that, and what moves alike.
         least: (m,) lowest values of the states, in their units.
     """
 
@@ -36,6 +37,7 @@ class Layout:
     gains: Array
     biases: np.ndarray
     shift: Array
+    through: np.ndarray
     seen: np.ndarray
     least: Array
 
@@ -133,16 +135,15 @@ def layout_of(machine: Machine, as_read: bool = False) -> Layout:
     lags = [lag.state for lag in machine.lags if lag.state in used or lag.follows in estimated]
     names = [*estimated, *lags]
     gains, biases = np.zeros((len(machine.readings), len(names))), np.zeros((len(machine.readings), len(health)), bool)
-    shift, seen = np.zeros((len(names), len(health))), set()
+    shift, through = np.zeros((len(names), len(health))), np.zeros(gains.shape, bool)
     for i, r in enumerate(machine.readings):
         gains[i, names.index(r.state)] = r.gain
-        through = [name for name in (r.state, follows.get(r.state)) if name in names]
-        seen |= set(through)
+        through[i] = [name in (r.state, follows.get(r.state)) for name in names]
         if r.bias:
             biases[i, health.index(r.bias)] = True
-            for name in through:
-                if as_read and not shift[names.index(name)].any():
-                    shift[names.index(name), health.index(r.bias)] = 1.0 / r.gain
+            fresh = as_read & through[i] & ~shift.any(axis=1)
+            shift[fresh, health.index(r.bias)] = 1.0 / r.gain
+    seen = {name for i, name in enumerate(names) if through[:, i].any()}
     for group in machine.alike:
         seen |= set(group) if seen & set(group) else set()
     return Layout(
@@ -152,6 +153,7 @@ def layout_of(machine: Machine, as_read: bool = False) -> Layout:
         gains=gains,
         biases=biases,
         shift=shift,
+        through=through,
         seen=np.array([name in seen for name in names] + [False] * len(health)),
         least=np.array([machine.least.get(name, -np.inf) for name in names]),
     )
