@@ -17,7 +17,8 @@ WINDOW = 64
 KERNEL = 4  # samples per column of a block; block 2 reaches KERNEL**2 samples
 TOKENS = WINDOW // KERNEL**2
 N_CHANNELS = len(CHANNELS)
-N_COLUMNS = 3 * N_CHANNELS  # values, first differences, masks
+COLUMNS = 3  # of a channel: values, first differences, masks
+N_COLUMNS = COLUMNS * N_CHANNELS
 N_SLOW = 2  # discharge temperature against its 30 s and 300 s running means
 SLOW_TAU_S = (30.0, 300.0)
 N_QUERY = 5  # N_rpm, pressure ratio, T_suc, p_suc, valve
@@ -46,17 +47,24 @@ class Branch(nn.Module):
     """
 
     def __init__(
-        self, width_1: int, width_2: int, attention: int, latents: int, n_slow: int = N_SLOW, window: int = WINDOW
+        self,
+        width_1: int,
+        width_2: int,
+        attention: int,
+        latents: int,
+        n_slow: int = N_SLOW,
+        window: int = WINDOW,
+        channels: int = N_CHANNELS,
     ) -> None:
         super().__init__()
-        self.block_1 = nn.Linear(KERNEL * N_COLUMNS, width_1)
+        self.block_1 = nn.Linear(KERNEL * COLUMNS * channels, width_1)
         self.block_2 = nn.Linear(KERNEL * width_1, width_2)
         self.mix_2 = nn.Linear(width_2, width_2)
         self.gate_tanh = nn.Linear(width_2, attention)
         self.gate_sigmoid = nn.Linear(width_2, attention)
         self.score = nn.Linear(attention, 1, bias=False)
         self.position = nn.Parameter(torch.zeros(window // KERNEL**2))
-        self.project = nn.Linear(2 * width_2 + 2 * N_CHANNELS + n_slow, latents)
+        self.project = nn.Linear(2 * width_2 + 2 * channels + n_slow, latents)
 
     def forward(self, values: Tensor, masks: Tensor, slow: Tensor) -> Tensor:
         """What the window says, (B, latents).
