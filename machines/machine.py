@@ -117,11 +117,15 @@ class Lag:
         state: its name.
         follows: the estimated state or the input.
         tau_s: the simulators' parameter that is its time constant.
+        faster_with: an estimated state above zero with which it gets faster, if any.
+        exponent: the simulators' parameter by which it does: the time constant is ``tau_s * state ** -exponent``.
     """
 
     state: str
     follows: str
     tau_s: str
+    faster_with: str = ""
+    exponent: str = ""
 
 
 @dataclass(frozen=True, eq=False)
