@@ -44,7 +44,7 @@ def standard(machine: Machine, read: Array) -> tuple[Array, Array]:
         machine: whose.
         read: (M, F) as ``read_of`` gives it, each in its unit.
     """
-    mean, scale = read.mean(axis=0), read.std(axis=0)
+    mean, scale = read.mean(axis=0), read.std(axis=0).clip(1e-9)
     health = slice(len(mean) - int(acting(machine).sum()), None)
     mean[health], scale[health] = 0.0, ZETA_SCALE
     return mean, scale

@@ -10,7 +10,6 @@ from numba import njit
 from twinbench.machines.coordinates import Array
 from twinbench.machines.machine import Machine
 
-
 LEAST = 1e-6
 """Lowest value of the state with which a lag gets faster, unless the machine's record has a higher one: a power of it
 stays finite."""
