@@ -177,10 +177,7 @@ COMPRESSOR = Machine(
     },
     loads=draw_loads,
     leans=10,
-    lags=(
-        Lag("T_probe_K", "T_gas_K", "tau_T_s", quickens="flow_memory", power=float(PLANT.theta()[P.tau_T_x])),
-        Lag("valve_pos", "valve", "tau_v_s"),
-    ),
+    lags=(Lag("T_probe_K", "T_gas_K", "tau_T_s", "flow_memory", "tau_T_x"), Lag("valve_pos", "valve", "tau_v_s")),
     drift=Drift(("p_suc_bar", "p_dis_bar"), 0.0008, 300.0),
     recalibrated=RECALIBRATED,
     state_walk={

@@ -117,15 +117,15 @@ class Lag:
         state: its name.
         follows: the estimated state or the input.
         tau_s: the simulators' parameter that is its time constant.
-        quickens: an estimated state with a ``least``; the time constant falls with a power of it, if any.
-        power: that power.
+        faster_with: an estimated state above zero with which it gets faster, if any.
+        exponent: the simulators' parameter by which it does: the time constant is ``tau_s * state ** -exponent``.
     """
 
     state: str
     follows: str
     tau_s: str
-    quickens: str = ""
-    power: float = 0.0
+    faster_with: str = ""
+    exponent: str = ""
 
 
 @dataclass(frozen=True, eq=False)

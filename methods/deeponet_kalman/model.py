@@ -131,9 +131,9 @@ def lags_of(machine: Machine) -> Lags:
     return Lags(
         np.array([states.index(lag.follows) for lag in lags], np.int64),
         np.array([-machine.sample_period_s / theta[machine.reduced.index(lag.tau_s)] for lag in lags]),
-        np.array([states.index(lag.quickens) if lag.quickens else -1 for lag in lags], np.int64),
-        np.array([lag.power for lag in lags]),
-        np.array([machine.least[lag.quickens] if lag.quickens else 0.0 for lag in lags]),
+        np.array([states.index(lag.faster_with) if lag.faster_with else -1 for lag in lags], np.int64),
+        np.array([theta[machine.plant.index(lag.exponent)] if lag.exponent else 0.0 for lag in lags]),
+        np.array([machine.least[lag.faster_with] if lag.faster_with else 0.0 for lag in lags]),
     )
 
 
