@@ -10,7 +10,7 @@ from twinbench.machines.coordinates import Array
 from twinbench.machines.loads import along, pieces
 from twinbench.machines.machine import Health, Lag, Machine, Reading
 from twinbench.machines.sensors import Drift, Growth, Noise
-from twinbench.physics.compressor import M_REF_KG_S, PLANT, P, U, Y
+from twinbench.physics.compressor import M_REF_KG_S, PLANT, U, Y
 from twinbench.physics.nominal import NOMINAL, RECALIBRATED
 from twinbench.physics.steady import steady_state, valve_for
 

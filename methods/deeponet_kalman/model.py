@@ -126,11 +126,11 @@ class Model(NamedTuple):
 
 
 def lags_of(machine: Machine) -> Lags:
-    """The lags of a machine behind its estimated states, their time constants those of its reduced model."""
-    lags, theta, states = followers(machine), machine.reduced.theta(), machine.estimated
+    """The lags of a machine behind its estimated states, with the time constants of its plant: probes are known."""
+    lags, theta, states = followers(machine), machine.plant.theta(), machine.estimated
     return Lags(
         np.array([states.index(lag.follows) for lag in lags], np.int64),
-        np.array([-machine.sample_period_s / theta[machine.reduced.index(lag.tau_s)] for lag in lags]),
+        np.array([-machine.sample_period_s / theta[machine.plant.index(lag.tau_s)] for lag in lags]),
         np.array([states.index(lag.faster_with) if lag.faster_with else -1 for lag in lags], np.int64),
         np.array([theta[machine.plant.index(lag.exponent)] if lag.exponent else 0.0 for lag in lags]),
         np.array([machine.least[lag.faster_with] if lag.faster_with else 0.0 for lag in lags]),
