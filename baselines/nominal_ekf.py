@@ -30,9 +30,9 @@ class NominalEKF(ModelEKF):
         **ModelEKF.settings,
         "substeps": 1,
         "calibration_minutes": 8.0,
-        "health_walk": 1.0,
-        "state_walk": 25.0,
-        "slow_error": 3.0,
+        "health_walk": 0.6321,
+        "state_walk": 10.22,
+        "slow_error": 3.389,
     }
 
     search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "slow_error": (0.3, 10.0)}

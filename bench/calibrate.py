@@ -1,4 +1,4 @@
-"""Estimates of the test recordings, with the factors that make their intervals fit the validation recordings."""
+"""Estimates of the test recordings, with the factors that make their intervals fit the calibration recordings."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from twinbench.data.batch import Batch
 from twinbench.methods.estimator import Estimator
 
 EVALUATION = Evaluation(stride=20, origin_every_s=math.inf)
-"""Of the validation recordings: one tick a second says as much as all of them, and nothing is forecast."""
+"""Of the calibration recordings: one tick a second says as much as all of them, and nothing is forecast."""
 
 
-def run(estimator: Estimator, test: Batch, validation: Batch, evaluation: Evaluation, seed: int) -> Estimates:
-    """Estimates of ``test``, which comes without its truth, and factors from ``validation``, which has it.
+def run(estimator: Estimator, test: Batch, calibration: Batch, evaluation: Evaluation, seed: int) -> Estimates:
+    """Estimates of ``test``, which comes without its truth, and factors from ``calibration``, which has it.
 
-    The settings of an estimator were chosen on the validation recordings, too, by errors and by coverage: its
-    intervals may fit them a little better than new ones.
+    Nothing else looks at the calibration recordings: settings were chosen on others, which intervals may fit a little
+    better than new ones.
     """
     estimates = evaluate(estimator, test, evaluation, seed)
-    known = evaluate(estimator, validation.without_truth(), EVALUATION, seed)
-    return replace(estimates, factors=factors(known, validation))
+    known = evaluate(estimator, calibration.without_truth(), EVALUATION, seed)
+    return replace(estimates, factors=factors(known, calibration))

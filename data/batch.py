@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,22 +27,23 @@ class Truth:
     """What only a simulation knows. B sequences of N samples each.
 
     Attributes:
-        states: (B, N, n_plant_states) in the states' units, the five of STATES first, then the plant's hidden ones.
-        health: (B, N, 5) in the parameters' units, order HEALTH.
-        outputs: (B, N, 3) in the channels' units, order OUTPUTS, the sensors' clean readings: probe lag and temperature
-            bias in, noise out.
-        inputs: (B, N, 4) in the channels' units, order INPUTS, what really acted on the machine.
+        states: (B, N, nx) in the states' units: all of the plant's, the estimated ones first.
+        health: (B, N, nh) in the parameters' units.
+        outputs: (B, N, ny) in the channels' units, the sensors' clean readings: probe lag and bias in, noise out.
+        inputs: (B, N, nu) in the channels' units, what really acted on the machine.
+        machine: what they are of; in a batch that of the batch.
     """
 
     states: Array
     health: Array
     outputs: Array
     inputs: Array
+    machine: Machine = field(default=COMPRESSOR, kw_only=True)
 
     @property
     def estimated(self) -> Array:
-        """(B, N, 10): the five states and the five health parameters, order ESTIMATED."""
-        return np.concatenate([self.states[..., : len(STATES)], self.health], axis=-1)
+        """(B, N, n + nh) in the quantities' units: the estimated states and the health, in the machine's order."""
+        return np.concatenate([self.states[..., : len(self.machine.estimated)], self.health], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,10 @@ class Batch:
     truth: Truth | None = None
     machine: Machine = COMPRESSOR
 
+    def __post_init__(self) -> None:
+        if self.truth is not None and self.truth.machine is not self.machine:
+            object.__setattr__(self, "truth", replace(self.truth, machine=self.machine))
+
     def __len__(self) -> int:
         return len(self.names)
 
@@ -74,8 +79,8 @@ class Batch:
         """Some sequences, some samples; views where numpy allows."""
         truth = self.truth and Truth(
             *(
-                field[sequences][:, samples]
-                for field in (self.truth.states, self.truth.health, self.truth.outputs, self.truth.inputs)
+                part[sequences][:, samples]
+                for part in (self.truth.states, self.truth.health, self.truth.outputs, self.truth.inputs)
             )
         )
         return Batch(

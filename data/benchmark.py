@@ -17,7 +17,7 @@ from twinbench.machines.compressor import COMPRESSOR
 from twinbench.machines.machine import Machine
 from twinbench.physics.integrate import Varying, simulate
 
-PARTS = ("train", "validation", "test")
+PARTS = ("train", "validation", "calibration", "test")
 SINGLE = "single"
 """What the names of the paper's recordings begin with."""
 SINGLE_KINDS = ("capacity", "leakage", "heat_transfer", "T_bias_K", "efficiency")
@@ -28,13 +28,15 @@ class DesignConfig:
     """How many sequences, how long, from which seed.
 
     Attributes:
-        n_train, n_validation, n_test: recordings of worn machines in each part.
+        n_train, n_validation, n_calibration, n_test: recordings of worn machines in each part. Learners fit the first,
+            settings are chosen on the second, intervals are calibrated on the third.
         n_single: the paper's recordings, which join the test part as a stratum of their own.
     """
 
     seed: int = 2024
     n_train: int = 26
     n_validation: int = 20
+    n_calibration: int = 40
     n_test: int = 60
     n_single: int = 10
     minutes: float = 30.0
@@ -44,6 +46,7 @@ class DesignConfig:
         for name, low, high in (
             ("n_train", 1, 1000),
             ("n_validation", 1, 1000),
+            ("n_calibration", 1, 1000),
             ("n_test", 1, 1000),
             ("n_single", 0, 1000),
             ("minutes", 1.0, 600.0),
@@ -60,10 +63,11 @@ class DesignConfig:
 
 @dataclass(frozen=True)
 class Split:
-    """Whole sequences, never parts of one, in three disjoint sets."""
+    """Whole sequences, never parts of one, in four disjoint sets."""
 
     train: Batch
     validation: Batch
+    calibration: Batch
     test: Batch
 
 

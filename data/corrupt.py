@@ -69,7 +69,7 @@ def corrupt(machine: Machine, u: Array, y: Array, level: Corruption, rng: np.ran
         spiked = np.flatnonzero(rng.random(n) < level.spikes)
         height = rng.uniform(*SPIKE_SIZE, len(spiked)) * rng.choice([-1.0, 1.0], len(spiked))
         measured[spiked, c] += height * size[spiked] * np.hypot(noise.white, noise.coloured)
-    return np.where(_dropped(*clean.shape, level.dropout, rng), np.nan, measured)
+    return np.where(_dropped(n, clean.shape[1], level.dropout, rng), np.nan, measured)
 
 
 def _size(machine: Machine, noise: Noise, clean: Array, c: int) -> Array:

@@ -105,7 +105,8 @@ def _end(health: Health, start: float, size: float, recovers: bool, sign: float)
     towards = sign if start == 0.0 or not recovers else np.sign(start)
     towards = float(towards if health.either_way else np.sign(worn - fresh))
     towards = -towards if recovers else towards
-    ends = [float(np.clip(start + way * size * health.span, *sorted(health.ends))) for way in (towards, -towards)]
+    low, high = sorted(health.ends)
+    ends = [float(np.clip(start + way * size * health.span, low, high)) for way in (towards, -towards)]
     return ends[0] if abs(ends[0] - start) >= SIZE[0] * health.span else ends[1]
 
 

@@ -18,17 +18,20 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import as_map, bare, shown
-from twinbench.data.batch import CHANNELS, ESTIMATED, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import Batch
 from twinbench.data.mapping import TIME, TIME_UNIT, Source, sources
 from twinbench.data.table import LARGEST_READING, TRUTH_PREFIX, numbers, read_table, row, stem
-from twinbench.data.units import PLAUSIBLE, UNITS, Limits, check_plausible, convert
+from twinbench.data.units import Limits, check_plausible, convert, limits_of, units_of
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["TIME", "Recording", "check_overlap", "read_recording", "truth_table"]
 
-LONGEST_COMPRESSOR_RUN_S = 14 * 86400.0
+LONGEST_RUN_S = 14 * 86400.0
 LONGEST_GAP = 10.0
 """Times of what was recorded that a gap may last: whatever runs over a recording runs over its gaps, too."""
 SHORT_GAP = 10_000
@@ -62,31 +65,34 @@ class Recording:
     values: Array
     unread: tuple[str, ...] = ()
 
-    def to_batch(self) -> Batch:
-        """On the 20 Hz grid from the first time stamp: each channel's nearest reading, missing if half a period off.
+    def to_batch(self, machine: Machine = COMPRESSOR) -> Batch:
+        """On the machine's grid from the first time stamp: each channel's nearest reading, if within half a period.
+
+        Args:
+            machine: of which it is a recording, with the same channels.
 
         Returns:
             A batch of one, ``measured`` (1, N, C) in the channels' units.
         """
-        ticks = (self.time_s - self.time_s[0]) / SAMPLE_PERIOD_S
+        ticks = (self.time_s - self.time_s[0]) / machine.sample_period_s
         steps = np.round(ticks).astype(int)
         nearest_last = np.argsort(-np.abs(ticks - steps), kind="stable")  # of several in one slot the last stays
         measured = np.full((1, steps[-1] + 1, len(self.channels)), np.nan)
         for c, values in enumerate(self.values.T):  # each by itself: channels may report at different times
             found = nearest_last[~np.isnan(values[nearest_last])]
             measured[0, steps[found], c] = values[found]
-        time_s = self.time_s[0] + np.arange(measured.shape[1]) * SAMPLE_PERIOD_S
-        return Batch((self.name,), time_s, measured)
+        time_s = self.time_s[0] + np.arange(measured.shape[1]) * machine.sample_period_s
+        return Batch((self.name,), time_s, measured, machine=machine)
 
 
 def read_recording(
     path: Path,
     mapping: Sequence[str] = (),
-    units: Mapping[str, str] = UNITS,
-    limits: Mapping[str, Limits] = PLAUSIBLE,
+    units: Mapping[str, str] = units_of(COMPRESSOR),
+    limits: Mapping[str, Limits] = limits_of(COMPRESSOR),
     may_lack: Sequence[str] = (),
-    longest_s: float = LONGEST_COMPRESSOR_RUN_S,
-    period_s: float = SAMPLE_PERIOD_S,
+    longest_s: float = LONGEST_RUN_S,
+    period_s: float = COMPRESSOR.sample_period_s,
 ) -> Recording:
     """Read a recording and check it.
 
@@ -213,9 +219,12 @@ def truth_table(batch: Batch, b: int) -> pd.DataFrame:
     """A simulated sequence as a table: time, channels, and ``true_*`` columns where it has truth."""
     import pandas as pd
 
+    machine = batch.machine
     columns: dict[str, Array] = {TIME: batch.time_s}
-    columns |= dict(zip(CHANNELS, batch.measured[b].T, strict=True))
+    columns |= dict(zip(machine.channels, batch.measured[b].T, strict=True))
     if batch.truth is not None:
-        columns |= {TRUTH_PREFIX + n: v for n, v in zip(ESTIMATED, batch.truth.estimated[b].T, strict=True)}
-        columns |= {TRUTH_PREFIX + n: v for n, v in zip(OUTPUTS, batch.truth.outputs[b].T, strict=True)}
+        truth = zip(machine.quantities, batch.truth.estimated[b].T, strict=True)
+        columns |= {TRUTH_PREFIX + name: values for name, values in truth}
+        clean = zip(machine.outputs, batch.truth.outputs[b].T, strict=True)
+        columns |= {TRUTH_PREFIX + name: values for name, values in clean}
     return pd.DataFrame(columns)

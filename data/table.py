@@ -14,7 +14,7 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import bare, printable, shown
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,37 +11,34 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import as_map, shown
-from twinbench.data.batch import CHANNELS, Array
-
-UNITS = {
-    "p_suc_bar": "bar",
-    "T_suc_K": "kelvin",
-    "N_rpm": "rpm",
-    "valve": "dimensionless",
-    "p_dis_bar": "bar",
-    "T_dis_K": "kelvin",
-    "m_flow_kg_s": "kg/s",
-}
-"""The compressor's channels and their units, in pint's words."""
-assert tuple(UNITS) == CHANNELS
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
+from twinbench.physics.simulator import Variable
 
 Limits = tuple[float, float, str]
 _IN_UNIT: dict[str, Limits] = {
     "bar": (0.05, 60.0, "is it barg, kPa, psi or MPa?"),
-    "kelvin": (200.0, 1200.0, "is it degC or degF?"),
+    "K": (200.0, 1200.0, "is it degC or degF?"),
     "rpm": (30.0, 60_000.0, "is it Hz or rad/s?"),
-    "dimensionless": (-0.05, 1.5, "is it per cent?"),
+    "1": (-0.05, 1.5, "is it per cent?"),
     "kg/s": (0.0, 50.0, "is it kg/h, or g/s?"),
 }
-PLAUSIBLE = {channel: _IN_UNIT[unit] for channel, unit in UNITS.items()}
-"""Where the median of each of the compressor's channels has to lie, and what it may be otherwise."""
+"""Where readings in a unit usually lie, and what they may be in otherwise."""
+BEYOND_BOUNDS = 0.1
+"""Of a channel's range: how far beyond its bounds the median of readings may lie, of sensors that read a little off."""
 
 OTHERWISE = {
     "bar": ("barg", "psi", "psig", "kPa", "kPag", "MPa", "mbar", "Pa"),
-    "kelvin": ("degC", "degF"),
+    "K": ("degC", "degF"),
     "rpm": ("Hz", "rad/s"),
-    "dimensionless": ("percent",),
+    "1": ("percent",),
     "kg/s": ("kg/h", "g/s", "kg/min", "lb/h", "t/h"),
+    "cm": ("mm", "m"),
+    "m": ("cm", "mm"),
+    "V": ("mV", "kV"),
+    "A": ("mA", "kA"),
+    "rad/s": ("rpm", "Hz"),
+    "W": ("kW",),
 }
 """What else a channel of each unit is often recorded in, the usual ones first."""
 ATMOSPHERE_BAR = 1.01325
@@ -69,6 +66,28 @@ def _registry() -> Any:
         registry.define(f"{unit}a = {unit}")
         registry.define(f"{unit}g = {bars!r} * bar; offset: {ATMOSPHERE_BAR}")
     return registry
+
+
+def units_of(machine: Machine) -> dict[str, str]:
+    """The unit of each channel of a machine, by name."""
+    return {v.name: v.unit for v in (*machine.plant.inputs, *machine.plant.outputs)}
+
+
+def limits_of(machine: Machine) -> dict[str, Limits]:
+    """Where the median of each channel of a machine has to lie, and what it may be in otherwise, by name."""
+    return {v.name: _limits(v) for v in (*machine.plant.inputs, *machine.plant.outputs)}
+
+
+def _limits(variable: Variable) -> Limits:
+    if usual := _IN_UNIT.get(variable.unit):
+        return min(usual[0], variable.low), max(usual[1], variable.high), usual[2]
+    slack = BEYOND_BOUNDS * (variable.high - variable.low)
+    return variable.low - slack, variable.high + slack, "is it in another unit?"
+
+
+def short_unit(unit: str) -> str:
+    """As people write it."""
+    return "(no unit)" if unit in ("", "1") else unit
 
 
 def convert(values: Array, given: str, wanted: str, where: str) -> Array:
@@ -168,6 +187,6 @@ def check_plausible(values: Array, limits: Limits, unit: str, where: str, column
         if units := likely_units(median, unit, low, high):
             hint = f"is it {' or '.join(units[:3])}?"
         raise BadInput(
-            f"{where}: its median is {median:.4g} {unit}, which no such machine shows; {hint} "
+            f"{where}: its median is {median:.4g} {short_unit(unit)}, which no such machine shows; {hint} "
             f"Say so with {as_map(column, 'UNIT', channel)}"
         )

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from twinbench.machines.coordinates import Array, Coordinates, coordinates
-from twinbench.machines.sensors import Drift, Noise
-from twinbench.physics.simulator import Simulator
+from twinbench.machines.sensors import APART, Drift, Noise
+from twinbench.physics.simulator import Simulator, Variable
 from twinbench.physics.steady import steady_state
 
 LIFE_WALKS = 300.0
@@ -25,8 +25,8 @@ STATE_WALK = 1e-3
 """Of a state's scale: its process noise in the square root of a second, unless a machine says otherwise. Filters tune a
 factor on it."""
 STATE_SPREAD = 0.2
-"""Of a state's scale: the sd of counterfactual states about a recording's, unless a machine says otherwise. Less teaches
-networks weaker sensitivities, more takes them where no machine runs."""
+"""Of a state's scale: the sd of counterfactual states about a recording's, unless a machine says otherwise. Less
+teaches networks weaker sensitivities, more takes them where no machine runs."""
 BEYOND_LIFE = 0.2
 """Of a life: how far beyond its ends counterfactual health goes, unless a machine says otherwise."""
 GRID = 10_000
@@ -35,8 +35,8 @@ GRID = 10_000
 Drive = Callable[[Array], Array]
 """``drive(time_s) -> (N, nu)``: true inputs in their units over times (N,) in seconds from a recording's first tick."""
 Loads = Callable[[float, Array, np.random.Generator], Drive]
-"""``loads(seconds, lean, rng) -> drive``: what a recording of such length is run through. ``lean`` (leans,) in [0, 1] are
-its coordinates in a Latin hypercube, for what is to differ evenly between recordings."""
+"""``loads(seconds, lean, rng) -> drive``: what a recording of such length is run through. ``lean`` (leans,) in [0, 1]
+are its coordinates in a Latin hypercube, for what is to differ evenly between recordings."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Reading:
         state: an estimated state, or a lag.
         gain: in the output's unit per unit of the state.
         bias: the health parameter that is added, if any.
-        key: short, in the names of scores: ``p_nrmse_pct``.
+        key: short, in the names of scores: ``p_nrmse_pct``; the output's name if left out.
         says: what the machine's quantity is, for tables; the state's name if left out.
         reads: what the reading is, likewise; the output's name if left out.
         zero: where errors in per cent of the value count from, in the state's unit (273.15 for kelvin).
@@ -104,6 +104,10 @@ class Reading:
     zero: float = 0.0
     size: float = 0.0
 
+    def __post_init__(self) -> None:
+        for part, default in (("key", self.output), ("says", self.state), ("reads", self.output)):
+            object.__setattr__(self, part, getattr(self, part) or default)
+
 
 @dataclass(frozen=True)
 class Lag:
@@ -113,11 +117,15 @@ class Lag:
         state: its name.
         follows: the estimated state or the input.
         tau_s: the simulators' parameter that is its time constant.
+        faster_with: an estimated state above zero with which it gets faster, if any.
+        exponent: the simulators' parameter by which it does: the time constant is ``tau_s * state ** -exponent``.
     """
 
     state: str
     follows: str
     tau_s: str
+    faster_with: str = ""
+    exponent: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +142,8 @@ class Machine:
         noise: of every channel, inputs first.
         loads: what the machine is run through.
         says: what it is, in words.
+        labels: what channels, states and health are called in tables and figures, by name; what their variables say if
+            left out.
         leans: coordinates of the Latin hypercube that ``loads`` takes.
         lags: states behind the estimated ones, in the simulators' order.
         drift: what several sensors err by together.
@@ -143,6 +153,7 @@ class Machine:
         least: by state, the lowest value that a filter lets it have, in its unit.
         query: what says the operating point: channels, or quotients of two written ``a/b``; the inputs if left out.
         slow: channels whose running means tell more than their last minutes; all outputs if left out.
+        silent: outputs whose sensors may fall silent for a while; all if left out.
         alike: groups of estimated states that move together: networks give each group one head.
         regimes: by name, what splits recordings into thirds, as in ``query``; all inputs if left out.
         commands: inputs whose moves are changes of load; all inputs if left out.
@@ -162,15 +173,17 @@ class Machine:
     noise: tuple[Noise, ...]
     loads: Loads
     says: str = ""
+    labels: Mapping[str, str] = field(default_factory=dict)
     leans: int = 0
     lags: tuple[Lag, ...] = ()
-    drift: Drift = Drift()
+    drift: Drift = APART
     recalibrated: tuple[str, ...] = ()
     state_walk: Mapping[str, float] = field(default_factory=dict)
     state_spread: Mapping[str, float] = field(default_factory=dict)
     least: Mapping[str, float] = field(default_factory=dict)
     query: tuple[str, ...] = ()
     slow: tuple[str, ...] = ()
+    silent: tuple[str, ...] = ()
     alike: tuple[tuple[str, ...], ...] = ()
     regimes: Mapping[str, str] = field(default_factory=dict)
     commands: tuple[str, ...] = ()
@@ -203,6 +216,26 @@ class Machine:
     def quantities(self) -> tuple[str, ...]:
         """Names of everything that is estimated: states, then health."""
         return self.estimated + self.health_names
+
+    @functools.cached_property
+    def variables(self) -> dict[str, Variable]:
+        """The plant's states, inputs, outputs and parameters by name."""
+        plant = self.plant
+        return {v.name: v for v in (*plant.parameters, *plant.outputs, *plant.inputs, *plant.states)}
+
+    def label(self, name: str) -> str:
+        """What a channel, state or parameter is called in tables and figures."""
+        return self.labels.get(name) or self.variables[name].says or name
+
+    def axis_label(self, name: str) -> str:
+        """``temperature bias, K``; a dash stands for no unit."""
+        unit = self.variables[name].unit
+        return f"{self.label(name)}, {'–' if unit in ('', '1') else unit}"
+
+    @functools.cached_property
+    def scales(self) -> Array:
+        """One typical change of everything that is estimated, (n + nh,) in the quantities' units."""
+        return np.array([self.variables[name].scale for name in self.quantities])
 
     @functools.cached_property
     def coordinates(self) -> Coordinates:

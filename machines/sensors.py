@@ -69,3 +69,7 @@ class Drift:
     channels: tuple[str, ...] = ()
     share: float = 0.0
     tau_s: float = 300.0
+
+
+APART = Drift()
+"""Sensors that err each by itself."""

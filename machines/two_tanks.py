@@ -1,4 +1,4 @@
-"""Two tanks in series, as a machine of the benchmark: a pump fills the upper, it drains into the lower, that drains out.
+"""Two tanks in series, as a machine of the benchmark: a pump fills the upper, that drains into the lower, that out.
 
 The plant has what the reduced model leaves out: a pump that gives less per volt the faster it runs, outlets whose jet
 contracts less at a low level, and walls that lean outwards.

@@ -12,12 +12,14 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from twinbench.common.filespec import USER_FILE, split_spec
 from twinbench.common.trial import about_to, tried
 from twinbench.physics.check import check_mechanism, check_simulator, last_line
 from twinbench.physics.simulator import Mechanism, Simulator
+
+Held = TypeVar("Held")
 
 BUILTIN = {"compressor": "twinbench.physics.compressor:PLANT", "nominal": "twinbench.physics.nominal:NOMINAL"}
 """Simulators that are named without a file."""
@@ -49,23 +51,37 @@ def _checked(spec: str) -> None:
 
 def _simulator(where: str) -> Simulator:
     """The one that a spec names, as it is."""
+    return held(where, Simulator, tuple(BUILTIN))
+
+
+def held(where: str, kind: type[Held], known: Sequence[str]) -> Held:
+    """The record that ``path/to/file.py[:NAME]`` or ``package.module:NAME`` holds, as it is.
+
+    Args:
+        where: the spec.
+        kind: of what class it is.
+        known: names that would do without a file, for the message.
+
+    Raises:
+        ValueError: one line; no such file, it fails to import, or it holds no such record.
+    """
+    word = kind.__name__
     module, name = _module_of(where)
     if module is None:
-        near = difflib.get_close_matches(where, BUILTIN, n=1)
+        near = difflib.get_close_matches(where, known, n=1)
         hint = f"did you mean {near[0]!r}?" if near else "give path/to/file.py[:NAME] or package.module:NAME."
-        raise ValueError(f"no simulator {where!r}; {hint} Known by name: {', '.join(BUILTIN)}")
-    found = {n: v for n, v in vars(module).items() if isinstance(v, Simulator)}
+        raise ValueError(f"no {word.lower()} {where!r}; {hint} Known by name: {', '.join(known)}")
+    found = {n: v for n, v in vars(module).items() if isinstance(v, kind)}
     if name:
         if name not in found:
-            raise ValueError(f"{where}: has no Simulator {name!r}; it has: {', '.join(found) or 'none'}")
-        simulator = found[name]
-    else:
-        if not found:
-            raise ValueError(f"{where}: holds no Simulator; write NAME = Simulator(...) at its top level")
-        first, simulator = next(iter(found.items()))
-        if any(other is not simulator for other in found.values()):
-            raise ValueError(f"{where}: holds Simulators {', '.join(found)}; name one, like {where}:{first}")
-    return simulator
+            raise ValueError(f"{where}: has no {word} {name!r}; it has: {', '.join(found) or 'none'}")
+        return found[name]
+    if not found:
+        raise ValueError(f"{where}: holds no {word}; write NAME = {word}(...) at its top level")
+    first, record = next(iter(found.items()))
+    if any(other is not record for other in found.values()):
+        raise ValueError(f"{where}: holds {word}s {', '.join(found)}; name one, like {where}:{first}")
+    return record
 
 
 def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:

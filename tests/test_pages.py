@@ -122,7 +122,8 @@ def test_all_learners_are_shown_the_same_number_of_simulations():
 def test_the_recordings_are_as_many_as_the_page_says():
     config = DesignConfig()
     page = " ".join((ROOT / "docs/reproduction.md").read_text(encoding="utf-8").split())
-    assert f"{config.n_train} to train, {config.n_validation} to validate, {config.n_test} to test" in page
+    assert f"{config.n_train} to train, {config.n_validation} to validate" in page
+    assert f"{config.n_calibration} to calibrate, {config.n_test} to test" in page
     assert f"{config.n_single} recordings of it" in page
     assert f"{config.minutes - config.warmup_minutes:g} minutes after a warm-up of {config.warmup_minutes:g}" in page
     assert f"Minutes 0 to {COMMISSIONING_S / 60:g} are" in page

@@ -12,6 +12,9 @@ from twinbench.common.compiled_code import settle
 
 if TYPE_CHECKING:
     from twinbench.data.recording import Recording
+    from twinbench.machines.load import load_machine
+    from twinbench.machines.machine import Health, Lag, Machine, Reading
+    from twinbench.machines.sensors import Drift, Noise
     from twinbench.methods.estimator import Estimator, Sample, gaussian_state, no_info, register
     from twinbench.mismatch import diagnose
     from twinbench.mismatch.model import load_catalogue, load_simulator
@@ -19,13 +22,17 @@ if TYPE_CHECKING:
     from twinbench.physics.simulator import Amplitude, Mechanism, Series, Simulator, Term, Variable
 
 __all__ = [
-    "Amplitude", "Estimator", "Mechanism", "Recording", "Sample", "Series", "Simulator", "Term", "Variable",
-    "diagnose", "gaussian_state", "load_catalogue", "load_simulator", "no_info", "read_recordings", "register",
+    "Amplitude", "Drift", "Estimator", "Health", "Lag", "Machine", "Mechanism", "Noise", "Reading", "Recording",
+    "Sample", "Series", "Simulator", "Term", "Variable", "diagnose", "gaussian_state", "load_catalogue",
+    "load_machine", "load_simulator", "no_info", "read_recordings", "register",
 ]  # fmt: skip
 
 _HOMES = {
     "physics.simulator": ("Simulator", "Variable", "Mechanism", "Term", "Amplitude", "Series"),
     "data.recording": ("Recording",),
+    "machines.load": ("load_machine",),
+    "machines.machine": ("Health", "Lag", "Machine", "Reading"),
+    "machines.sensors": ("Drift", "Noise"),
     "methods.estimator": ("Estimator", "Sample", "gaussian_state", "no_info", "register"),
     "mismatch": ("diagnose",),
     "mismatch.model": ("load_catalogue", "load_simulator"),

@@ -24,7 +24,7 @@ import numpy as np  # noqa: E402  threads are pinned before NumPy is there
 from numba import njit  # noqa: E402
 
 from twinbench.bench.cells import load_fit, load_split  # noqa: E402
-from twinbench.bench.estimate.apply import trained_cells  # noqa: E402
+from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
 from twinbench.bench.roster import PROPOSED  # noqa: E402
 from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import write_text  # noqa: E402
@@ -167,10 +167,10 @@ def main() -> None:
     parser.add_argument("--updates", type=int, default=10_000_000, metavar="N")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), metavar="DIR")
     a = parser.parse_args()
-    store, (cell,) = trained_cells(a.profile, a.results, [PROPOSED])
+    store, (cell,) = trained_cells(Training(a.profile, a.results), [PROPOSED])
     twin = load_fit(store, cell)
     assert isinstance(twin, DeepONetKalman)
-    found = run(twin, load_split(store, cell.data).test.measured, a.updates, seed=5)
+    found = run(twin, load_split(store, cell).test.measured, a.updates, seed=5)
     write_text(a.out / "soak.json", json.dumps(found | {"provenance": provenance()}, indent=2) + "\n")
     print((a.out / "soak.json").read_text())
 

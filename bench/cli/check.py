@@ -5,21 +5,24 @@ from __future__ import annotations
 import argparse
 
 from twinbench.bench.cli.output import tell
+from twinbench.bench.cli.parser import add_machine
 
 SAYS = "test whether an estimator keeps the contract"
-EXAMPLE = "twinbench check my_baseline.py"
+EXAMPLE = "twinbench check my_baseline.py\n  twinbench check oracle --machine my_machine.py"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("estimator", metavar="NAME", help="an estimator's name, or path/to/file.py[:Class]")
+    add_machine(parser)
 
 
 def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from twinbench.bench.contract import run_battery
     from twinbench.bench.registry import find
+    from twinbench.machines.load import load_machine
 
-    results = run_battery(find(a.estimator))
+    results = run_battery(find(a.estimator), load_machine(a.machine))
     failed = sum(r.status == "fail" for r in results)
     if a.json:
         tell(a, [{"name": r.name, "status": r.status, "detail": r.detail} for r in results])

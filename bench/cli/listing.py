@@ -9,7 +9,7 @@ from typing import Any
 from twinbench.bench.cli.output import tell
 from twinbench.bench.cli.parser import SIMULATOR_HELP, add_trust
 
-SAYS = "list estimators, ablations, mechanisms or simulators"
+SAYS = "list estimators, ablations, machines, mechanisms or simulators"
 EXAMPLE = "twinbench list estimators --json"
 
 
@@ -93,9 +93,26 @@ def _simulators() -> list[dict[str, Any]]:
     ]
 
 
+def _machines() -> list[dict[str, Any]]:
+    """Of each machine a row for itself, then one for each state, health parameter and channel."""
+    from twinbench.machines.load import BUILTIN, load_machine
+
+    rows = []
+    for machine in map(load_machine, BUILTIN):
+        rows.append({"machine": machine.name, "kind": "", "name": "", "unit": "", "says": machine.says})
+        groups = {"state": machine.estimated, "health": machine.health_names}
+        groups |= {"input": machine.inputs, "output": machine.outputs}
+        for kind, names in groups.items():
+            for variable in (machine.variables[name] for name in names):
+                about = {"name": variable.name, "unit": variable.unit, "says": variable.says}
+                rows.append({"machine": machine.name, "kind": kind, **about})
+    return rows
+
+
 _LISTS = {
     "estimators": _estimators,
     "ablations": _ablations,
+    "machines": _machines,
     "mechanisms": _mechanisms,
     "simulators": _simulators,
 }

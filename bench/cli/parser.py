@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
+MACHINE_HELP = "compressor, two_tanks, motor, path/to/file.py[:NAME], or package.module:NAME (default: compressor)"
 VERBOSE_HELP = "report progress in detail on stderr; give it twice for more"
 
 
@@ -18,8 +19,13 @@ def add_training(parser: argparse.ArgumentParser) -> None:
         "--results",
         type=Path,
         metavar="DIR",
-        help="use what the run in this folder trained (default: results/<profile>)",
+        help="use what the run in this folder trained (default: results/<profile>, and the machine)",
     )
+
+
+def add_machine(parser: argparse.ArgumentParser, default: str = "compressor") -> None:
+    """Of which machine: ``--machine``. With an empty default a profile may say it."""
+    parser.add_argument("--machine", default=default, metavar="MACHINE", help=MACHINE_HELP)
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:

@@ -6,16 +6,19 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import tell_files
-from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_trust
+from twinbench.bench.cli.parser import SIMULATOR_HELP, add_machine, add_map, add_trust
 
-SAYS = "write the benchmark's recordings, or what a simulator of yours makes of recorded inputs"
+SAYS = "write the benchmark's recordings of a machine, or what a simulator of yours makes of recorded inputs"
 EXAMPLE = (
-    "twinbench simulate --out recordings\n  twinbench simulate --simulator tanks.py --inputs day4.csv --out replayed"
+    "twinbench simulate --out recordings\n"
+    "  twinbench simulate --machine my_machine.py --out recordings\n"
+    "  twinbench simulate --simulator tanks.py --inputs day4.csv --out replayed"
 )
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the recordings")
+    add_machine(parser)
     parser.add_argument("--simulator", metavar="SIMULATOR", help=SIMULATOR_HELP)
     add_trust(parser)
     parser.add_argument(
@@ -43,6 +46,8 @@ def run(a: argparse.Namespace) -> int:
 
     if bool(a.simulator) != bool(a.inputs):
         raise BadInput("--simulator and --inputs go together; give the recordings that drive it with --inputs")
+    if a.simulator and a.machine != "compressor":
+        raise BadInput("--simulator is driven by recorded inputs, --machine by its own loads; give one of the two")
     if a.simulator:
         from twinbench.mismatch.replay import replay
 
@@ -58,9 +63,11 @@ def _simulate_benchmark(a: argparse.Namespace) -> int:
     from twinbench.common.store import write_atomically
     from twinbench.data.benchmark import design, run
     from twinbench.data.recording import truth_table
+    from twinbench.machines.load import load_machine
 
+    machine = load_machine(a.machine)
     profile = load_profile(a.profile)
-    scenarios = design(profile.data)[a.part]
+    scenarios = design(profile.data, machine)[a.part]
     for scenario in scenarios:
         batch = run((scenario,), profile.data.warmup_minutes, profile.corruption)
         table = truth_table(batch.without_truth() if a.no_truth else batch, 0)

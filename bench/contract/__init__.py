@@ -14,6 +14,8 @@ from twinbench.bench.contract.outcome import Broken, NotOffered
 from twinbench.bench.contract.promise import DECLARED
 from twinbench.bench.contract.subject import Subject
 from twinbench.common.threads import pin_torch
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator
 
 __all__ = ["PROMISES", "Result", "Subject", "judge", "run_battery"]
@@ -31,9 +33,9 @@ class Result(NamedTuple):
     detail: str  # one plain line
 
 
-def run_battery(kind: type[Estimator]) -> list[Result]:
-    """Every promise, tried on one estimator."""
-    subject = Subject(kind)
+def run_battery(kind: type[Estimator], machine: Machine = COMPRESSOR) -> list[Result]:
+    """Every promise, tried on one estimator of a machine."""
+    subject = Subject(kind, machine)
     return [judge(name, subject) for name in PROMISES]
 
 

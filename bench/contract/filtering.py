@@ -8,18 +8,8 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import NotOffered, at_most, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import (
-    FLOAT64_ROUND_OFF,
-    SHORT,
-    Subject,
-    begun,
-    deviation,
-    recordings,
-    sample_at,
-    stacked,
-    ticked,
-)
-from twinbench.data.batch import OUTPUTS, Array
+from twinbench.bench.contract.subject import FLOAT64_ROUND_OFF, SHORT, Subject, stacked, ticked
+from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Estimator
 
 
@@ -30,23 +20,23 @@ def _implementations(s: Subject) -> str:
     first, *others = (_as(s, name) for name in s.kind.implementations)
     # Each tick from the same state: left to themselves, finite differences let round-off grow to 1e-8.
     said: list[list[tuple[Any, ...]]] = [[] for _ in s.kind.implementations]
-    measured = recordings()["missing"][:, : 2 * SHORT]
-    state = begun(first, len(measured))
+    measured = s.recordings["missing"][:, : 2 * SHORT]
+    state = s.begun(first, len(measured))
     for k in range(measured.shape[1]):
         before = state
-        state, info = first.step(before, sample_at(measured, k))
+        state, info = first.step(before, s.ground.sample_at(measured, k))
         said[0].append(ticked(state, info))
         for other, column in zip(others, said[1:], strict=True):
-            column.append(ticked(*other.step(before, sample_at(measured, k))))
+            column.append(ticked(*other.step(before, s.ground.sample_at(measured, k))))
     traces = [stacked(column) for column in said]
-    worst = max(deviation(traces[0], other) for other in traces[1:])
+    worst = max(s.deviation(traces[0], other) for other in traces[1:])
     return at_most(
         worst, FLOAT64_ROUND_OFF, f"{', '.join(s.kind.implementations)}, each tick from the same state, differ by"
     )
 
 
 def _as(s: Subject, implementation: str) -> Estimator:
-    estimator = s.kind(**{**s.fitted.config, "implementation": implementation})
+    estimator = s.kind(s.machine, **{**s.fitted.config, "implementation": implementation})
     # In double precision: what differs then is the method, not how float32 products are rounded.
     wide = {n: a.astype(np.float64) if a.dtype == np.float32 else a for n, a in s.fitted.arrays.items()}
     estimator.arrays = wide
@@ -91,7 +81,7 @@ def _toy(s: Subject) -> str:
     worst = 0.0
     for seed in range(3):
         rng = np.random.default_rng(seed)
-        n, m = 5, len(OUTPUTS)
+        n, m = 5, len(s.machine.outputs)
         F = 0.95 * np.linalg.qr(rng.normal(size=(n, n)))[0]
         H, q, r, p = (rng.normal(size=shape) for shape in ((m, n), (n, n), (m, m), (n, n)))
         plant = (F, H, 0.1 * q @ q.T, np.diag(r[0] ** 2 + 0.1), rng.normal(size=n), p @ p.T + np.eye(n))

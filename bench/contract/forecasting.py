@@ -6,27 +6,16 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import at_most, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import (
-    FLOAT32_ROUND_OFF,
-    FLOAT64_ROUND_OFF,
-    SHORT,
-    Subject,
-    future,
-    recordings,
-    same,
-    sample_at,
-    snapshot,
-    state_after,
-)
-from twinbench.data.batch import OUTPUTS
+from twinbench.bench.contract.subject import FLOAT32_ROUND_OFF, FLOAT64_ROUND_OFF, SHORT, Subject, same, snapshot
 
 
 @promise("a forecast has its shape and is finite")
 def _forecast(s: Subject) -> str:
-    state = state_after(s.fitted, recordings()["undisturbed"][:, :SHORT])
+    state = s.state_after(s.fitted, s.recordings["undisturbed"][:, :SHORT])
     for length in (1, 7, SHORT):
-        said = s.fitted.forecast(state, future(SHORT, length))
-        need(said.shape == (2, length, len(OUTPUTS)), f"shape {said.shape}, must be {(2, length, len(OUTPUTS))}")
+        said = s.fitted.forecast(state, s.ground.future(SHORT, length))
+        shape = (2, length, len(s.machine.outputs))
+        need(said.shape == shape, f"shape {said.shape}, must be {shape}")
         need(said.dtype == np.float64, f"it is {said.dtype}, must be float64")
         need(np.isfinite(said).all(), f"not finite within {length} ticks")
     return f"from 1 to {SHORT} ticks ahead"
@@ -34,21 +23,24 @@ def _forecast(s: Subject) -> str:
 
 @promise("a forecast leaves the state as it was")
 def _forecast_is_pure(s: Subject) -> str:
-    measured = recordings()["undisturbed"]
-    state, inputs = state_after(s.fitted, measured[:, :SHORT]), future(SHORT, 100)
+    measured = s.recordings["undisturbed"]
+    state, inputs = s.state_after(s.fitted, measured[:, :SHORT]), s.ground.future(SHORT, 100)
     given = snapshot((state, inputs))
-    before = snapshot(s.fitted.step(state, sample_at(measured, SHORT)))
+    before = snapshot(s.fitted.step(state, s.ground.sample_at(measured, SHORT)))
     first = s.fitted.forecast(state, inputs)
     kept = first.copy()
     need(same((state, inputs), given), "forecast changed the state or the inputs it was given")
-    need(same(s.fitted.step(state, sample_at(measured, SHORT)), before), "a step after a forecast gives something else")
+    need(
+        same(s.fitted.step(state, s.ground.sample_at(measured, SHORT)), before),
+        "a step after a forecast gives something else",
+    )
     need(same(s.fitted.forecast(state, inputs), kept), "the same forecast gave something else later")
     return "health frozen with it: the step after a forecast is the step without"
 
 
 @promise("a forecast does not look at later inputs")
 def _forecast_is_causal(s: Subject) -> str:
-    state, inputs = state_after(s.fitted, recordings()["undisturbed"][:, :SHORT]), future(SHORT, 200)
+    state, inputs = s.state_after(s.fitted, s.recordings["undisturbed"][:, :SHORT]), s.ground.future(SHORT, 200)
     other = inputs.copy()
     other[:, 80:] = 1.1 * inputs[::-1, 80:]
     long = s.fitted.forecast(state, inputs)

@@ -11,17 +11,7 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import Broken, NotOffered, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import (
-    SHORT,
-    SUBJECT_SEED,
-    Subject,
-    future,
-    record,
-    recordings,
-    same,
-    small_benchmark,
-    state_after,
-)
+from twinbench.bench.contract.subject import SHORT, SUBJECT_SEED, Subject, same
 from twinbench.bench.evaluate import run
 from twinbench.bench.profile import Evaluation
 from twinbench.bench.registry import wrong_name
@@ -46,7 +36,7 @@ def _declares(s: Subject) -> str:
 @promise("an unknown setting is refused")
 def _unknown_setting(s: Subject) -> str:
     try:
-        s.kind(no_such_setting=1)
+        s.kind(s.machine, no_such_setting=1)
     except ValueError as error:
         need("no_such_setting" in str(error), f"the message does not name the setting: {error}")
         return str(error).splitlines()[0]
@@ -94,7 +84,7 @@ def _other(value: Any) -> Any:
 
 @promise("fit leaves the recordings as they were")
 def _fit_is_pure(s: Subject) -> str:
-    split = small_benchmark()
+    split = s.ground.benchmark
     train, validation = s.again.fingerprints
     need(train == fingerprint(split.train), "fit changed the training sequences")
     need(validation == fingerprint(split.validation), "fit changed the validation sequences")
@@ -103,16 +93,16 @@ def _fit_is_pure(s: Subject) -> str:
 
 @promise("only fit reads the truth")
 def _no_truth(s: Subject) -> str:
-    measured = recordings()["undisturbed"][:, :SHORT]
-    before = record(s.again.estimator, measured)
+    measured = s.recordings["undisturbed"][:, :SHORT]
+    before = s.record(s.again.estimator, measured)
     for batch in s.again.copies:  # whatever is still tied to the sequences it was fitted to changes with them
         assert batch.truth is not None
         for array in (batch.measured, batch.truth.states, batch.truth.health, batch.truth.outputs, batch.truth.inputs):
             array[:] = 0.0
     s.again.estimator.restore()
-    need(same(record(s.again.estimator, measured), before), "its estimates change with the truth it was fitted to")
+    need(same(s.record(s.again.estimator, measured), before), "its estimates change with the truth it was fitted to")
     try:
-        run(s.fitted, small_benchmark().test, Evaluation(), SUBJECT_SEED)
+        run(s.fitted, s.ground.benchmark.test, Evaluation(), SUBJECT_SEED)
     except ValueError:
         return "refused where it comes along; what fit saw may be wiped afterwards"
     raise Broken("the run did not refuse recordings that carry their truth")
@@ -125,25 +115,25 @@ def _save_and_load(s: Subject) -> str:
         s.fitted.save(path)
         with np.load(path, allow_pickle=False) as stored:
             size = sum(stored[name].nbytes for name in stored.files)
-        loaded = s.kind.load(path)
+        loaded = s.kind.load(path, s.machine)
     need(loaded.config == s.fitted.config, "the settings came back changed")
-    measured = recordings()["undisturbed"][:, :SHORT]
-    need(same(record(loaded, measured), record(s.fitted, measured)), "the loaded one estimates differently")
-    inputs = future(SHORT, 20)
-    forecasts = [e.forecast(state_after(e, measured), inputs) for e in (s.fitted, loaded)]
+    measured = s.recordings["undisturbed"][:, :SHORT]
+    need(same(s.record(loaded, measured), s.record(s.fitted, measured)), "the loaded one estimates differently")
+    inputs = s.ground.future(SHORT, 20)
+    forecasts = [e.forecast(s.state_after(e, measured), inputs) for e in (s.fitted, loaded)]
     need(same(*forecasts), "the loaded one forecasts differently")
     return f"{size / 1e3:.0f} kB, {SHORT} ticks and a forecast equal bit for bit"
 
 
 @promise("restore can be repeated")
 def _restore_twice(s: Subject) -> str:
-    estimator = s.kind(**s.fitted.config)
+    estimator = s.kind(s.machine, **s.fitted.config)
     estimator.arrays = {name: array.copy() for name, array in s.fitted.arrays.items()}
     estimator.restore()
-    measured = recordings()["undisturbed"][:, :SHORT]
-    once = record(estimator, measured)
+    measured = s.recordings["undisturbed"][:, :SHORT]
+    once = s.record(estimator, measured)
     estimator.restore()
-    need(same(record(estimator, measured), once), "it estimates differently after a second restore")
+    need(same(s.record(estimator, measured), once), "it estimates differently after a second restore")
     for name, array in s.fitted.arrays.items():
         need(same(array, estimator.arrays[name]), f"restore changed the learnt array {name}")
     return f"{SHORT} ticks equal bit for bit"

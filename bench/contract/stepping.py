@@ -16,35 +16,28 @@ from twinbench.bench.contract.subject import (
     SUBJECT_SEED,
     Subject,
     Trace,
-    begun,
-    deviation,
-    record,
-    recordings,
     same,
-    sample_at,
-    small_benchmark,
     snapshot,
 )
 from twinbench.bench.evaluate import run
 from twinbench.bench.profile import Evaluation
-from twinbench.data.batch import SAMPLE_PERIOD_S
 from twinbench.methods.estimator import Info, State
 
-_SHAPES: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
-    "mean": ((10,), np.float64), "cov": ((10, 10), np.float64), "low": ((10,), np.float64), "high": ((10,), np.float64),
-    "innovation": ((3,), np.float64), "S": ((3, 3), np.float64), "nis": ((), np.float64),
-    "accepted": ((3,), np.bool_), "flags": ((), np.int64), "age_s": ((7,), np.float64),
-}  # fmt: skip
 
-
-def _shaped(said: State | Info, batch: int) -> None:
+def _shaped(s: Subject, said: State | Info, batch: int) -> None:
+    n, ny, channels = len(s.machine.quantities), len(s.machine.outputs), len(s.machine.channels)
+    shapes: dict[str, tuple[tuple[int, ...], type[np.generic]]] = {
+        "mean": ((n,), np.float64), "cov": ((n, n), np.float64), "low": ((n,), np.float64), "high": ((n,), np.float64),
+        "innovation": ((ny,), np.float64), "S": ((ny, ny), np.float64), "nis": ((), np.float64),
+        "accepted": ((ny,), np.bool_), "flags": ((), np.int64), "age_s": ((channels,), np.float64),
+    }  # fmt: skip
     for name, array in said._asdict().items():
         if name == "memory":
             for i, part in enumerate(array):
                 plain = isinstance(part, np.ndarray) and part.dtype != object
                 need(plain and part.shape[:1] == (batch,), f"memory[{i}] is no array that leads with the machines")
             continue
-        shape, dtype = (batch, *_SHAPES[name][0]), np.dtype(_SHAPES[name][1])
+        shape, dtype = (batch, *shapes[name][0]), np.dtype(shapes[name][1])
         need(isinstance(array, np.ndarray), f"{name} is no NumPy array")
         fits = array.shape == shape and array.dtype == dtype
         need(fits, f"{name} is {array.dtype} {array.shape}, must be {dtype} {shape}")
@@ -54,25 +47,25 @@ def _shaped(said: State | Info, batch: int) -> None:
 def _shapes(s: Subject) -> str:
     for batch in (1, 2, 3):
         state = s.fitted.init(batch)
-        _shaped(state, batch)
-        measured = np.repeat(recordings()["undisturbed"][:1], batch, axis=0)
+        _shaped(s, state, batch)
+        measured = np.repeat(s.recordings["undisturbed"][:1], batch, axis=0)
         for k in range(3):
-            state, info = s.fitted.step(state, sample_at(measured, k))
-            _shaped(state, batch)
-            _shaped(info, batch)
+            state, info = s.fitted.step(state, s.ground.sample_at(measured, k))
+            _shaped(s, state, batch)
+            _shaped(s, info, batch)
     return "for 1, 2 and 3 machines"
 
 
 @promise("step is pure")
 def _step_is_pure(s: Subject) -> str:
-    measured = recordings()["late"]
+    measured = s.recordings["late"]
     tried = (0, 1, 39, 40, 41, 63, 64, 65, 200, 399)
-    state = begun(s.fitted, 2)
+    state = s.begun(s.fitted, 2)
     for k in range(measured.shape[1]):
         if k not in tried:
-            state, _ = s.fitted.step(state, sample_at(measured, k))
+            state, _ = s.fitted.step(state, s.ground.sample_at(measured, k))
             continue
-        sample, other = sample_at(measured, k), sample_at(measured, (k + 200) % SHORT)
+        sample, other = s.ground.sample_at(measured, k), s.ground.sample_at(measured, (k + 200) % SHORT)
         given = snapshot((state, sample))
         after = s.fitted.step(state, sample)
         kept = snapshot(after)
@@ -86,33 +79,34 @@ def _step_is_pure(s: Subject) -> str:
 
 @promise("a batch gives what single runs give")
 def _batch_equals_loop(s: Subject) -> str:
-    measured = recordings()["missing"][:, 300 : 300 + SHORT]
-    together = record(s.fitted, measured)
-    alone = [record(s.fitted, measured[b : b + 1]) for b in range(2)]
+    measured = s.recordings["missing"][:, 300 : 300 + SHORT]
+    together = s.record(s.fitted, measured)
+    alone = [s.record(s.fitted, measured[b : b + 1]) for b in range(2)]
     single = Trace(*(np.concatenate(parts, axis=1) for parts in zip(*alone, strict=True)))
-    return at_most(deviation(together, single), FLOAT32_ROUND_OFF, "largest deviation in typical changes")
+    return at_most(s.deviation(together, single), FLOAT32_ROUND_OFF, "largest deviation in typical changes")
 
 
 @promise("machines do not touch each other")
 def _independent(s: Subject) -> str:
-    calm, wild = recordings()["undisturbed"][:, :SHORT].copy(), recordings()["absurd"]
+    calm, wild = s.recordings["undisturbed"][:, :SHORT].copy(), s.recordings["absurd"]
     mixed = calm.copy()
     mixed[0] = wild[0]
-    a, b = record(s.fitted, calm), record(s.fitted, mixed)
+    a, b = s.record(s.fitted, calm), s.record(s.fitted, mixed)
     second = [Trace(*(part[:, 1] for part in trace)) for trace in (a, b)]
-    return at_most(deviation(*second), FLOAT64_ROUND_OFF, "absurd readings of one machine moved another by")
+    return at_most(s.deviation(*second), FLOAT64_ROUND_OFF, "absurd readings of one machine moved another by")
 
 
 @promise("the future does not reach the past")
 def _causal(s: Subject) -> str:
-    batch = small_benchmark().test.without_truth().select([0, 1], slice(0, 2 * SHORT))
-    cut, ahead_s = 520, 1.0
+    batch = s.ground.benchmark.test.without_truth().select([0, 1], slice(0, 2 * SHORT))
+    cut, period_s = 520, s.machine.sample_period_s
+    ahead_s = 20 * period_s
     other = batch.measured.copy()
     other[:, cut:] = other[::-1, : other.shape[1] - cut] * 1.05
     other[:, cut + 50 : cut + 60] = np.nan
-    evaluation = Evaluation(stride=1, origin_every_s=2.0, leads_s=(ahead_s,))
+    evaluation = Evaluation(stride=1, origin_every_s=40 * period_s, leads_s=(ahead_s,))
     a, b = (run(s.fitted, b, evaluation, SUBJECT_SEED) for b in (batch, replace(batch, measured=other)))
-    past = a.forecast_time_s + ahead_s < cut * SAMPLE_PERIOD_S
+    past = a.forecast_time_s + ahead_s < cut * period_s
     estimates = () if s.kind.two_sided else ("mean", "low", "high")  # these look back, and say so
     for name in (*estimates, "nis", "nis_dof", "flags"):
         changed = [
@@ -128,8 +122,8 @@ def _causal(s: Subject) -> str:
 
 @promise("readings may come as float32")
 def _float32(s: Subject) -> str:
-    rounded = recordings()["undisturbed"][:, :SHORT].astype(np.float32)
-    narrow = record(s.fitted, rounded)  # type: ignore[arg-type]
+    rounded = s.recordings["undisturbed"][:, :SHORT].astype(np.float32)
+    narrow = s.record(s.fitted, rounded)  # type: ignore[arg-type]
     for name in ("mean", "low", "high", "cov"):
         need(getattr(narrow, name).dtype == np.float64, f"{name} is {getattr(narrow, name).dtype}, must be float64")
-    return at_most(deviation(narrow, record(s.fitted, rounded.astype(np.float64))), FLOAT32, "largest deviation")
+    return at_most(s.deviation(narrow, s.record(s.fitted, rounded.astype(np.float64))), FLOAT32, "largest deviation")

@@ -47,7 +47,7 @@ SKILL = (
     "interval. 0 is no better than that row. Marked: the interval lies above 0."
 )
 FACTORS = (
-    "Each quantity's interval is made wider or narrower by one factor, chosen on the validation recordings (split "
+    "Each quantity's interval is made wider or narrower by one factor, chosen on the calibration recordings (split "
     "conformal prediction, the recording as the unit)."
 )
 NOTHING = "This run has no such scores."

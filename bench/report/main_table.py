@@ -38,7 +38,7 @@ SKILL = (
 COVERAGE = (
     "Coverage: of the 95 % interval of the quantity that is covered least, and most, of the ten{after}; 95 is right."
 )
-CALIBRATED = ", with each interval made wider or narrower by a factor from the validation recordings"
+CALIBRATED = ", with each interval made wider or narrower by a factor from the calibration recordings"
 COST = (
     "Training: processor time of one seed. Update: median of one update of one machine, by the quickest form of the "
     "filter that was timed; the form is the implementation's, not the method's."

@@ -19,25 +19,25 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.bootstrap import INTERVAL_LEVEL
 from twinbench.bench.statistics.ranked import cut_to, ranked_from
-from twinbench.data.batch import ESTIMATED, Array, Batch
+from twinbench.data.batch import Array, Batch
 
 FACTORS = np.geomspace(0.02, 50.0, 2_000)
-"""Factors that are tried, .4 % apart. Beyond them an interval says nothing; a finer grid moves coverage by less than
-a hundredth of a per cent."""
+"""Factors that are tried, .4 % apart, in units of the median score. Beyond them an interval says nothing; a finer grid
+moves coverage by less than a hundredth of a per cent."""
 
 
 def factors(estimates: Estimates, truth: Batch) -> Array:
-    """(10,) dimensionless: by how much each quantity's intervals are to be stretched about their estimates.
+    """(n,) dimensionless: by how much each quantity's intervals are to be stretched about their estimates.
 
     Args:
-        estimates: of the validation recordings.
+        estimates: of the calibration recordings.
         truth: these recordings with their truth.
     """
     ranked = cut_to(estimates, ranked_from(estimates.time_s))
     at = truth_at(truth, ranked.names, ranked.time_s)
     mean, low, high = (values.astype(np.float64) for values in (ranked.mean, ranked.low, ranked.high))
     misses = nonconformity(mean, low, high, at.estimated)
-    return np.array([stretch(misses[..., q]) for q in range(len(ESTIMATED))])
+    return np.array([stretch(misses[..., q]) for q in range(misses.shape[-1])])
 
 
 def nonconformity(mean: Array, low: Array, high: Array, true: Array) -> Array:
@@ -62,7 +62,15 @@ def stretch(misses: Array, level: float = INTERVAL_LEVEL) -> float:
         misses: (n, M) dimensionless, ``nonconformity`` of n recordings.
         level: the mean share of time, over recordings, that is to be inside.
     """
-    shares = np.stack([np.searchsorted(np.sort(own), FACTORS, side="right") for own in misses]) / misses.shape[1]
+    seen = misses[np.isfinite(misses) & (misses > 0.0)]
+    unit = float(np.median(seen)) if len(seen) else 1.0  # so that errors twice as large need just twice the factor
+    tried = unit * FACTORS
+    shares = np.stack([np.searchsorted(np.sort(own), tried, side="right") for own in misses]) / misses.shape[1]
+    return unit * _calibrated(shares, level)
+
+
+def _calibrated(shares: Array, level: float) -> float:
+    """Of FACTORS, between them, the one that is right for a recording left out; shares (n, len(FACTORS)) are inside."""
     n = len(shares)
     together = shares.mean(axis=0)
     if n == 1 or together[-1] <= level:

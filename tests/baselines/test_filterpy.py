@@ -14,7 +14,7 @@ SETTINGS = {"nominal_ekf": {"calibration_minutes": 0.5}, "pinn_ukf": PINNUnscent
 @pytest.fixture(scope="module")
 def split():
     return simulate_benchmark(
-        DesignConfig(n_train=2, n_validation=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5)
+        DesignConfig(n_train=2, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5)
     )
 
 

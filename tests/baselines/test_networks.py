@@ -80,7 +80,7 @@ def test_deeponet_twin_equals_torch():
 )
 def test_every_network_has_the_budget_of_the_proposed_one(kind):
     split = simulate_benchmark(
-        DesignConfig(n_train=1, n_validation=1, n_test=1, n_single=0, minutes=2.5, warmup_minutes=0.5)
+        DesignConfig(n_train=1, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=2.5, warmup_minutes=0.5)
     )
     estimator = kind(**kind.contract_settings)
     estimator.fit(split.train, split.validation, 0)

@@ -16,7 +16,7 @@ HEALTH = COMPRESSOR.health_names
 @pytest.fixture(scope="module")
 def train():
     return simulate_benchmark(
-        DesignConfig(n_train=4, n_validation=1, n_test=1, n_single=0, minutes=8.0, warmup_minutes=1.0)
+        DesignConfig(n_train=4, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=8.0, warmup_minutes=1.0)
     ).train
 
 

@@ -77,7 +77,9 @@ def test_surprise_is_the_normal_density_of_what_is_there():
 
 @pytest.fixture(scope="module")
 def split():
-    return simulate_benchmark(DesignConfig(n_train=2, n_validation=1, n_test=1, minutes=3.0, warmup_minutes=0.5))
+    return simulate_benchmark(
+        DesignConfig(n_train=2, n_validation=1, n_calibration=1, n_test=1, minutes=3.0, warmup_minutes=0.5)
+    )
 
 
 SETTINGS = {"calibration_minutes": 0.5, "slow_error": 0.0, "health_walk": 2.126, "state_walk": 126.8}

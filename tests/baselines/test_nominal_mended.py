@@ -26,7 +26,7 @@ HEALTH, INPUTS, OUTPUTS = COMPRESSOR.health_names, COMPRESSOR.inputs, COMPRESSOR
 @pytest.fixture(scope="module")
 def train() -> Batch:
     return simulate_benchmark(
-        DesignConfig(n_train=5, n_validation=1, n_test=1, n_single=0, minutes=3.0, warmup_minutes=1.0)
+        DesignConfig(n_train=5, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=3.0, warmup_minutes=1.0)
     ).train
 
 

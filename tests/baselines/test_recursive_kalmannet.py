@@ -19,7 +19,7 @@ TICKS = 200
 @pytest.fixture(scope="module")
 def split():
     return simulate_benchmark(
-        DesignConfig(n_train=3, n_validation=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
+        DesignConfig(n_train=3, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
     )
 
 

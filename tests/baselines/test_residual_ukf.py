@@ -16,7 +16,7 @@ from twinbench.methods.training import load_weights
 from twinbench.methods.transitions import draw_transitions
 from twinbench.physics.integrate import Varying, advance
 
-DESIGN = DesignConfig(n_train=3, n_validation=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
+DESIGN = DesignConfig(n_train=3, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
 TICKS = 300
 
 

@@ -10,16 +10,15 @@ import pytest
 
 from twinbench.bench.contract import PROMISES, Subject, judge, run_battery
 from twinbench.bench.contract.filtering import textbook_filter
-from twinbench.bench.contract.subject import P_DIS, SCALE
 from twinbench.bench.registry import discover
-from twinbench.data.batch import STATES
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import Estimator, Info, State, gaussian_state
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import linear_filter
-from twinbench.methods.observe import observe
 from twinbench.methods.reporting import clean_flags
-from twinbench.physics.health import HIGH, LOW
 
+SCALE, P_DIS = COMPRESSOR.scales, COMPRESSOR.channels.index("p_dis_bar")
+HIGH, LOW = COMPRESSOR.coordinates.high, COMPRESSOR.coordinates.low
 ROOM = 0.05 * (HIGH - LOW)
 
 
@@ -66,7 +65,7 @@ class Good(Estimator):
     def step(self, state, sample):
         front, clean = self._front_end.step(Memory(*state.memory), sample.measured)
         mean = self.arrays["y"] + np.einsum("bc,ce->be", clean.filled - self.arrays["x"], self.arrays["W"])
-        innovation = np.where(clean.accepted, clean.filled, np.nan)[:, 4:] - observe(state.mean)
+        innovation = np.where(clean.accepted, clean.filled, np.nan)[:, 4:] - COMPRESSOR.observe(state.mean)
         variance = np.tile([0.1, 9.0, 1e-3], (len(mean), 1))
         accepted = clean.accepted[:, 4:]
         nis = np.where(accepted.any(axis=1), np.nansum(innovation**2 / variance, axis=1), np.nan)
@@ -98,8 +97,8 @@ class SearchesWhatIsNoSetting(Good):
 
 
 class TakesAnySetting(Good):
-    def __init__(self, **settings):
-        super().__init__(**{k: v for k, v in settings.items() if k in self.settings})
+    def __init__(self, machine=COMPRESSOR, **settings):
+        super().__init__(machine, **{k: v for k, v in settings.items() if k in self.settings})
 
 
 class DrawsWithoutTheSeed(Good):
@@ -336,7 +335,7 @@ class ForecastsNaN(Good):
 
 class AdvancesByForecasting(Good):
     def forecast(self, state, inputs):
-        state.mean[:, : len(STATES)] *= 1.001
+        state.mean[:, : len(COMPRESSOR.estimated)] *= 1.001
         return super().forecast(state, inputs)
 
 

@@ -16,7 +16,7 @@ def test_the_papers_profile_holds_the_papers_data_and_three_seeds() -> None:
     profile = load_profile("paper")
     assert profile.seeds == (0, 1, 2)
     assert profile.data == DesignConfig(
-        n_train=26, n_validation=20, n_test=60, n_single=10, minutes=30.0, warmup_minutes=5.0
+        n_train=26, n_validation=20, n_calibration=40, n_test=60, n_single=10, minutes=30.0, warmup_minutes=5.0
     )
 
 

@@ -18,7 +18,9 @@ SLOW = """
 
 
 def test_what_takes_longest_comes_first(tmp_path: Path) -> None:
-    design = DesignConfig(n_train=1, n_validation=1, n_test=1, n_single=0, minutes=1.0, warmup_minutes=0.5)
+    design = DesignConfig(
+        n_train=1, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=1.0, warmup_minutes=0.5
+    )
     table = profile(write_estimator(tmp_path, "slow", fit=SLOW.strip()), simulate_benchmark(design), 10)
     assert table.iloc[0]["function"] == "slow.dawdle"
     assert table.iloc[0]["calls"] == 1

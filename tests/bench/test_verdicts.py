@@ -122,13 +122,16 @@ def test_the_true_start_held_is_no_estimator_and_must_lose() -> None:
 
 
 def test_coverage_by_regime_names_its_ends() -> None:
-    rows = [
-        ("deeponet_kalman", r, q, 90.0 + k) for k, (r, q) in enumerate(product(("all", "after_load"), ESTIMATED[:4]))
-    ]
-    regimes = pd.DataFrame(rows, columns=["estimator", "regime", "quantity", "calibrated_pct"])
+    pairs = enumerate(product(("all", "after_load"), ESTIMATED[:4]))
+    rows = [("deeponet_kalman", r, q, 90.0 + k, 88.0 + k, 92.0 + k) for k, (r, q) in pairs]
+    columns = ["estimator", "regime", "quantity", "calibrated_pct", "calibrated_low", "calibrated_high"]
+    regimes = pd.DataFrame(rows, columns=columns)
     text = verdicts(summarise(scores(LEVELS), {}), regimes)[-1]
     assert "from 90.0 % (intake pressure, all) to 97.0 % (wall temperature, after load)" in text
-    assert text.endswith("In 5 of 8 pairs it lies between 93 and 97 %.")
+    assert "In 5 of 8 pairs it lies between 93 and 97 %." in text
+    # Only the first interval, 88 to 92, lies outside. With an sd of 2 / 1.96 exact ones lie within in 95 %.
+    assert "In 1 of them its 95 % interval over recordings lies outside." in text
+    assert "would lie between in about 8:" in text
 
 
 def test_coverage_is_that_of_the_worst_and_best_quantity() -> None:

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS
 from twinbench.data.recording import read_recording
+from twinbench.machines.compressor import COMPRESSOR
 
 TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.1, 430.0, 0.12])
 MENDS = ("check", "copy", "record", "name", "--map", "leave", "sort", "give", "write", "every row", "choose", "move")
@@ -20,7 +20,7 @@ MENDS += ("save", "export", "split", "mend")
 def table(samples: int = 8) -> pd.DataFrame:
     """(samples, 8): ``time_s`` at 20 Hz and the seven channels, all of them moving a little."""
     wiggle = 1.0 + 0.01 * np.sin(np.arange(samples)[:, None] + np.arange(len(TYPICAL)))
-    columns = {"time_s": np.arange(samples) * 0.05} | dict(zip(CHANNELS, (TYPICAL * wiggle).T, strict=True))
+    columns = {"time_s": np.arange(samples) * 0.05} | dict(zip(COMPRESSOR.channels, (TYPICAL * wiggle).T, strict=True))
     return pd.DataFrame(columns)
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.data.corrupt import BURST, SPIKE_SIZE, Corruption, corrupt
-from twinbench.physics.sensors import INPUT_NOISE, OUTPUT_NOISE, PRESSURE_DRIFT_SHARE, PRESSURE_DRIFT_TAU_S
+from twinbench.machines.compressor import COMPRESSOR
 
-SHEET = INPUT_NOISE + OUTPUT_NOISE
+CHANNELS, SAMPLE_PERIOD_S = COMPRESSOR.channels, COMPRESSOR.sample_period_s
+SHEET, DRIFT = COMPRESSOR.noise, COMPRESSOR.drift
 NOTHING = Corruption(noise=0.0, drift=0.0, dropout=0.0, spikes=0.0, jitter_s=0.0)
 NOISE = Corruption(drift=0.0, dropout=0.0, spikes=0.0, jitter_s=0.0)
 
@@ -21,7 +21,7 @@ def steady(samples: int, N_rpm: float = 1350.0) -> np.ndarray:
 
 
 def read(clean: np.ndarray, level: Corruption, seed: int = 1) -> np.ndarray:
-    return corrupt(clean[:, :4], clean[:, 4:], level, np.random.default_rng(seed))
+    return corrupt(COMPRESSOR, clean[:, :4], clean[:, 4:], level, np.random.default_rng(seed))
 
 
 def in_sheet_units(clean: np.ndarray, measured: np.ndarray) -> np.ndarray:
@@ -39,10 +39,10 @@ def test_noise_is_as_large_as_the_sheet_says_at_every_speed(N_rpm, factor):
     clean = steady(200_000, N_rpm)
     error = in_sheet_units(clean, read(clean, NOISE))
     for c, noise in enumerate(SHEET):
-        expected = np.hypot(noise.white, noise.coloured) * (factor if noise.with_speed else 1.0)
+        expected = np.hypot(noise.white, noise.coloured) * (factor if noise.grows else 1.0)
         assert error[:, c].std() == pytest.approx(expected, rel=0.05), noise.channel
         assert abs(error[:, c].mean()) <= 0.05 * expected
-    assert [n.channel for n in SHEET if n.with_speed] == ["p_dis_bar", "m_flow_kg_s"]
+    assert [n.channel for n in SHEET if n.grows] == ["p_dis_bar", "m_flow_kg_s"]
 
 
 @pytest.mark.parametrize("lag_s", [0.05, 0.3, 1.5])
@@ -65,15 +65,15 @@ def test_channels_err_by_themselves():
 
 
 def test_both_pressures_share_one_slow_drift_and_nothing_else_drifts():
-    later = round(0.2 * PRESSURE_DRIFT_TAU_S / SAMPLE_PERIOD_S)
+    later = round(0.2 * DRIFT.tau_s / SAMPLE_PERIOD_S)
     clean = steady(later + 1)
     level = Corruption(noise=0.0, dropout=0.0, spikes=0.0, jitter_s=0.0)
     ends = [in_sheet_units(clean, read(clean, level, seed))[[0, later]] for seed in range(500)]
     first, last = np.stack(ends, axis=1)
     suction, discharge = CHANNELS.index("p_suc_bar"), CHANNELS.index("p_dis_bar")
     assert np.allclose(first[:, suction], first[:, discharge], atol=1e-12)
-    assert first[:, suction].std() == pytest.approx(PRESSURE_DRIFT_SHARE, rel=0.1)
-    assert last[:, suction].std() == pytest.approx(PRESSURE_DRIFT_SHARE, rel=0.1)
+    assert first[:, suction].std() == pytest.approx(DRIFT.share, rel=0.1)
+    assert last[:, suction].std() == pytest.approx(DRIFT.share, rel=0.1)
     assert np.corrcoef(first[:, suction], last[:, suction])[0, 1] == pytest.approx(np.exp(-0.2), abs=0.06)
     others = np.delete(last, [suction, discharge], axis=1)
     assert np.abs(others).max() == 0.0

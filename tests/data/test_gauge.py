@@ -42,7 +42,7 @@ def test_gauge_works_on_the_command_line_and_in_the_sidecar(tmp_path):
 
 def test_a_gauge_is_no_temperature():
     with pytest.raises(BadInput, match="cannot be turned into"):
-        convert(np.ones(2), "barg", "kelvin", "x.csv")
+        convert(np.ones(2), "barg", "K", "x.csv")
 
 
 @pytest.mark.parametrize(
@@ -51,9 +51,9 @@ def test_a_gauge_is_no_temperature():
         (-0.06, "bar", 0.82, 1.08, "barg"),
         (95.0, "bar", 0.82, 1.08, "kPa"),
         (45.0, "bar", 1.9, 4.8, "psi"),
-        (175.0, "kelvin", 390.0, 505.0, "degC"),
+        (175.0, "K", 390.0, 505.0, "degC"),
         (25.0, "rpm", 900.0, 1800.0, "Hz"),
-        (60.0, "dimensionless", 0.27, 0.91, "percent"),
+        (60.0, "1", 0.27, 0.91, "percent"),
         (430.0, "kg/s", 0.05, 0.17, "kg/h"),
         (120.0, "kg/s", 0.05, 0.17, "g/s"),
     ],

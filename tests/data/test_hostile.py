@@ -13,8 +13,8 @@ from recording_files import TYPICAL, refusal, table, write
 from twinbench.common.shown import LONGEST_MESSAGE, as_map, printable, shown
 from twinbench.common.toml_file import MOST_TOML_BYTES
 from twinbench.data import table as reader
-from twinbench.data.batch import CHANNELS
 from twinbench.data.recording import LONGEST_GAP, SHORT_GAP, read_recording
+from twinbench.machines.compressor import COMPRESSOR
 
 YEAR_S = 365.25 * 86400.0
 
@@ -89,7 +89,7 @@ def test_the_last_bracket_holds_the_unit(tmp_path):
     frame = table().rename(columns={"p_dis_bar": "P[2]", "p_suc_bar": "q [bar]"})
     frame["P[2]"] *= 100.0
     values = read_recording(write(frame, tmp_path), ["P[2][kPa]=p_dis_bar", "q [bar]=p_suc_bar"]).values
-    assert np.allclose(values, table()[list(CHANNELS)])
+    assert np.allclose(values, table()[list(COMPRESSOR.channels)])
 
 
 def test_a_column_that_is_named_in_whole_is_taken_and_its_unit_asked_about(tmp_path):
@@ -104,7 +104,7 @@ def test_a_column_that_is_named_in_whole_is_taken_and_its_unit_asked_about(tmp_p
 
 def test_blanks_around_names_are_left_out_and_told(tmp_path, caplog):
     path = spoilt(tmp_path, "p_suc_bar,T_suc_K", " p_suc_bar ,T_suc_K")
-    assert np.allclose(read_recording(path).values, table()[list(CHANNELS)])
+    assert np.allclose(read_recording(path).values, table()[list(COMPRESSOR.channels)])
     assert "blanks around column names are left out (' p_suc_bar ')" in caplog.text
     assert "two columns have that name" in refusal(spoilt(tmp_path, "p_suc_bar,T_suc_K", "p_suc_bar, p_suc_bar"))
     blanks = spoilt(tmp_path, "p_suc_bar", " true_p_suc_bar")

@@ -9,26 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twinbench.data.batch import HEALTH
 from twinbench.data.benchmark import SINGLE, DesignConfig, design
-from twinbench.data.population import (
-    BIAS_START_K,
-    BLOCK,
-    COMMISSIONING_S,
-    PRIOR_COV,
-    PRIOR_MEAN,
-    SIZE,
-    changing,
-    commissioning_s,
-    courses,
-    start_of,
-)
-from twinbench.data.scenario import WORN, health_of, latin_hypercube
-from twinbench.physics.health import HEALTHY, SPAN, to_theta, to_zeta
+from twinbench.data.fresh import HEALTH, HEALTHY, WORN
+from twinbench.data.population import BLOCK, COMMISSIONING_S, SIZE, changing, commissioning_s, courses
+from twinbench.data.scenario import health_of, latin_hypercube
+from twinbench.machines.compressor import COMPRESSOR
 
 CONFIG = DesignConfig()
 WARM_S = 60.0 * CONFIG.warmup_minutes
 MACHINES = [s for part in design(CONFIG).values() for s in part if not s.name.startswith(SINGLE)]
+SPAN, start_of = COMPRESSOR.span, COMPRESSOR.start_of
 each = pytest.mark.parametrize("machine", MACHINES, ids=lambda s: s.name)
 BIAS = HEALTH.index("T_bias_K")
 LIFE_LOW = np.where(np.arange(5) == BIAS, -6.0, np.minimum(HEALTHY, WORN))
@@ -79,18 +69,19 @@ def test_some_changes_are_sudden_some_slow_some_go_back():
 
 
 def test_the_prior_is_the_mean_and_covariance_of_the_starts():
-    zeta = to_zeta(start_of(np.random.default_rng(0).random((200_000, 5))))
-    assert zeta.mean(axis=0) == pytest.approx(PRIOR_MEAN, abs=0.03)
-    assert np.cov(zeta.T) == pytest.approx(PRIOR_COV, abs=0.06)
+    mean, cov = COMPRESSOR.prior
+    zeta = COMPRESSOR.coordinates.to_zeta(start_of(np.random.default_rng(0).random((200_000, 5))))
+    assert zeta.mean(axis=0) == pytest.approx(mean, abs=0.03)
+    assert np.cov(zeta.T) == pytest.approx(cov, abs=0.06)
 
 
 def test_starts_span_a_life():
     starts = start_of(latin_hypercube(40, 40, 5, "a"))
     assert np.allclose(start_of(np.zeros(5))[:4], HEALTHY[:4])
     assert np.allclose(start_of(np.ones(5))[:4], WORN[:4])
-    assert np.ptp(starts[:, BIAS]) > 1.8 * BIAS_START_K
+    assert np.ptp(starts[:, BIAS]) > 1.8 * COMPRESSOR.health[BIAS].start[1]
     assert (np.ptp(starts, axis=0)[:4] > 0.9 * SPAN[:4]).all()
-    assert np.allclose(to_theta(to_zeta(starts)), starts)
+    assert np.allclose(COMPRESSOR.coordinates.to_theta(COMPRESSOR.coordinates.to_zeta(starts)), starts)
 
 
 @given(st.integers(0, 1000), st.floats(2.0, 200.0))
@@ -98,14 +89,14 @@ def test_courses_fit_recordings_of_any_length(seed, kept_min):
     rng = np.random.default_rng(seed)
     seconds = 60.0 * (kept_min + 1.0)
     start = start_of(rng.random(5))
-    changes = courses(start, (0, 1, 2, 3, 4), 60.0, seconds, rng)
+    changes = courses(COMPRESSOR, start, (0, 1, 2, 3, 4), 60.0, seconds, rng)
     for parameter in HEALTH:
         own = [c for c in changes if c.parameter == parameter]
         ends = [s for c in own for s in (c.begin_s, c.finish_s)]
         assert ends == sorted(ends)
         assert 60.0 + commissioning_s(60.0 * kept_min) < ends[0]
         assert ends[-1] < seconds
-    health = health_of(start, changes, np.arange(0.0, seconds, 1.0))
+    health = health_of(HEALTH, start, changes, np.arange(0.0, seconds, 1.0))
     assert (health >= LIFE_LOW - 1e-9).all()
     assert (health <= LIFE_HIGH + 1e-9).all()
 
@@ -117,6 +108,6 @@ def test_commissioning_is_five_minutes_and_a_fifth_of_a_short_recording():
 
 
 def test_which_parameters_change_is_drawn_by_block():
-    assert changing(0, 1, "test") == changing(0, 1, "test")
-    assert changing(0, 1, "test") != changing(1, 1, "test")
-    assert sorted(len(c) for c in changing(3, 1, "test")) == sorted(BLOCK)
+    assert changing(5, 0, 1, "test") == changing(5, 0, 1, "test")
+    assert changing(5, 0, 1, "test") != changing(5, 1, 1, "test")
+    assert sorted(len(c) for c in changing(5, 3, 1, "test")) == sorted(BLOCK)

@@ -10,8 +10,8 @@ import pytest
 from recording_files import refusal, table, write
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS
 from twinbench.data.recording import Recording, check_overlap, read_recording
+from twinbench.machines.compressor import COMPRESSOR
 
 
 def spoilt(column: str, row: int, value: object) -> pd.DataFrame:
@@ -84,7 +84,7 @@ def test_rows_longer_than_the_header(tmp_path):
     assert "more cells" in refusal(path)
 
 
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("channel", COMPRESSOR.channels)
 def test_a_missing_channel_and_what_there_is_instead(tmp_path, channel):
     line = refusal(write(table().rename(columns={channel: "PT101"}), tmp_path))
     assert f"channel {channel}" in line
@@ -140,7 +140,7 @@ def test_an_unknown_unit(tmp_path, unit):
     assert "column p_dis_bar" in line
 
 
-@pytest.mark.parametrize(("channel", "unit"), [("p_dis_bar", "kelvin"), ("N_rpm", "kg"), ("m_flow_kg_s", "m^3/h")])
+@pytest.mark.parametrize(("channel", "unit"), [("p_dis_bar", "K"), ("N_rpm", "kg"), ("m_flow_kg_s", "m^3/h")])
 def test_a_unit_of_another_kind(tmp_path, channel, unit):
     assert "cannot be turned into" in refusal(write(table(), tmp_path), f"{channel}[{unit}]={channel}")
 

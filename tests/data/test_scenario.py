@@ -6,20 +6,10 @@ import numpy as np
 import pytest
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import HEALTH, INPUTS
 from twinbench.data.benchmark import PARTS, SINGLE, SINGLE_KINDS, DesignConfig, design
-from twinbench.data.scenario import (
-    BIAS_STEP_K,
-    HEALTHY,
-    HEAT_TRANSFER_LOSS,
-    MIX,
-    N_LIMITS_RPM,
-    P_SUC_LIMITS_BAR,
-    RATE_PER_MIN,
-    draw,
-    latin_hypercube,
-    stream,
-)
+from twinbench.data.fresh import BIAS_STEP_K, HEALTH, HEALTHY, HEAT_TRANSFER_LOSS, MIX, RATE_PER_MIN, draw
+from twinbench.data.scenario import latin_hypercube, stream
+from twinbench.machines.compressor import COMPRESSOR, N_LIMITS_RPM, P_SUC_LIMITS_BAR
 
 CONFIG = DesignConfig()
 DESIGN = design(CONFIG)
@@ -31,17 +21,17 @@ each_single = pytest.mark.parametrize("scenario", SINGLES, ids=lambda s: s.name)
 
 
 def test_the_papers_numbers():
-    assert [len(DESIGN[part]) for part in PARTS] == [26, 20, 70]
-    kept = [s.samples - round(WARM_S / 0.05) for s in ALL]
+    assert [len(DESIGN[part]) for part in PARTS] == [26, 20, 40, 70]
+    kept = [len(s.time_s()) - round(WARM_S / 0.05) for s in ALL]
     assert set(kept) == {30_000}
-    assert sum(kept) == 3_480_000
+    assert sum(kept) == 4_680_000
     assert all(s.seconds == 1800.0 for s in ALL)
 
 
 @each
 def test_inputs_stay_in_their_limits_and_load_changes(scenario):
     u = scenario.inputs()
-    assert u.shape == (36_000, len(INPUTS))
+    assert u.shape == (36_000, len(COMPRESSOR.inputs))
     p_suc, _, N, valve = u[round(WARM_S / 0.05) :].T
     for values, (low, high) in ((N, N_LIMITS_RPM), (p_suc, P_SUC_LIMITS_BAR), (valve, (0.2, 1.0))):
         assert low <= values.min() < values.max() <= high
@@ -106,7 +96,7 @@ def test_a_single_sequence_joins_one_health_change_with_transients_that_do_not_c
 def test_changes_come_at_no_fixed_time_and_at_no_fixed_distance_from_a_step():
     begins = np.array([s.changes[0].begin_s for s in SINGLES])
     assert np.ptp(begins) > 180.0
-    steps = [s.p_suc_bar[1::2, 0] for s in SINGLES]
+    steps = [s.drive.p_suc_bar[1::2, 0] for s in SINGLES]
     since = np.array([b - at[at < b].max() for b, at in zip(begins, steps, strict=True)])
     assert np.ptp(since) > 60.0
     assert any((at > s.changes[0].begin_s).any() for at, s in zip(steps, SINGLES, strict=True))
@@ -127,7 +117,7 @@ def test_a_row_of_the_hypercube_does_not_depend_on_how_many_there_are(count):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_a_sequence_does_not_depend_on_how_many_others_there_are(part):
-    few = design(DesignConfig(n_train=3, n_validation=2, n_test=3, n_single=2))[part]
+    few = design(DesignConfig(n_train=3, n_validation=2, n_calibration=1, n_test=3, n_single=2))[part]
     whole = {s.name: s for s in DESIGN[part]}
     for one in few:
         same = whole[one.name]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twinbench.data.batch import HEALTH, OUTPUTS
 from twinbench.data.scenes import FADING_S, ONSET_S, RAMP_BEGINS_S, RAMP_S, load_ramps, wearing
+from twinbench.machines.compressor import COMPRESSOR
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def test_five_ramps_move_the_load_once_on_healthy_machines():
     batch = load_ramps(7)
     assert batch.measured.shape == (5, 240 * 20, 7)
     assert np.ptp(batch.truth.health, axis=1).max() == 0.0
-    ratio = batch.truth.outputs[..., OUTPUTS.index("p_dis_bar")] / batch.truth.inputs[..., 0]
+    ratio = batch.truth.outputs[..., COMPRESSOR.outputs.index("p_dis_bar")] / batch.truth.inputs[..., 0]
     for course, seconds in zip(ratio, RAMP_S, strict=True):
         before, after = course[batch.time_s < RAMP_BEGINS_S], course[batch.time_s > RAMP_BEGINS_S + seconds + 10.0]
         assert np.ptp(before) < 0.1
@@ -27,7 +27,7 @@ def test_five_ramps_move_the_load_once_on_healthy_machines():
 
 
 def course(worn, scene: str, parameter: str) -> np.ndarray:
-    return worn.truth.health[worn.names.index(scene), :, HEALTH.index(parameter)]
+    return worn.truth.health[worn.names.index(scene), :, COMPRESSOR.health_names.index(parameter)]
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,9 @@ def course(worn, scene: str, parameter: str) -> np.ndarray:
 def test_wear_goes_from_where_to_where_the_paper_says(worn, scene, parameter, first, last):
     values = course(worn, scene, parameter)
     assert values[[0, -1]] == pytest.approx([first, last])
-    others = [p for p in HEALTH if p != parameter and not (scene == "fouling" and p == "heat_transfer")]
+    others = [
+        p for p in COMPRESSOR.health_names if p != parameter and not (scene == "fouling" and p == "heat_transfer")
+    ]
     assert all(np.ptp(course(worn, scene, p)) == 0.0 for p in others)
 
 

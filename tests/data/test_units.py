@@ -23,7 +23,7 @@ def _pint_is_there() -> None:
     convert(np.ones(1), "psi", "bar", "here")  # reading pint's definitions takes a second, once
 
 
-@given(st.one_of(st.text(max_size=2 * LONGEST_UNIT), LIKE_A_UNIT), st.sampled_from(["bar", "1", "m/s**2", "kelvin"]))
+@given(st.one_of(st.text(max_size=2 * LONGEST_UNIT), LIKE_A_UNIT), st.sampled_from(["bar", "1", "m/s**2", "K"]))
 @settings(max_examples=300, deadline=1e3 * AT_MOST_S)
 @example("10**10**10", "bar")
 @example("(m**99)**99", "bar")
@@ -62,7 +62,7 @@ def test_powers_products_and_brackets_as_people_write_them(given: str, wanted: s
 
 def test_degrees_with_their_sign() -> None:
     for celsius in ("°C", "℃", "degC"):
-        assert convert(np.array([20.0]), celsius, "kelvin", "here") == pytest.approx([293.15])
+        assert convert(np.array([20.0]), celsius, "K", "here") == pytest.approx([293.15])
 
 
 @pytest.mark.parametrize("power", ["m**100", "m^999", "m1000", "m**1e5", "m**m", "2**3", "m**2**2", "(m**2)**2"])

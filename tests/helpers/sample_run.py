@@ -101,7 +101,7 @@ def write_run(
     levels = LEVELS if levels is None else levels
     truth = make_truth(sequences, seconds)
     store, keys, scores = Store(out / "store"), [], []
-    store.put("data", "d0", lambda path: save_split(Split(truth, truth, truth), path))
+    store.put("data", "d0", lambda path: save_split(Split(truth, truth, truth, truth), path))
     for estimator, level in levels.items():
         for seed in seeds:
             if any((estimator, seed) == row[:2] for row in failed):

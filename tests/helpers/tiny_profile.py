@@ -7,6 +7,7 @@ scenes = false
 [data]
 n_train = 2
 n_validation = 1
+n_calibration = 1
 n_test = 2
 n_single = 1
 minutes = 2.5

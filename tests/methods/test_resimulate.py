@@ -14,7 +14,7 @@ from twinbench.physics.integrate import Varying, simulate
 @pytest.fixture(scope="module")
 def both():
     train = simulate_benchmark(
-        DesignConfig(n_train=3, n_validation=1, n_test=1, n_single=0, minutes=3.0, warmup_minutes=0.5)
+        DesignConfig(n_train=3, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=3.0, warmup_minutes=0.5)
     ).train
     return train, resimulate(train, np.random.default_rng(0), copies=2)
 

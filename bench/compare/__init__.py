@@ -1,0 +1,1 @@
+"""Which estimator foretells a user's own recordings best, where nobody knows the truth?"""

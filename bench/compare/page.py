@@ -1,0 +1,81 @@
+"""What the comparison on a user's recordings says: a table, and the sentences that its intervals hold."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from twinbench.bench.compare.scores import DEFINITIONS, HEADLINE
+from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.report.words import names_of
+from twinbench.bench.roster import UNRANKED, label
+from twinbench.bench.statistics.apart import complete, told_apart
+from twinbench.bench.statistics.bootstrap import means, sequence_scores
+
+HEADS = {
+    "open1_ratio": Column("1 s", "error over holding the last reading"),
+    "open10_ratio": Column("10 s", "error over holding the last reading"),
+    "open60_ratio": Column("60 s", "error over holding the last reading"),
+    "log_score": Column("gained", "log score"),
+    "inside_pct": Column("inside, %", "forecast intervals"),
+    "nis_ratio": Column("NIS", "innovations"),
+    "autocorrelation": Column("lag one", "innovations"),
+}
+NOTES = (
+    "Nobody knows the truth of these recordings: forecasts are held against what was read later, noise included.",
+    "Forecast intervals are those that fit the simulated calibration recordings of the machine.",
+    "Beside each mean, its 95 % interval over recordings; there is none for a single recording.",
+)
+FEWEST = 6
+"""Recordings from which on estimators are told apart: with fewer even a sign test cannot reach 5 %."""
+
+
+def table(scores: pd.DataFrame, machine: str) -> Table:
+    """One row per estimator, the best in the headline first.
+
+    Args:
+        scores: columns ``estimator, seed, sequence, metric, value``.
+        machine: its name.
+    """
+    found = {metric: means(sequence_scores(scores, metric)).set_index("estimator") for metric in HEADS}
+    order = list(found[HEADLINE].sort_values("mean", kind="stable").index)
+    rows = [(Cell(label(e)), *(_cell(found[m].loc[e]) for m in HEADS)) for e in order]
+    frame = pd.concat([found[m].loc[order].assign(metric=m).reset_index() for m in HEADS], ignore_index=True)
+    n = scores["sequence"].nunique()
+    title = f"Forecasts of {n} recording{'s' if n > 1 else ''} of {machine}"
+    definitions = tuple(f"{HEADS[m].head}: {DEFINITIONS[m]}" for m in HEADS)
+    return Table("recordings", title, frame, (Column("estimator"), *HEADS.values()), tuple(rows), NOTES, definitions)
+
+
+def _cell(row: Any) -> Cell:
+    return Cell(number(row["mean"]), span(row["low"], row["high"]) if np.isfinite(row["low"]) else "")
+
+
+def says(scores: pd.DataFrame) -> list[str]:
+    """Who foretells best a minute ahead, from whom the tests tell it apart, and whether that is worth anything."""
+    by_recording = sequence_scores(scores, HEADLINE)
+    mean = means(by_recording).set_index("estimator")
+    ranked = [e for e in complete(by_recording) if e not in UNRANKED]
+    if not ranked:
+        return ["No estimator has a forecast of every recording."]
+    best, n = str(mean.loc[ranked, "mean"].idxmin()), len(by_recording.sequences)
+    least, low, high = (float(v) for v in mean.loc[[best], ["mean", "low", "high"]].to_numpy(dtype=float)[0])
+    within = f" (95 % interval {span(low, high, to=True)})" if np.isfinite(low) else ""
+    sentences = [
+        f"{label(best)} has the least error a minute ahead: {number(least)} times{within} that of holding the "
+        "last reading."
+    ]
+    if not high < 1.0:
+        sentences.append("Its interval does not show it to be better than holding the last reading.")
+    if n < FEWEST:
+        return [*sentences, f"{n} recording{'s are' if n > 1 else ' is'} too few to tell estimators apart."]
+    others = [e for e in ranked if e != best]
+    told = [label(e) for e in others if told_apart(by_recording, best, e)]
+    same = [label(e) for e in others if not told_apart(by_recording, best, e)]
+    if told:
+        sentences.append(f"Wilcoxon's test with Holm's correction tells it from {names_of(told)}.")
+    if same:
+        sentences.append(f"It is not told apart from {names_of(same)}.")
+    return sentences
