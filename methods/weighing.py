@@ -48,7 +48,7 @@ class Causes(NamedTuple):
 
     back: int
     fails: int
-    count: int
+    count: int  # type: ignore[assignment]  # of a tuple it is a method
     failing: np.ndarray
     log_prior: Array
 
