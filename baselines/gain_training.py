@@ -15,11 +15,12 @@ from numba import njit
 from torch import Tensor, nn
 
 from twinbench.baselines.augmented_model import bound, linearise, measure
-from twinbench.baselines.learned_gain import GAIN_SPAN, N_OUT, NOISE_SPAN, SD_LIMIT, Rules, correct, seen, width
+from twinbench.baselines.learned_gain import GAIN_SPAN, NOISE_SPAN, SD_LIMIT, Rules, correct, seen, width
 from twinbench.baselines.sequences import Schedule
-from twinbench.data.batch import INPUTS, Array
+from twinbench.data.batch import Array
+from twinbench.machines.machine import Machine
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, gain
-from twinbench.methods.noise import input_sd, output_sd
+from twinbench.methods.noise import input_sd, output_sd, sheet_of
 from twinbench.methods.training import adamw
 
 BACK_TICKS = 64
@@ -38,23 +39,24 @@ class GainNetwork(nn.Module):
     """A recurrent cell at every tick; of its state the gain, and the scales of process and measurement noise.
 
     Attributes:
-        reach: (n, 3) dimensionless root mean square of the usual gain.
+        reach: (n, ny) dimensionless root mean square of the usual gain.
     """
 
-    def __init__(self, hidden: int, mean: Array, reach: Array) -> None:
-        """At first it says the mean of the Kalman filter's gain (n, 3), whatever it reads.
+    def __init__(self, hidden: int, mean: Array, reach: Array, channels: int) -> None:
+        """At first it says the mean of the Kalman filter's gain (n, ny), whatever it reads.
 
         Args:
             hidden: width of the cell.
-            mean: (n, 3) dimensionless.
-            reach: (n, 3) dimensionless root mean square of the same, which what it says is a multiple of.
+            mean: (n, ny) dimensionless.
+            reach: (n, ny) dimensionless root mean square of the same, which what it says is a multiple of.
+            channels: of the machine.
         """
         super().__init__()
-        size = len(mean)
+        size, outputs = mean.shape
         self.reach: Tensor
         self.register_buffer("reach", torch.from_numpy(reach))
-        self.cell = nn.GRUCell(width(size), hidden)
-        self.head = nn.Linear(hidden, mean.size + size + N_OUT)
+        self.cell = nn.GRUCell(width(size, outputs, channels), hidden)
+        self.head = nn.Linear(hidden, mean.size + size + outputs)
         nn.init.zeros_(self.head.weight)
         nn.init.zeros_(self.head.bias)
         share = np.divide(mean, reach, out=np.zeros_like(mean), where=reach > 0.0)
@@ -62,7 +64,7 @@ class GainNetwork(nn.Module):
             self.head.bias[: mean.size] = torch.from_numpy(GAIN_SPAN * np.arctanh(share / GAIN_SPAN)).ravel()
 
     def forward(self, read: Tensor, h: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Gain (B, n, 3) and logarithms of the noise's scales (B, n + 3), float64, and the cell's state.
+        """Gain (B, n, ny) and logarithms of the noise's scales (B, n + ny), float64, and the cell's state.
 
         Args:
             read: (B, F) dimensionless, what ``seen`` gives.
@@ -82,7 +84,7 @@ class Carried(NamedTuple):
         z: (B, n) mean in the units of z.
         P: (B, n, n) its covariance, in those units squared.
         h: (B, hidden) dimensionless, the network's.
-        noise: (B, n + 3) dimensionless logarithms of the noise's scales, as said a tick before.
+        noise: (B, n + ny) dimensionless logarithms of the noise's scales, as said a tick before.
     """
 
     z: Tensor
@@ -99,18 +101,20 @@ class Equations(NamedTuple):
     rules: Rules
 
 
-def told_of(filled: Array, accepted: np.ndarray) -> tuple[Array, ...]:
-    """Of stretches: inputs before and at each tick, their sd (B, L, 4), outputs, white and coloured sd (B, L, 3).
+def told_of(machine: Machine, filled: Array, accepted: np.ndarray) -> tuple[Array, ...]:
+    """Of stretches: inputs before and at each tick, their sd (B, L, nu), outputs, white and coloured sd (B, L, ny).
 
     Args:
-        filled: (B, 1 + L, 7) readings in the channels' units, one more tick before the first.
-        accepted: (B, 1 + L, 7) bool, were they taken?
+        machine: whose.
+        filled: (B, 1 + L, nu + ny) readings in the channels' units, one more tick before the first.
+        accepted: (B, 1 + L, nu + ny) bool, were they taken?
     """
-    before, now = (np.ascontiguousarray(part[..., : len(INPUTS)]) for part in (filled[:, :-1], filled[:, 1:]))
+    nu = len(machine.inputs)
+    before, now = (np.ascontiguousarray(part[..., :nu]) for part in (filled[:, :-1], filled[:, 1:]))
     at = filled[:, 1:]
     flat = at.reshape(-1, at.shape[-1])
-    measured = np.where(accepted[:, 1:], at, np.nan)[..., len(INPUTS) :].copy()
-    sds = (part.reshape(*at.shape[:2], -1) for part in (input_sd(flat), *output_sd(flat)))
+    measured = np.where(accepted[:, 1:], at, np.nan)[..., nu:].copy()
+    sds = (part.reshape(*at.shape[:2], -1) for part in (input_sd(machine, flat), *output_sd(sheet_of(machine), flat)))
     u_sd, white, coloured = sds
     return before, now, u_sd, measured, white, coloured
 
@@ -141,7 +145,7 @@ def _held(rules, z):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def usual_gain(rhs, output, rules, z, P, told):  # type: ignore[no-untyped-def]
-    """Of the Kalman filter's own gain, dimensionless, over sequences and ticks: mean and root mean square, (n, 3).
+    """Of the Kalman filter's own gain, dimensionless, over sequences and ticks: mean and root mean square, (n, ny).
 
     Args:
         z: (B, n) before the first tick.
@@ -149,7 +153,8 @@ def usual_gain(rhs, output, rules, z, P, told):  # type: ignore[no-untyped-def]
         told: what ``told_of`` gives of B sequences.
     """
     before, now, u_sd, measured, white, coloured = told
-    mean, square, count = np.zeros((z.shape[1], N_OUT)), np.zeros((z.shape[1], N_OUT)), np.zeros(N_OUT)
+    ny = measured.shape[2]
+    mean, square, count = np.zeros((z.shape[1], ny)), np.zeros((z.shape[1], ny)), np.zeros(ny)
     for b in range(z.shape[0]):
         at, cov = z[b].copy(), P[b].copy()
         for k in range(now.shape[1]):
@@ -158,7 +163,7 @@ def usual_gain(rhs, output, rules, z, P, told):  # type: ignore[no-untyped-def]
             innovation, H, R = measure(output, rules.model, at, now[b, k], measured[b, k], white[b, k], coloured[b, k])
             K, S, _ = gain(cov, innovation, H, R)
             G = np.zeros(K.shape)
-            for i in range(N_OUT):
+            for i in range(ny):
                 if not np.isnan(innovation[i]):
                     count[i] += 1.0
                     for j in range(at.size):
@@ -174,25 +179,25 @@ def tick(network: GainNetwork, equations: Equations, at: Carried, told: tuple[Ar
     """One tick in torch, the numbers of the compiled filter's.
 
     Args:
-        told: (B, 4) of inputs and (B, 3) of outputs, in the channels' units: one tick of what ``told_of`` gives.
-        values: (B, 7) standardised readings.
+        told: (B, nu) of inputs and (B, ny) of outputs, in the channels' units: one tick of what ``told_of`` gives.
+        values: (B, nu + ny) standardised readings.
     """
     before, now, u_sd, measured, white, coloured = told
     rhs, output, rules = equations
-    B, n = at.z.shape
+    (B, n), ny = at.z.shape, measured.shape[1]
     made = np.empty((B, n)), np.empty((B, n, n)), np.empty((B, n, n))
     _prior(rhs, rules, made_of(at.z), before, u_sd, made)
     prior, F, Q = (torch.from_numpy(a) for a in made)
     z = prior + _times(F, at.z - at.z.detach())
     q, r = torch.exp(at.noise[:, :n]), torch.exp(at.noise[:, n:])
     P = F @ at.P @ F.mT + Q * torch.sqrt(q[:, :, None] * q[:, None])
-    made = np.empty((B, N_OUT)), np.empty((B, N_OUT, n)), np.empty((B, N_OUT, N_OUT))
+    made = np.empty((B, ny)), np.empty((B, ny, n)), np.empty((B, ny, ny))
     _look(output, rules, made_of(z), now, measured, white, coloured, made)
     missing = torch.from_numpy(np.isnan(made[0]))
     H, R = torch.from_numpy(made[1]), torch.from_numpy(made[2]) * r[:, :, None]
     innovation = torch.from_numpy(np.nan_to_num(made[0])) - _times(H, z - z.detach())
     S = H @ P @ H.mT + R
-    read = np.empty((B, width(n)))
+    read = np.empty((B, width(n, ny, values.shape[1])))
     _seen(rules, values, made[0], made_of(S), made_of(P), read)
     said, noise, h = network(torch.from_numpy(read).to(at.h.dtype), at.h)
     sd, limit = (torch.sqrt(torch.diagonal(part, dim1=1, dim2=2)) for part in (P, S))
@@ -226,13 +231,15 @@ class Lessons(NamedTuple):
     """What a gain is learnt from, B sequences of N ticks.
 
     Attributes:
-        filled: (B, N, 7) readings after the gate, in the channels' units.
-        accepted: (B, N, 7) bool.
-        values: (B, N, 7) float32, the same standardised.
+        machine: whose.
+        filled: (B, N, nu + ny) readings after the gate, in the channels' units.
+        accepted: (B, N, nu + ny) bool.
+        values: (B, N, nu + ny) float32, the same standardised.
         truth: (B, N, J) float32, what is judged, in the units of z.
         judged: (J,) positions of that in z.
     """
 
+    machine: Machine
     filled: Array
     accepted: np.ndarray
     values: np.ndarray
@@ -289,7 +296,7 @@ def fit_gain(
             )
         )
         rows, span = sequence[:, None], k[:, None] + np.arange(-1, steps)
-        told = told_of(lessons.filled[rows, span], lessons.accepted[rows, span])
+        told = told_of(lessons.machine, lessons.filled[rows, span], lessons.accepted[rows, span])
         total, count = torch.zeros((), dtype=torch.float64), 1
         for i in range(steps):
             values = lessons.values[sequence, k + i].astype(np.float64)

@@ -41,22 +41,22 @@ class Layout:
     seen: np.ndarray
     least: Array
 
-    @property
+    @functools.cached_property
     def zeta(self) -> int:
         """Where health begins, and how many states there are."""
         return len(self.columns)
 
-    @property
+    @functools.cached_property
     def size(self) -> int:
         """How many entries z has."""
         return len(self.seen)
 
-    @property
+    @functools.cached_property
     def keep(self) -> np.ndarray:
         """Positions (n + nh,) in z of the machine's quantities."""
         return np.r_[0 : len(self.machine.estimated), self.zeta : self.size]
 
-    @property
+    @functools.cached_property
     def zeta_limit(self) -> Array:
         """Bounds (nh,) of the coordinates on either side, dimensionless."""
         return -self.machine.zeta_bounds[0]

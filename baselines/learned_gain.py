@@ -15,10 +15,9 @@ from numba import njit
 
 from twinbench.baselines.augmented_model import Filter, bound
 from twinbench.baselines.features import FEATURE_LIMIT
-from twinbench.data.batch import CHANNELS, OUTPUTS, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, symmetrise
 
-N_OUT, N_READ = len(OUTPUTS), len(CHANNELS)
 SD_LIMIT = 3.0
 """No standard deviation is more than so many times what it was before the first sample: a gain that was never tried on
 such readings may inflate the covariance without end. Results depend on it under faults alone."""
@@ -43,9 +42,9 @@ class Rules(NamedTuple):
     unit: Array
 
 
-def width(size: int) -> int:
-    """How many numbers ``seen`` gives."""
-    return 2 * N_OUT + N_READ + size
+def width(size: int, outputs: int, channels: int) -> int:
+    """How many numbers ``seen`` gives, of z with so many entries."""
+    return 2 * outputs + channels + size
 
 
 @njit(cache=True, error_model="numpy")
@@ -55,31 +54,32 @@ def seen(rules, values, innovation, S, P):  # type: ignore[no-untyped-def]
     The function takes plain arrays because it is compiled.
 
     Args:
-        values: (7,) standardised readings.
-        innovation: (3,) in the outputs' units, NaN where missing.
-        S: (3, 3) its covariance.
+        values: (nu + ny,) standardised readings.
+        innovation: (ny,) in the outputs' units, NaN where missing.
+        S: (ny, ny) its covariance.
         P: (n, n) covariance of z before the correction.
     """
-    out = np.zeros(2 * N_OUT + N_READ + P.shape[0])
-    for i in range(N_OUT):
+    ny, channels = innovation.size, values.size
+    out = np.zeros(2 * ny + channels + P.shape[0])
+    for i in range(ny):
         if not np.isnan(innovation[i]):
             out[i] = min(max(innovation[i] / np.sqrt(S[i, i]), -INNOVATION_CLIP_SD), INNOVATION_CLIP_SD)
-            out[N_OUT + i] = 1.0
-    for c in range(N_READ):
-        out[2 * N_OUT + c] = min(max(values[c], -FEATURE_LIMIT), FEATURE_LIMIT)
+            out[ny + i] = 1.0
+    for c in range(channels):
+        out[2 * ny + c] = min(max(values[c], -FEATURE_LIMIT), FEATURE_LIMIT)
     for j in range(P.shape[0]):
-        out[2 * N_OUT + N_READ + j] = np.log(np.sqrt(P[j, j]) / rules.unit[j]) / LOG_SPAN
+        out[2 * ny + channels + j] = np.log(np.sqrt(P[j, j]) / rules.unit[j]) / LOG_SPAN
     return out
 
 
 @njit(cache=True, error_model="numpy")
 def correct(rules, z, P, innovation, H, R, S, G):  # type: ignore[no-untyped-def]
-    """z (n,) and P (n, n) after a correction by the dimensionless gain G (n, 3); missing channels correct nothing.
+    """z (n,) and P (n, n) after a correction by the dimensionless gain G (n, ny); missing channels correct nothing.
 
     The function takes plain arrays because it is compiled.
     """
     K = np.zeros(G.shape)
-    for i in range(N_OUT):
+    for i in range(innovation.size):
         if not np.isnan(innovation[i]):
             for j in range(z.size):
                 K[j, i] = G[j, i] * np.sqrt(P[j, j] / S[i, i])

@@ -68,7 +68,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         super().__init__(machine, **settings)
         layout = self._layout = layout_of(machine)
         self._ticks, self._kept, self._acting = ticks_per_step(machine), features.keep_of(machine), acting(machine)
-        self._terms = 1 + 2 * int(self._acting.sum())
+        self._terms, self._moves = 1 + 2 * int(self._acting.sum()), np.flatnonzero(self._acting)
         # What an unbiased output reads, and what its lag follows, has an offset.
         unbiased = [i for i, r in enumerate(machine.readings) if not r.bias]
         self._offset = layout.through[unbiased].T.astype(np.float64)
@@ -231,7 +231,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         scale = self.arrays["target.scale"]
         x = self.arrays["target.mean"] + scale * scaled + fitted[:, nh:] @ self._offset.T
         slope = np.zeros((*x.shape, fitted.shape[1]))
-        slope[..., np.flatnonzero(self._acting)] = scale[:, None] * to_zeta_
+        slope[..., self._moves] = scale[:, None] * to_zeta_
         slope[..., nh:] = self._offset
         return np.maximum(x, layout.least), slope
 

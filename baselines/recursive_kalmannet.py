@@ -17,20 +17,17 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import linearise, measure
-from twinbench.baselines.learned_gain import GAIN_SPAN, N_OUT, NOISE_SPAN, Rules, correct, seen
-from twinbench.baselines.model_ekf import filter_inputs
+from twinbench.baselines.layout import layout_of
+from twinbench.baselines.learned_gain import GAIN_SPAN, NOISE_SPAN, Rules, correct, seen
 from twinbench.baselines.nominal_ekf import NominalEKF
-from twinbench.data.batch import HEALTH, INPUTS, STATES, Array, Batch
+from twinbench.data.batch import Array, Batch
 from twinbench.methods.estimator import Info, Sample, State, register
 from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import gain, symmetrise
 from twinbench.methods.reporting import clean_flags
-from twinbench.physics.health import to_zeta
 
-KNOWN = len(STATES) + 1
-"""The states whose truth is judged: those of the paper, and the probe's, which the model has too."""
-USUAL_TICKS = 2400
-"""Ticks over which the Kalman filter's own gain is averaged, where training begins: two minutes, in which it settles.
+USUAL_S = 120.0
+"""Seconds over which the Kalman filter's own gain is averaged, where training begins: two minutes, in which it settles.
 It is a beginning, and training moves on from it."""
 USUAL_SEQUENCES = 8
 """Sequences that are averaged over, likewise."""
@@ -43,7 +40,7 @@ def _sigmoid(v):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def say(net, read, h):  # type: ignore[no-untyped-def]
-    """Gain (n, 3), logarithms of the noise's scales (n + 3,) and the state (hidden,), from what is read (F,)."""
+    """Gain (n, ny), logarithms of the noise's scales (n + ny,) and the state (hidden,), from what is read (F,)."""
     inner, inner_bias, outer, outer_bias, head, head_bias, reach = net
     a, b, n = inner @ read + inner_bias, outer @ h + outer_bias, h.size
     reset, update = _sigmoid(a[:n] + b[:n]), _sigmoid(a[n : 2 * n] + b[n : 2 * n])
@@ -69,7 +66,7 @@ def _tick(rhs, output, rules, net, values, state, told, info):  # type: ignore[n
             P[b] = F @ P[b] @ F.T + Q
             symmetrise(P[b])
         innovation[b], H, R = measure(output, rules.model, z[b], now[b], measured[b], white[b], coloured[b])
-        for i in range(N_OUT):
+        for i in range(len(R)):
             R[i, i] *= np.exp(noise[b, n + i])
         _, S[b], nis[b] = gain(P[b], innovation[b], H, R)
         G, noise[b], h[b] = say(net, seen(rules, values[b], innovation[b], S[b], P[b]), h[b])
@@ -108,15 +105,15 @@ class RecursiveKalmanNet(NominalEKF):
         from twinbench.methods.training import seeded, weights_of
 
         config = self.config
-        nominal = NominalEKF(**{name: config[name] for name in NominalEKF.settings if name in config})
+        nominal = NominalEKF(self.machine, **{name: config[name] for name in NominalEKF.settings if name in config})
         nominal.fit(train, validation, seed)
         self.arrays = nominal.arrays
         self._assemble()
         rng, _ = seeded(seed)
         lessons = self.lessons(resimulate(train, rng, config["copies"]))
-        network = GainNetwork(config["hidden"], *self._usual(lessons))
+        network = GainNetwork(config["hidden"], *self._usual(lessons), len(self.machine.channels))
         z, P = (torch.from_numpy(part) for part in self.start(config["batch"]))
-        blank = torch.zeros(len(z), config["hidden"]), torch.zeros(len(z), z.shape[1] + N_OUT, dtype=torch.float64)
+        blank = torch.zeros(len(z), config["hidden"]), torch.zeros(len(z), self._said(), dtype=torch.float64)
         equations = Equations(self._rhs, self._output, self._rules)
         schedule = Schedule(config["iterations"], config["batch"], config["learning_rate"])
         losses = fit_gain(network, equations, Carried(z, P, *blank), lessons, rng, schedule)
@@ -129,20 +126,24 @@ class RecursiveKalmanNet(NominalEKF):
 
         assert batch.truth is not None
         filled, accepted, _ = self._front_end.run(batch.measured)
-        truth = np.concatenate([batch.truth.states[..., :KNOWN], to_zeta(batch.truth.health)], axis=-1)
-        nx = len(self._model.step)
-        judged = np.r_[0:KNOWN, nx : nx + len(HEALTH)]
+        layout = layout_of(self.machine)  # lags of sensors are judged, too: the model has them
+        truth = layout.targets(batch.truth)
+        judged = np.concatenate([layout.columns, np.arange(len(self._model.step), self._sensor)])
         values = self._front_end.standardise(filled).astype(np.float32)
-        return Lessons(filled, accepted, values, truth.astype(np.float32), judged)
+        return Lessons(self.machine, filled, accepted, values, truth.astype(np.float32), judged)
 
     def _usual(self, lessons: Any) -> tuple[Array, Array]:
-        """Mean and root mean square (n, 3) of the Kalman filter's own gain, dimensionless."""
+        """Mean and root mean square (n, ny) of the Kalman filter's own gain, dimensionless."""
         from twinbench.baselines.gain_training import told_of, usual_gain
 
-        some = slice(USUAL_SEQUENCES), slice(USUAL_TICKS + 1)
-        told = told_of(lessons.filled[some], lessons.accepted[some])
+        some = slice(USUAL_SEQUENCES), slice(round(USUAL_S / self.machine.sample_period_s) + 1)
+        told = told_of(self.machine, lessons.filled[some], lessons.accepted[some])
         mean, square = usual_gain(self._rhs, self._output, self._rules, *self.start(len(told[0])), told)
         return mean, square
+
+    def _said(self) -> int:
+        """How many scales of noise are said."""
+        return self._size + len(self.machine.outputs)
 
     def _assemble(self) -> None:
         """All but the network."""
@@ -167,7 +168,7 @@ class RecursiveKalmanNet(NominalEKF):
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, health as anywhere in the population."""
         z, P = self.start(batch)
-        h, noise = np.zeros((batch, self.config["hidden"])), np.zeros((batch, z.shape[1] + N_OUT))
+        h, noise = np.zeros((batch, self.config["hidden"])), np.zeros((batch, self._said()))
         return self._report(z, P, (h, noise, np.zeros(batch, np.bool_), *self._front_end.init(batch)))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
@@ -175,9 +176,8 @@ class RecursiveKalmanNet(NominalEKF):
         cut = len(state.memory) - len(Memory._fields)
         front, clean = self._front_end.step(Memory(*state.memory[cut:]), sample.measured)
         own = tuple(part.copy() for part in state.memory[:cut])
-        B = len(clean.filled)
-        info = (np.empty((B, N_OUT)), np.empty((B, N_OUT, N_OUT)), np.empty(B))
+        info = self.blank_info(len(clean.filled))
         values = self._front_end.standardise(clean.filled)
-        _tick(self._rhs, self._output, self._rules, self._net, values, own, filter_inputs(clean), info)
+        _tick(self._rhs, self._output, self._rules, self._net, values, own, self.told(clean), info)
         reported = self._report(own[0], own[1], (*own[2:], *front))
-        return reported, Info(*info, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)
+        return reported, Info(*info, clean.accepted[:, len(self.machine.inputs) :], clean_flags(clean), clean.age_s)

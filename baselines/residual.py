@@ -8,11 +8,8 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import true_inputs
-from twinbench.data.batch import HEALTH, INPUTS, STATES, Array
-from twinbench.physics.compressor import X
+from twinbench.machines.coordinates import Array
 
-N_X, N_U, N_ZETA = len(STATES), len(INPUTS), len(HEALTH) - 1
-VALVE = X.valve_pos
 EDGE = 5.0
 """Standardised inputs of the residual are held within this many spreads of training: beyond what it was shown it stays
 as it is at the edge. Results depend on it only under faults, where sigma points lie far out."""
@@ -22,15 +19,16 @@ class Residual(NamedTuple):
     """The network as compiled code takes it.
 
     Attributes:
-        mean: (14,) of what it reads, each in its unit.
-        scale: (14,) likewise.
-        first: (14, W) dimensionless weights.
+        mean: (F,) of what it reads, each in its unit.
+        scale: (F,) likewise.
+        first: (F, W) dimensionless weights.
         first_bias: (W,) dimensionless.
         second: (W, W) dimensionless.
         second_bias: (W,) dimensionless.
-        third: (W, 5) dimensionless.
-        third_bias: (5,) dimensionless.
-        unit: (5,) of what it says, in the states' units per second.
+        third: (W, n) dimensionless.
+        third_bias: (n,) dimensionless.
+        unit: (n,) of what it says, in the states' units per second.
+        actuators: (a,) positions of what it reads of the states beside the n estimated ones.
     """
 
     mean: Array
@@ -42,6 +40,7 @@ class Residual(NamedTuple):
     third: Array
     third_bias: Array
     unit: Array
+    actuators: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
@@ -51,7 +50,7 @@ def _silu(a):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def residual_rates(net, seen):  # type: ignore[no-untyped-def]
-    """Rates (M, 5) in the states' units per second, from what the network reads (M, 14), each in its unit."""
+    """Rates (M, n) in the states' units per second, from what the network reads (M, F), each in its unit."""
     a = np.empty_like(seen)
     for k in range(seen.shape[0]):
         for i in range(seen.shape[1]):
@@ -62,12 +61,18 @@ def residual_rates(net, seen):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def residual_input(model, points, u):  # type: ignore[no-untyped-def]
-    """What the network reads (K, 14) at points (K, n) under inputs u (4,) as read."""
-    out, health = np.empty((points.shape[0], N_X + N_U + 1 + N_ZETA)), model.step.size
+def residual_input(model, net, points, u):  # type: ignore[no-untyped-def]
+    """What the network reads (K, F) at points (K, size) under inputs u (nu,) as read."""
+    out, health, n = np.empty((points.shape[0], net.mean.size)), model.step.size, net.unit.size
     for k in range(points.shape[0]):
-        out[k, :N_X] = points[k, :N_X]
-        out[k, N_X : N_X + N_U] = true_inputs(model, points[k], u)
-        out[k, N_X + N_U] = points[k, VALVE]
-        out[k, N_X + N_U + 1 :] = points[k, health : health + N_ZETA]
+        out[k, :n] = points[k, :n]
+        out[k, n : n + u.size] = true_inputs(model, points[k], u)
+        at = n + u.size
+        for i in net.actuators:
+            out[k, at] = points[k, i]
+            at += 1
+        for i in range(model.acts.size):
+            if model.acts[i]:
+                out[k, at] = points[k, health + i]
+                at += 1
     return out

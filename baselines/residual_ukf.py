@@ -17,27 +17,26 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import bound, linearise, move, parameters, true_inputs
+from twinbench.baselines.layout import actuators
 from twinbench.baselines.nominal_filter import advance, read
 from twinbench.baselines.nominal_ukf import NominalUKF
-from twinbench.baselines.residual import EDGE, VALVE, Residual, residual_input, residual_rates
+from twinbench.baselines.residual import EDGE, Residual, residual_input, residual_rates
 from twinbench.baselines.slow_errors import slow_error_sd
 from twinbench.baselines.unscented import correct, moments, sigma_points
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
+from twinbench.data.batch import Array, Batch
 from twinbench.methods.estimator import State, register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
-
-N_X = len(STATES)
 
 
 @njit(cache=True, error_model="numpy")
 def _advance_all(rhs, model, net, points, u):  # type: ignore[no-untyped-def]
-    """Points (K, n) a tick on, in place, under inputs u (4,) as read."""
+    """Points (K, n) a tick on, in place, under inputs u (nu,) as read."""
     for k in range(points.shape[0]):
         bound(model, points[k])
-    rates = residual_rates(net, residual_input(model, points, u))
+    rates = residual_rates(net, residual_input(model, net, points, u))
     for k in range(points.shape[0]):
         points[k] = advance(rhs, model, points[k], u)
-        points[k, :N_X] += SAMPLE_PERIOD_S * rates[k]
+        points[k, : rates.shape[1]] += model.period_s * rates[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -69,9 +68,9 @@ def _roll_out(rhs, output, model, net, z, inputs, readings):  # type: ignore[no-
         at = z[b : b + 1].copy()
         theta, _ = parameters(model, at[0])
         for k in range(readings.shape[1]):
-            rates = residual_rates(net, residual_input(model, at, inputs[b, k]))
+            rates = residual_rates(net, residual_input(model, net, at, inputs[b, k]))
             at[0] = move(rhs, model, at[0], true_inputs(model, at[0], inputs[b, k]), theta)
-            at[0, :N_X] += SAMPLE_PERIOD_S * rates[0]
+            at[0, : rates.shape[1]] += model.period_s * rates[0]
             bound(model, at[0])
             readings[b, k] = output(at[0, :nx].copy(), true_inputs(model, at[0], inputs[b, k + 1]), theta)
 
@@ -113,23 +112,24 @@ class ResidualUKF(NominalUKF):
         from twinbench.methods.transitions import draw_transitions
         from twinbench.physics.integrate import Varying, advance
 
-        config = self.config
-        nominal = NominalUKF(**{name: config[name] for name in NominalUKF.settings})
+        config, machine, n = self.config, self.machine, len(self.machine.estimated)
+        period_s = machine.sample_period_s
+        nominal = NominalUKF(self.machine, **{name: config[name] for name in NominalUKF.settings})
         nominal.fit(train, validation, seed)
         rng, _ = seeded(seed)
         more = resimulate(train, rng, config["copies"])
         moves = draw_transitions(more, config["transitions"], rng)
         assert more.truth is not None
-        hidden = more.truth.states[moves.sequence, moves.sample, N_X:]
+        hidden = more.truth.states[moves.sequence, moves.sample, n:]
         u = more.truth.inputs[moves.sequence, moves.sample]
-        whole, health = np.concatenate([moves.x, hidden], axis=1), Varying(HEALTH, moves.theta)
-        known = advance(nominal.machine(), whole, u, SAMPLE_PERIOD_S, config["substeps"], health)[:, :N_X]
-        rates = (moves.x_next - known) / SAMPLE_PERIOD_S
+        whole, health = np.concatenate([moves.x, hidden], axis=1), Varying(machine.health_names, moves.theta)
+        known = advance(nominal.simulator(), whole, u, period_s, config["substeps"], health)[:, :n]
+        rates = (moves.x_next - known) / period_s
         seen, unit = network_input(more, moves), rates.std(axis=0)
-        mean, scale = standard(seen)
+        mean, scale = standard(machine, seen)
         inputs = torch.from_numpy(np.clip((seen - mean) / scale, -EDGE, EDGE).astype(np.float32))
         wanted = torch.from_numpy((rates / unit).astype(np.float32))
-        network = perceptron(seen.shape[1], config["hidden"], N_X)
+        network = perceptron(seen.shape[1], config["hidden"], n)
 
         def loss(_: int) -> torch.Tensor:
             rows = torch.from_numpy(rng.integers(len(inputs), size=config["rows"]))
@@ -147,10 +147,10 @@ class ResidualUKF(NominalUKF):
         self.restore()
 
         def beyond(x: Array, u: Array, theta: Array) -> Array:
-            rates: Array = residual_rates(self._net, read_of(x[:, :N_X], u, x[:, VALVE], theta))
-            return SAMPLE_PERIOD_S * rates
+            rates: Array = residual_rates(self._net, read_of(machine, x[:, :n], u, x[:, self._net.actuators], theta))
+            return period_s * rates
 
-        self.arrays["slow_error.sd"] = slow_error_sd(self.machine(), validation, config["substeps"], beyond)
+        self.arrays["slow_error.sd"] = slow_error_sd(self.simulator(), validation, config["substeps"], beyond)
         self.restore()
 
     def restore(self) -> None:
@@ -159,7 +159,8 @@ class ResidualUKF(NominalUKF):
         a = self.arrays
         layers = (part for i in (0, 2, 4) for part in (a[f"net.{i}.weight"].T, a[f"net.{i}.bias"]))
         parts = (a["input.mean"], a["input.scale"], *layers, a["rate.scale"])
-        self._net = Residual(*(np.ascontiguousarray(part, np.float64) for part in parts))
+        columns, _ = actuators(self.machine)
+        self._net = Residual(*(np.ascontiguousarray(part, np.float64) for part in parts), columns)
 
     def tick(
         self,
@@ -177,7 +178,7 @@ class ResidualUKF(NominalUKF):
     def forecast(self, state: State, inputs: Array) -> Array:
         """Run equations and residual on with the parameters frozen; the drift fades."""
         u = np.concatenate([self.held(state), inputs], axis=1)
-        readings = np.empty((*inputs.shape[:2], 3))
+        readings = np.empty((*inputs.shape[:2], len(self.machine.outputs)))
         z = np.ascontiguousarray(state.memory[0])
         _roll_out(self._rhs, self._output, self._model, self._net, z, u, readings)
         return readings

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from twinbench.baselines.gru_kf import SIZE, GRUKalman
+from twinbench.baselines.gru_kf import GRUKalman
 from twinbench.baselines.recurrent import ReadoutTwin, TwoRates
 from twinbench.baselines.state_space import StateSpace
 from twinbench.baselines.state_space_twin import StateSpaceTwin
@@ -35,7 +35,9 @@ class S5Kalman(GRUKalman):
     def network(self, features: int) -> TwoRates:
         """Of so many features, a mean and a standard deviation of each entry of z."""
         c = self.config
-        return StateSpace(features, (c["hidden"], c["states"], c["layers"]), c["readout"], 2 * SIZE)
+        step_s = self._ticks * self.machine.sample_period_s
+        widths = c["hidden"], c["states"], c["layers"]
+        return StateSpace(features, widths, c["readout"], 2 * self._layout.size, step_s)
 
     def twin(self, arrays: dict[str, np.ndarray]) -> ReadoutTwin:
         """The compiled recurrence.

@@ -14,8 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from twinbench.baselines.recurrent import TICKS_PER_STEP, TwoRates
-from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.baselines.recurrent import STEP_S, TwoRates
 
 QUICKEST_TAU_S, SLOWEST_TAU_S = 2.0, 1000.0
 """Time constants that the states of a layer have before training: from a step of the memory to most of a recording."""
@@ -44,10 +43,10 @@ def scan(keep: Tensor, drive: Tensor, start: Tensor) -> Tensor:
 class Layer(nn.Module):
     """One state-space layer with a gate, added to what comes in."""
 
-    def __init__(self, hidden: int, states: int) -> None:
+    def __init__(self, hidden: int, states: int, step_s: float = STEP_S) -> None:
         super().__init__()
         tau_s = torch.logspace(math.log10(QUICKEST_TAU_S), math.log10(SLOWEST_TAU_S), states)
-        self.log_rate = nn.Parameter(torch.log(SAMPLE_PERIOD_S * TICKS_PER_STEP / tau_s))
+        self.log_rate = nn.Parameter(torch.log(step_s / tau_s))
         self.pace = nn.Linear(hidden, states)
         nn.init.zeros_(self.pace.weight)
         nn.init.constant_(self.pace.bias, FLAT_STEP)
@@ -71,15 +70,17 @@ class Layer(nn.Module):
 
 
 class StateSpace(TwoRates):
-    """State-space layers at 0.5 Hz, readout at 20 Hz."""
+    """State-space layers, the last one's values read out at every tick."""
 
-    def __init__(self, features: int, widths: tuple[int, int, int], readout: int, outputs: int) -> None:
-        """Widths: of the values between layers, of a layer's states, and how many layers."""
+    def __init__(
+        self, features: int, widths: tuple[int, int, int], readout: int, outputs: int, step_s: float = STEP_S
+    ) -> None:
+        """Widths: of the values between layers, of a layer's states, and how many layers; a step lasts ``step_s``."""
         hidden, states, layers = widths
         super().__init__(hidden, features, readout, outputs)
         self.states = states
         self.entry = nn.Linear(features, hidden)
-        self.layers = nn.ModuleList(Layer(hidden, states) for _ in range(layers))
+        self.layers = nn.ModuleList(Layer(hidden, states, step_s) for _ in range(layers))
 
     def blank(self, batch: int) -> tuple[Tensor, ...]:
         """The layers' states before the first step, each (B, P)."""

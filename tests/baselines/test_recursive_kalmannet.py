@@ -5,15 +5,16 @@ import pytest
 import torch
 
 from twinbench.baselines.gain_training import Carried, Equations, GainNetwork, likelihood, tick, told_of
-from twinbench.baselines.learned_gain import N_OUT, Rules, correct
+from twinbench.baselines.learned_gain import Rules, correct
 from twinbench.baselines.recursive_kalmannet import RecursiveKalmanNet
-from twinbench.data.batch import SAMPLE_PERIOD_S
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import Sample
 from twinbench.methods.kalman import gain, update
 from twinbench.methods.training import load_weights
 
 TICKS = 200
+N_OUT, CHANNELS = len(COMPRESSOR.outputs), len(COMPRESSOR.channels)
 
 
 @pytest.fixture(scope="module")
@@ -45,21 +46,21 @@ def shaken(fitted, by):
 def run(estimator, batch):
     state, said = estimator.init(len(batch)), []
     for k in range(TICKS):
-        state, info = estimator.step(state, Sample(k * SAMPLE_PERIOD_S, batch.measured[:, k]))
+        state, info = estimator.step(state, Sample(k * COMPRESSOR.sample_period_s, batch.measured[:, k]))
         said.append((state, info))
     return said
 
 
 def test_compiled_recurrence_equals_torch_tick_by_tick(fitted, split):
     ours = shaken(fitted, 0.05)
-    network = GainNetwork(ours.config["hidden"], *np.ones((2, len(ours._rules.unit), N_OUT)))
+    network = GainNetwork(ours.config["hidden"], *np.ones((2, len(ours._rules.unit), N_OUT)), CHANNELS)
     load_weights(network, ours.arrays)
     lessons = ours.lessons(split.test)
     said = run(ours, split.test)
     # The compiled filter does not predict before the first sample: torch begins after it.
     z, P, h, noise = (torch.from_numpy(part) for part in said[0][0].memory[:4])
     at = Carried(z, P, h.float(), noise)
-    told = told_of(lessons.filled[:, :TICKS], lessons.accepted[:, :TICKS])
+    told = told_of(COMPRESSOR, lessons.filled[:, :TICKS], lessons.accepted[:, :TICKS])
     equations = Equations(ours._rhs, ours._output, ours._rules)
     with torch.no_grad():
         for k in range(1, TICKS):
@@ -79,11 +80,11 @@ def test_the_gradient_is_that_of_the_filter_as_it_runs(fitted, split):
     """
     size = len(fitted._rules.unit)
     torch.manual_seed(0)
-    network = GainNetwork(7, *0.05 * np.ones((2, size, N_OUT)))
+    network = GainNetwork(7, *0.05 * np.ones((2, size, N_OUT)), CHANNELS)
     network.cell.double()
     network.head.double()
     lessons = fitted.lessons(split.test)
-    told = told_of(lessons.filled[:, 200:204], lessons.accepted[:, 200:204])
+    told = told_of(COMPRESSOR, lessons.filled[:, 200:204], lessons.accepted[:, 200:204])
     z, P = (torch.from_numpy(part) for part in fitted.start(2))
     equations = Equations(fitted._rhs, fitted._output, fitted._rules)
 

@@ -9,8 +9,8 @@ from twinbench.baselines.perceptron import network_input, perceptron
 from twinbench.baselines.residual import residual_rates
 from twinbench.baselines.residual_ukf import ResidualUKF
 from twinbench.baselines.slow_errors import slow_error_sd
-from twinbench.data.batch import HEALTH, INPUTS, SAMPLE_PERIOD_S, STATES
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import Sample
 from twinbench.methods.training import load_weights
 from twinbench.methods.transitions import draw_transitions
@@ -18,6 +18,7 @@ from twinbench.physics.integrate import Varying, advance
 
 DESIGN = DesignConfig(n_train=3, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
 TICKS = 300
+N, PERIOD_S = len(COMPRESSOR.estimated), COMPRESSOR.sample_period_s
 
 
 @pytest.fixture(scope="module")
@@ -44,9 +45,9 @@ def run(estimator, batch):
     state = estimator.init(len(batch))
     said = []
     for k in range(TICKS):
-        state, info = estimator.step(state, Sample(k * SAMPLE_PERIOD_S, batch.measured[:, k]))
+        state, info = estimator.step(state, Sample(k * PERIOD_S, batch.measured[:, k]))
         said.append((state.mean, state.cov, info.innovation, info.S))
-    inputs = np.nan_to_num(batch.measured[:, TICKS : TICKS + 100, : len(INPUTS)], nan=1.0)
+    inputs = np.nan_to_num(batch.measured[:, TICKS : TICKS + 100, : len(COMPRESSOR.inputs)], nan=1.0)
     return said, estimator.forecast(state, inputs)
 
 
@@ -68,7 +69,7 @@ def test_with_its_residual_it_is_another_filter(fitted, split):
 
 def test_compiled_residual_equals_torch(fitted):
     a = fitted.arrays
-    network = perceptron(len(a["input.mean"]), fitted.config["hidden"], len(STATES))
+    network = perceptron(len(a["input.mean"]), fitted.config["hidden"], N)
     load_weights(network, a)
     read = np.random.default_rng(0).normal(size=(50, len(a["input.mean"])))
     with torch.no_grad():
@@ -80,10 +81,10 @@ def test_compiled_residual_equals_torch(fitted):
 def test_most_of_what_the_nominal_model_leaves_out_is_learnt(fitted, split):
     train, moves = split.train, draw_transitions(split.train, 2000, np.random.default_rng(7))
     at = (moves.sequence, moves.sample)
-    x = np.concatenate([moves.x, train.truth.states[*at, len(STATES) :]], axis=1)
-    health = Varying(HEALTH, moves.theta)
-    known = advance(fitted.machine(), x, train.truth.inputs[at], SAMPLE_PERIOD_S, 1, health)[:, : len(STATES)]
-    missing = (moves.x_next - known) / SAMPLE_PERIOD_S
+    x = np.concatenate([moves.x, train.truth.states[*at, N:]], axis=1)
+    health = Varying(COMPRESSOR.health_names, moves.theta)
+    known = advance(fitted.simulator(), x, train.truth.inputs[at], PERIOD_S, 1, health)[:, :N]
+    missing = (moves.x_next - known) / PERIOD_S
     left = missing - residual_rates(fitted._net, network_input(train, moves))
     share = np.sqrt((left**2).mean(axis=0) / (missing**2).mean(axis=0))
     # Intake pressure is left out: the reduced model has it nearly right.
@@ -91,9 +92,9 @@ def test_most_of_what_the_nominal_model_leaves_out_is_learnt(fitted, split):
 
 
 def test_what_it_errs_by_for_minutes_is_its_own_and_not_the_nominal_models(fitted, split):
-    nominal = slow_error_sd(fitted.machine(), split.validation)
+    nominal = slow_error_sd(fitted.simulator(), split.validation)
     assert (fitted.arrays["slow_error.sd"] != nominal).all()
-    nothing = slow_error_sd(fitted.machine(), split.validation, 1, lambda x, u, theta: np.zeros((len(x), len(STATES))))
+    nothing = slow_error_sd(fitted.simulator(), split.validation, 1, lambda x, u, theta: np.zeros((len(x), N)))
     np.testing.assert_array_equal(nothing, nominal)
 
 

@@ -7,12 +7,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from twinbench.baselines.gru_kf import GRUKalman
-from twinbench.baselines.recurrent import TICKS_PER_STEP
 from twinbench.baselines.s5_kf import S5Kalman
 from twinbench.baselines.sequences import Schedule, fit_sequences, read_out
 from twinbench.baselines.state_space import StateSpace, scan
 from twinbench.baselines.state_space_twin import StateSpaceTwin
 from twinbench.methods.training import weights_of
+
+TICKS = 40
 
 
 @settings(max_examples=25, deadline=None)
@@ -38,11 +39,11 @@ def test_compiled_recurrence_equals_torch_tick_by_tick():
     torch.manual_seed(0)
     network = shaken(StateSpace(6, (8, 10, 3), readout=11, outputs=4))
     twin = StateSpaceTwin(weights_of(network))
-    read = np.random.default_rng(0).normal(size=(2, 7 * TICKS_PER_STEP, 6)).astype(np.float32)
-    ticks, whole = read_out(network, read, every=1)
+    read = np.random.default_rng(0).normal(size=(2, 7 * TICKS, 6)).astype(np.float32)
+    ticks, whole = read_out(network, read, TICKS, every=1)
     h, c = twin.init(2)
     for k in ticks:
-        if k % TICKS_PER_STEP == 0:
+        if k % TICKS == 0:
             h, c = twin.step(h, c, read[:, k])
         np.testing.assert_allclose(twin.read(h, read[:, k]), whole[:, k], atol=2e-5)
 
@@ -64,12 +65,12 @@ def test_it_remembers_what_only_the_past_of_the_sequence_tells():
     rng = np.random.default_rng(0)
     torch.manual_seed(0)
     said = rng.choice([-1.0, 1.0], size=(64, 1, 1))
-    read = np.zeros((64, 160 * TICKS_PER_STEP, 2), np.float32)
-    read[:, : 10 * TICKS_PER_STEP, :1] = said
+    read = np.zeros((64, 160 * TICKS, 2), np.float32)
+    read[:, : 10 * TICKS, :1] = said
     target = np.broadcast_to(said, (*read.shape[:2], 1)).astype(np.float32)
     network = StateSpace(2, (12, 12, 1), 12, 1)
-    fit_sequences(network, read, target, torch.nn.functional.mse_loss, rng, Schedule(150, 16, 2e-2))
-    _, out = read_out(network, read, every=TICKS_PER_STEP)
+    fit_sequences(network, read, target, torch.nn.functional.mse_loss, rng, Schedule(150, 16, 2e-2), TICKS)
+    _, out = read_out(network, read, TICKS, every=TICKS)
     assert np.mean((out[:, 80:] - said) ** 2) < 0.2
 
 
