@@ -18,7 +18,7 @@ from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.deeponet_kalman.stream import heads_with_jacobian
-from twinbench.methods.operator import KERNEL
+from twinbench.methods.operator import KERNEL, slow_channels
 
 WINDOWS = (16, 32, 64, 128, 256)
 IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
@@ -26,7 +26,7 @@ IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
 
 def with_window(twin: DeepONetKalman, window: int) -> DeepONetKalman:
     """The same weights on another window, which time does not tell from weights trained on it."""
-    other = DeepONetKalman(**{**twin.config, "window": window})
+    other = DeepONetKalman(twin.machine, **{**twin.config, "window": window})
     other.arrays = {**twin.arrays, "net.branch.position": np.zeros(window // KERNEL**2, np.float32)}
     other.restore()
     return other
@@ -69,7 +69,7 @@ def _advance(weights, twin, memory, t, readings):  # type: ignore[no-untyped-def
 
 
 def _compiled(twin: DeepONetKalman) -> Callable[[Array], object]:
-    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights)
+    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights, twin.parts)
     room["mask"] = 1.0
     return lambda readings: _advance(twin.weights, twin.twin, memory, room, readings)
 
@@ -82,7 +82,7 @@ def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(operator_graph(twin), options)
-    single, window = np.float32, twin.config["window"]
+    single, window, parts = np.float32, twin.config["window"], twin.parts
     feed: dict[str, Any] = {i.name: np.zeros(i.shape, single) for i in session.get_inputs()}
     feed["x"], feed["window"] = single(twin.model.state_mean), np.tile(single(twin.front_end.mean), (window, 1))
     feed["mask"][:], feed["masks"][:] = 1.0, 1.0

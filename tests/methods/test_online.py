@@ -31,7 +31,7 @@ def readings() -> tuple[np.ndarray, np.ndarray]:
     """(N, 7) readings with every fault of the benchmark, one after the other, and how late they come."""
     rng = np.random.default_rng(8)
     truth = small_batch(5, sequences=1, samples=SAMPLES).truth
-    measured = corrupt(truth.inputs[0], truth.outputs[0], Corruption(), rng)[:SAMPLES]
+    measured = corrupt(COMPRESSOR, truth.inputs[0], truth.outputs[0], Corruption(), rng)[:SAMPLES]
     pieces = np.array_split(measured, len(FAULTS))
     with_faults = [
         with_fault(piece, replace(f, seconds=10.0, rise_s=min(f.rise_s, 4.0)), rng)
