@@ -18,7 +18,7 @@ from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.deeponet_kalman.stream import heads_with_jacobian
-from twinbench.methods.operator import KERNEL, slow_channels
+from twinbench.methods.operator import KERNEL
 
 WINDOWS = (16, 32, 64, 128, 256)
 IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
@@ -82,7 +82,7 @@ def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(operator_graph(twin), options)
-    single, window, parts = np.float32, twin.config["window"], twin.parts
+    single, window = np.float32, twin.config["window"]
     feed: dict[str, Any] = {i.name: np.zeros(i.shape, single) for i in session.get_inputs()}
     feed["x"], feed["window"] = single(twin.model.state_mean), np.tile(single(twin.front_end.mean), (window, 1))
     feed["mask"][:], feed["masks"][:] = 1.0, 1.0
