@@ -53,7 +53,9 @@ def test_it_equals_the_plain_form_over_a_whole_sequence_with_every_fault(twin, r
     """
     online, plain = Online(twin), PlainTwin(twin)
     least = np.zeros(10)
-    least[-1] = COMPRESSOR.coordinates.high[-1] - COMPRESSOR.coordinates.low[-1]  # the bias of the thermometer crosses zero
+    least[-1] = (
+        COMPRESSOR.coordinates.high[-1] - COMPRESSOR.coordinates.low[-1]
+    )  # the bias of the thermometer crosses zero
     flags, weighed, off, gaps = 0, 0, np.zeros(SAMPLES), np.empty(SAMPLES)
     for k, (measured, lag_s) in enumerate(zip(*readings, strict=True)):
         online.update(measured, lag_s)
