@@ -85,9 +85,7 @@ class PlainTwin:
         self.rivals: list[tuple[Array, Array, np.void]] = []
         self.score, self.left = self.model.causes.log_prior.copy(), 0
         self.ticks = 0
-        self.mask = np.zeros(
-            self.parts.channels
-        )  # of the last sample, which the window takes in when the next one is there
+        self.mask = np.zeros(self.parts.channels)  # of the last sample, which the window takes in with the next one
 
     def update(self, sample: Sample) -> tuple[State, Info]:
         """One tick of readings (1, C)."""
