@@ -30,7 +30,7 @@ from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import write_text  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.data.batch import Array  # noqa: E402
-from twinbench.methods.deeponet_kalman.cycle import SAID, scratch, update  # noqa: E402
+from twinbench.methods.deeponet_kalman.cycle import said_type, scratch, update  # noqa: E402
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman  # noqa: E402
 
 BLOCK_UPDATES = 10_000
@@ -114,7 +114,11 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
     """
     rng = np.random.default_rng(seed)
     spread = np.nanstd(recordings.reshape(-1, recordings.shape[-1]), axis=0)
-    memory, said, room = twin.init(1).memory[0].copy(), np.zeros(1, SAID), scratch(twin.weights)
+    memory, said, room = (
+        twin.init(1).memory[0].copy(),
+        np.zeros(1, said_type(twin.parts)),
+        scratch(twin.weights, twin.parts),
+    )
     C, unsound, least, resident, took = np.zeros((19, 19)), 0, np.inf, [], 0.0
     blocks = [
         b

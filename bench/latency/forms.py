@@ -26,7 +26,7 @@ IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
 
 def with_window(twin: DeepONetKalman, window: int) -> DeepONetKalman:
     """The same weights on another window, which time does not tell from weights trained on it."""
-    other = DeepONetKalman(**{**twin.config, "window": window})
+    other = DeepONetKalman(twin.machine, **{**twin.config, "window": window})
     other.arrays = {**twin.arrays, "net.branch.position": np.zeros(window // KERNEL**2, np.float32)}
     other.restore()
     return other
@@ -69,7 +69,7 @@ def _advance(weights, twin, memory, t, readings):  # type: ignore[no-untyped-def
 
 
 def _compiled(twin: DeepONetKalman) -> Callable[[Array], object]:
-    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights)
+    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights, twin.parts)
     room["mask"] = 1.0
     return lambda readings: _advance(twin.weights, twin.twin, memory, room, readings)
 
