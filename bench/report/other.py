@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,8 @@ def write_other(results: Results) -> Table:
         machine=results.subject.says or results.subject.machine,
         profile=profile_of(results),
         references=[label(name) for name in UNRANKED],
-        tables=tables,
+        # What the page says at its top is not said again below the first table.
+        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
         figures=[],
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
         provenance=provenance_of(results.manifest),

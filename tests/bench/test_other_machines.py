@@ -74,6 +74,7 @@ def estimates_of(truth: Batch, error: np.ndarray) -> Estimates:
         truth.truth.outputs[:, rows] + np.array([3.0, 0.0, 0.0]),
         truth.truth.estimated[:, np.rint(origins / MOTOR.sample_period_s).astype(int)],
         np.broadcast_to(np.eye(n), (1, len(origins), n, n)).copy(),
+        np.full(n, np.nan),
     )
 
 
@@ -196,9 +197,9 @@ def test_who_lacks_a_machine_has_no_rank(two_runs: list[Path], tmp_path: Path) -
 
 def test_runs_that_cannot_be_set_side_by_side_are_refused(two_runs, tmp_path, capsys) -> None:
     out = tmp_path / "out"
-    assert "two runs or more" in refused(capsys, "machines", two_runs[0], "--out", out)
-    assert "both of 'one'" in refused(capsys, "machines", two_runs[0], two_runs[0], "--out", out)
-    assert "holds no run" in refused(capsys, "machines", two_runs[0], tmp_path, "--out", out)
+    assert "two runs or more" in refused(tmp_path, capsys, "machines", two_runs[0], "--out", out)
+    assert "both of 'one'" in refused(tmp_path, capsys, "machines", two_runs[0], two_runs[0], "--out", out)
+    assert "holds no run" in refused(tmp_path, capsys, "machines", two_runs[0], tmp_path, "--out", out)
     assert not out.exists()
 
 
@@ -206,7 +207,7 @@ def test_runs_that_cannot_be_set_side_by_side_are_refused(two_runs, tmp_path, ca
 def test_a_machine_that_is_none_is_refused_in_one_line(spec: str, tmp_path: Path, capsys) -> None:
     profile = write_profile(tmp_path)
     for command in (("run", "--out", tmp_path / "out", "--only", "last_value"), ("tune", "gru_kf")):
-        assert spec.partition(":")[0] in refused(capsys, *command, "--profile", profile, "--machine", spec)
+        assert spec.partition(":")[0] in refused(tmp_path, capsys, *command, "--profile", profile, "--machine", spec)
     assert not (tmp_path / "out").exists()
 
 
