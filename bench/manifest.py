@@ -13,7 +13,7 @@ SHAPE: dict[str, Any] = {
     "command": str, "profile": {}, "seeds": [int], "estimators": [str], "ablations": [str], "specs": {"*": str},
     "code": {"*": str}, "made": {"*": {"estimates": [str], "takes": [[str]]}}, "data_key": str,
     "estimates_keys": [str], "versions": {"*": str}, "machine": {}, "wall_s": {"*": NUMBER}, "robustness": bool,
-    "scenes": {"recordings": str, "takes": [[str]]},
+    "scenes": {"recordings": str, "takes": [[str]]}, "subject": {"machine": str, "says": str, "period_s": NUMBER},
 }  # fmt: skip
 """What the fields that are read must be, where they are there; ``*`` stands for every key, a list's entry for each."""
 SAID = {str: "text", int: "a whole number", bool: "true or false", NUMBER: "a number"}

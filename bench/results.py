@@ -78,7 +78,12 @@ class Results:
     def subject(self) -> Subject:
         """What the run was about; the compressor where its manifest says nothing."""
         found = self.manifest.get("subject")
-        return Subject.from_json(found) if found else PAPERS
+        try:
+            return Subject.from_json(found) if found else PAPERS
+        except (KeyError, TypeError) as error:
+            raise unusable(
+                self.out / "manifest.json", f"subject does not say what the run is about ({error})"
+            ) from error
 
     def scenes(self) -> Iterator[tuple[Batch, Estimates]]:
         """Recordings of each scene with their truth, and each estimator's estimates of them, one at a time."""

@@ -70,18 +70,6 @@ QUANTITIES = {
 }
 """Printed name and unit of each of the ten estimated quantities."""
 
-SENSORS = {
-    "p_suc_bar": "suction pressure",
-    "T_suc_K": "suction temperature",
-    "N_rpm": "speed",
-    "valve": "valve",
-    "p_dis_bar": "discharge pressure",
-    "T_dis_K": "discharge temperature",
-    "m_flow_kg_s": "mass flow",
-}
-"""Printed name of each measured channel."""
-
-
 ABLATION = ":"
 """What stands between an estimator's name and that of an ablation of it."""
 
@@ -100,12 +88,6 @@ def ordered(names: Iterable[str]) -> list[str]:
 def label(name: str) -> str:
     """How an estimator is printed; one that the benchmark does not know keeps its name."""
     return LABELS.get(name) or PEERS.get(name, name)
-
-
-def condition_label(name: str) -> str:
-    """``stuck: mass flow`` of a fault of one sensor; any other condition keeps its name."""
-    kind, _, channel = name.rpartition(" ")
-    return f"{kind}: {SENSORS[channel]}" if channel in SENSORS else name
 
 
 def axis_label(quantity: str) -> str:

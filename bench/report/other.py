@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,9 @@ from twinbench.bench.report.measured import (
     skill_cell,
 )
 from twinbench.bench.report.provenance import bullets, profile_of, provenance_of, write_tables
+from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.report.tables import CONSISTENT, FOLLOWED, cost_table, latency_table
 from twinbench.bench.report.verdicts import CALIBRATED_PCT
 from twinbench.bench.report.words import names_of
 from twinbench.bench.results import Results
@@ -42,6 +45,8 @@ def write_other(results: Results) -> Table:
     failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
     summary = summarise(results.scores[whole], failures, subject=results.subject)
     tables = tables_of(summary, results.cost)
+    tables += [latency_table(results.latency, summary.subject.period_s), cost_table(results.cost)]
+    tables += robustness_tables(results.robustness, summary.subject)
     said = sentences(summary)
     write_tables(results.out, tables)
     write_bytes(results.out / "answer.md", bullets(*said).encode())
@@ -49,10 +54,12 @@ def write_other(results: Results) -> Table:
         Path(__file__).parent / "templates" / "report.html.j2",
         headline=said[0],
         answer=said[1:],
-        certainty="",
+        certainty=summary.notes,
+        machine=results.subject.says or results.subject.machine,
         profile=profile_of(results),
         references=[label(name) for name in UNRANKED],
-        tables=tables,
+        # What the page says at its top is not said again below the first table.
+        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
         figures=[],
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
         provenance=provenance_of(results.manifest),
@@ -80,6 +87,8 @@ def tables_of(summary: Summary, cost: pd.DataFrame) -> list[Table]:
         measured("health", "Health", [Measure(LIFE, "mean", "error, % of life"), *health, *moving], summary),
         measured("forecast", "Forecasts", foretold, summary),
         measured("calibrated", title, calibrated, summary),
+        measured("following", "Following a change of health", FOLLOWED[-2:], summary),
+        measured("consistency", "Consistency of the innovations and errors", CONSISTENT, summary),
     ]
 
 

@@ -6,44 +6,73 @@ import numpy as np
 import pandas as pd
 
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
-from twinbench.bench.roster import condition_label, is_ablation, label, ordered
+from twinbench.bench.roster import is_ablation, label, ordered
 from twinbench.bench.statistics.bootstrap import ratios, sequence_scores
-from twinbench.data.disturb import CONDITIONS, DISTURBED_MINUTES, FAULT_BEGINS_S, UNDISTURBED
+from twinbench.bench.statistics.health import in_words
+from twinbench.bench.statistics.subject import PAPERS, Subject
+from twinbench.data.disturb import DISTURBED_MINUTES, FAULT_BEGINS_S, UNDISTURBED, conditions_of, faults_of
 
 NOTE = (
-    "Mean absolute error of the five health parameters, % of a life, mean over fresh recordings of "
+    "{what}, mean over fresh recordings of "
     f"{DISTURBED_MINUTES:g} minutes that no rule was made with, seeds averaged. × is the multiple of the error without "
     "the condition, in brackets its 95 % interval: bootstrap over whole recordings."
 )
-PRESSURE = NOTE.replace("Mean absolute error of the five health parameters, % of a life", "RMSE of the pressure, %")
 AFTER = (
     f"Each fault begins after {FAULT_BEGINS_S:g} s. What counts is the time from a minute after the longest of them on."
 )
-GROUPS = {g: [c.name for c in CONDITIONS if c.group == g] for g in dict.fromkeys(c.group for c in CONDITIONS)}
 
 
-def robustness_tables(scores: pd.DataFrame) -> list[Table]:
-    """Of ``robustness.csv``; none where it is empty."""
+def robustness_tables(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[Table]:
+    """Of ``robustness.csv``; none where it is empty.
+
+    Args:
+        scores: columns estimator, seed, group, condition, sequence, metric, value.
+        subject: what the run was about.
+    """
     if scores.empty:
         return []
-    noise = GROUPS["noise and dropout"]
-    return [
-        _table(scores, "harder", GROUPS["pace"] + GROUPS["envelope"], "health_life_pct", (NOTE,)),
-        _table(scores, "faults", GROUPS["fault"], "health_after_fault_pct", (NOTE, AFTER)),
-        _table(scores, "noise_pressure", noise, "p_nrmse_pct", (PRESSURE,)),
-        _table(scores, "noise_health", noise, "health_life_pct", (NOTE,)),
+    health = NOTE.format(
+        what=f"Mean absolute error of the {in_words(len(subject.health))} health parameters, % of a life"
+    )
+    groups = _groups(scores, subject)
+    noise, harder = groups["noise and dropout"], groups["pace"] + groups["envelope"]
+    title = "Under faster wear and loads beyond the envelope" if groups["envelope"] else "Under faster wear"
+    tables = [
+        (("harder", title), harder, "health_life_pct", (health,)),
+        (("faults", "After sensor faults"), groups["fault"], "health_after_fault_pct", (health, AFTER)),
     ]
+    for name, says, metric in _states(subject):
+        heading = (f"noise_{name}", f"{says.capitalize()} under noise and missing samples")
+        tables.append((heading, noise, metric, (NOTE.format(what=f"RMSE of the {says}, %"),)))
+    tables.append((("noise_health", "Health under noise and missing samples"), noise, "health_life_pct", (health,)))
+    return [_table(scores, subject, *table) for table in tables]
 
 
-TITLES = {
-    "harder": "Under faster wear and loads beyond the envelope",
-    "faults": "After sensor faults",
-    "noise_pressure": "Pressure under noise and missing samples",
-    "noise_health": "Health under noise and missing samples",
-}
+def _groups(scores: pd.DataFrame, subject: Subject) -> dict[str, list[str]]:
+    """By group its conditions in their order, as far as somebody was tried under them."""
+    inputs, readings = ([c.name for c in channels] for channels in (subject.inputs, subject.readings))
+    known = conditions_of(faults_of(inputs, readings, inputs + readings), stretched=True)
+    tried = set(scores["condition"])
+    return {
+        g: [c.name for c in known if c.group == g and c.name in tried] for g in dict.fromkeys(c.group for c in known)
+    }
 
 
-def _table(scores: pd.DataFrame, name: str, conditions: list[str], metric: str, notes: tuple[str, ...]) -> Table:
+def _states(subject: Subject) -> list[tuple[str, str, str]]:
+    """Of which states noise has a table: its name, what the state is, the metric. Of the paper's, the pressure."""
+    if subject.machine == PAPERS.machine:
+        return [("pressure", "pressure", subject.state_errors[0])]
+    return [(o.key, o.says, m) for o, m in zip(subject.outputs, subject.state_errors, strict=True)]
+
+
+def _table(
+    scores: pd.DataFrame,
+    subject: Subject,
+    heading: tuple[str, str],
+    conditions: list[str],
+    metric: str,
+    notes: tuple[str, ...],
+) -> Table:
     chosen = scores[(scores["metric"] == metric) & scores["condition"].isin([UNDISTURBED.name, *conditions])]
     names = [n for n in ordered(scores["estimator"].unique()) if not is_ablation(n)]
     columns = {n: _multiples(chosen[chosen["estimator"] == n]) for n in names}
@@ -51,9 +80,9 @@ def _table(scores: pd.DataFrame, name: str, conditions: list[str], metric: str, 
     for condition in (UNDISTURBED.name, *conditions):
         cells = [columns[n].get(condition, NOTHING) for n in names]
         lines.append({"condition": condition, **{n: c[0] for n, c in zip(names, cells, strict=True)}})
-        rows.append((Cell(condition_label(condition)), *(_cell(*c) for c in cells)))
+        rows.append((Cell(subject.condition_label(condition)), *(_cell(*c) for c in cells)))
     heads = (Column("condition"), *(Column(label(n)) for n in names))
-    return Table(name, TITLES[name], pd.DataFrame(lines), heads, tuple(rows), notes)
+    return Table(*heading, pd.DataFrame(lines), heads, tuple(rows), notes)
 
 
 NOTHING = (np.nan, np.nan, np.nan, np.nan)

@@ -11,6 +11,7 @@ from twinbench.bench.report.measured import Measure, measured, value_cell
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
 from twinbench.bench.statistics.regimes import REGIMES
+from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH
 
@@ -141,8 +142,13 @@ def calibrated_regimes(regimes: pd.DataFrame) -> Table:
     return Table(name, title, ends, columns, tuple(rows), notes)
 
 
-def latency_table(latency: pd.DataFrame) -> Table:
-    """Percentiles of the time of one update."""
+def latency_table(latency: pd.DataFrame, period_s: float = PAPERS.period_s) -> Table:
+    """Percentiles of the time of one update.
+
+    Args:
+        latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us, memory_kB.
+        period_s: from tick to tick, which is what an update may take.
+    """
     names = ordered(latency["estimator"].unique())
     place = {name: i for i, name in enumerate(names)}
     frame = latency.assign(place=latency["estimator"].map(place))
@@ -159,7 +165,8 @@ def latency_table(latency: pd.DataFrame) -> Table:
         for row in frame.to_dict("records")
     )
     notes = (
-        "One update of one machine, measured alone on the machine; budget at 20 Hz: 50,000 µs."
+        f"One update of one machine, measured alone on the machine; budget at {1.0 / period_s:g} Hz: "
+        f"{1e6 * period_s:,.0f} µs."
         if len(rows)
         else "No latency was measured in this run.",
     )

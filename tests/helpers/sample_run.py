@@ -85,6 +85,7 @@ def make_estimates(truth: Batch, estimator: str, seed: int, level: float, too_su
         clean + off,
         mean[:, origins],
         cov,
+        np.full(n, np.nan),
     )
 
 

@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 from seaborn import heatmap
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
-from twinbench.bench.roster import ABLATION, PROPOSED, condition_label, is_ablation, label, ordered
+from twinbench.bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
+from twinbench.bench.statistics.subject import PAPERS
 from twinbench.common.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, styled
 from twinbench.data.disturb import BEYOND, CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS, UNDISTURBED
 
@@ -115,7 +116,7 @@ def after_faults(table: pd.DataFrame) -> Figure:
     axes.axvline(1.0, color=INK, linewidth=0.8, linestyle="--")
     for edge in rows[:-1] + 0.5:
         axes.axhline(edge, color=FAINT, linewidth=0.6)
-    axes.set_yticks(rows, [condition_label(f.name) for f in FAULTS])
+    axes.set_yticks(rows, [PAPERS.condition_label(f.name) for f in FAULTS])
     axes.set_ylim(len(FAULTS) - 0.5, -0.5)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel("health error a minute after the fault, over that without it")

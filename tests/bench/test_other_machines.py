@@ -1,0 +1,233 @@
+"""Scores, runs and reports of machines that are not the compressor, and several of them side by side."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from helpers.refusals import refused
+from helpers.sample_run import LEVELS, write_run
+from helpers.tiny_run import parts, run_here, twinbench, write_profile
+
+from twinbench.bench.estimates import Estimates
+from twinbench.bench.profile import load_profile
+from twinbench.bench.report.across import read_runs, write_across
+from twinbench.bench.report.robustness_tables import robustness_tables
+from twinbench.bench.robustness import COLUMNS
+from twinbench.bench.roster import UNRANKED, WITHOUT_EQUATIONS
+from twinbench.bench.statistics.scores import metrics_of, score
+from twinbench.bench.statistics.subject import PAPERS, Subject, subject_of
+from twinbench.data.batch import Batch, Truth
+from twinbench.data.disturb import conditions
+from twinbench.machines.motor import MOTOR
+from twinbench.machines.two_tanks import TWO_TANKS
+
+TICKS, EVERY = 12_000, 20
+NAMES = ("always_prior", "last_value", "oracle")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _quick() -> Iterator[None]:
+    """Cells in this process, and no figures of runs."""
+    with pytest.MonkeyPatch.context() as patch:
+        run_here(patch)
+        yield
+
+
+def motor_truth() -> Batch:
+    """Ten minutes of a motor that nobody simulated: a sine in each state, health that rests."""
+    time_s = MOTOR.sample_period_s * np.arange(TICKS)
+    wave = np.sin(2 * np.pi * time_s / 37.0)
+    states = np.stack([40 + 5 * wave, 120 + 20 * wave, 335 + 2 * wave, 335 + wave, 315 + 0 * wave], axis=-1)[None]
+    health = np.tile([0.9, 1.1, 1.5, 0.9, 1.0], (1, TICKS, 1))
+    outputs = np.stack([states[..., 1], states[..., 0] + 1.0, states[..., 3]], axis=-1)
+    inputs = np.tile([150.0, 30.0], (1, TICKS, 1))
+    truth = Truth(states, health, outputs, inputs, machine=MOTOR)
+    return Batch(("test-00",), time_s, np.full((1, TICKS, 5), np.nan), truth, MOTOR)
+
+
+def estimates_of(truth: Batch, error: np.ndarray) -> Estimates:
+    """Truth and an error, with intervals of one unit on either side."""
+    assert truth.truth is not None
+    mean = truth.truth.estimated[:, ::EVERY] + error
+    origins, leads = np.arange(60.0, 500.0, 60.0), np.array([1.0, 10.0, 60.0])
+    rows = np.rint((origins[:, None] + leads) / MOTOR.sample_period_s).astype(int)
+    shape, n = mean.shape[:2], mean.shape[2]
+    return Estimates(
+        "wrong",
+        0,
+        truth.names,
+        truth.time_s[::EVERY],
+        mean.astype(np.float32),
+        (mean - 1.0).astype(np.float32),
+        (mean + 1.0).astype(np.float32),
+        np.ones(shape, np.float32),
+        np.full(shape, 3, np.int8),
+        np.zeros(shape, np.int16),
+        origins,
+        leads,
+        truth.truth.outputs[:, rows] + np.array([3.0, 0.0, 0.0]),
+        truth.truth.estimated[:, np.rint(origins / MOTOR.sample_period_s).astype(int)],
+        np.broadcast_to(np.eye(n), (1, len(origins), n, n)).copy(),
+        np.full(n, np.nan),
+    )
+
+
+def test_a_motors_scores_are_what_a_hand_reckons() -> None:
+    truth = motor_truth()
+    assert truth.truth is not None
+    error = np.zeros((1, TICKS // EVERY, 8))
+    # Current and winding off by a constant, speed by a sign that alternates, flux by 0.03 of a life of 0.15.
+    error[..., 0], error[..., 1], error[..., 2], error[..., 3] = 2.0, 6.0, 1.55, 0.03
+    error[:, ::2, 1] *= -1.0
+    table = score(estimates_of(truth, error), truth).set_index("metric")["value"]
+    assert set(metrics_of(subject_of(MOTOR))) <= set(table.index)
+    ranked = truth.truth.estimated[0, ::EVERY][truth.time_s[::EVERY] >= 120.0]
+    current, speed, winding = ranked[:, 0], ranked[:, 1], ranked[:, 2]
+    assert table["i_nrmse_pct"] == pytest.approx(100 * 2.0 / current.mean(), rel=1e-5)
+    assert table["w_nrmse_pct"] == pytest.approx(100 * 6.0 / speed.mean(), rel=1e-5)
+    assert table["T_nrmse_pct"] == pytest.approx(100 * 1.55 / (winding - 273.15).mean(), rel=1e-4)
+    assert table["i_mape_pct"] == pytest.approx(100 * np.mean(2.0 / current), rel=1e-5)
+    read = truth.truth.outputs[0, truth.time_s >= 120.0, 0].mean()
+    assert table["w_open60_pct"] == pytest.approx(100 * 3.0 / read, rel=1e-5)
+    assert table["flux_life_pct"] == pytest.approx(100 * 0.03 / 0.15, rel=1e-4)
+    assert table["coverage_current_A_pct"] == 0.0
+    assert table["coverage_flux_pct"] == 100.0
+
+
+def test_a_size_is_what_errors_are_a_share_of() -> None:
+    truth = motor_truth()
+    readings = (replace(MOTOR.readings[0], size=200.0), *MOTOR.readings[1:])
+    machine = replace(MOTOR, readings=readings)
+    error = np.zeros((1, TICKS // EVERY, 8))
+    error[..., 1] = 6.0
+    table = score(estimates_of(truth, error), replace(truth, machine=machine)).set_index("metric")["value"]
+    assert table["w_nrmse_pct"] == pytest.approx(3.0, rel=1e-4)
+    assert table["w_open10_pct"] == pytest.approx(1.5, rel=1e-4)
+
+
+@pytest.mark.parametrize("machine", [TWO_TANKS, MOTOR], ids=lambda m: m.name)
+def test_a_manifest_says_all_that_a_report_needs(machine) -> None:
+    said = json.loads(json.dumps(subject_of(machine).to_json()))
+    assert Subject.from_json(said) == subject_of(machine)
+
+
+@pytest.mark.parametrize("name", ["two_tanks", "motor"])
+def test_the_other_machines_profiles_are_of_them(name: str) -> None:
+    profile = load_profile(name)
+    assert (profile.machine, profile.seeds, profile.scenes) == (name, (0, 1, 2), False)
+    assert (profile.data.n_train, profile.data.n_validation, profile.data.n_test) == (12, 10, 20)
+
+
+@pytest.mark.parametrize("machine", [TWO_TANKS, MOTOR], ids=lambda m: m.name)
+def test_harder_conditions_have_tables_of_the_machines_own_sensors(machine) -> None:
+    subject = subject_of(machine)
+    tried = [("fault", "none"), *((c.group, c.name) for c in conditions(machine))]
+    metrics = (*subject.state_errors, "health_life_pct", "health_after_fault_pct")
+    rows = [("oracle", 0, g, c, f"s{i}", m, 1.0 + 0.1 * i) for g, c in tried for m in metrics for i in range(3)]
+    tables = {t.name: t for t in robustness_tables(pd.DataFrame(rows, columns=COLUMNS), subject)}
+    assert list(tables) == ["harder", "faults", *(f"noise_{o.key}" for o in subject.outputs), "noise_health"]
+    assert len(tables["harder"].rows) == 1 + sum(c.group == "pace" for c in conditions(machine))
+    labels = [row[0].text for row in tables["faults"].rows]
+    assert f"stuck: {machine.label(machine.outputs[0])}" in labels
+    assert len(labels) == 1 + sum(c.group == "fault" for c in conditions(machine))
+
+
+def of_machine(out: Path, name: str, levels: dict[str, float] = LEVELS, sequences: int = 10) -> Path:
+    """A made-up run, on a machine of another name."""
+    out.mkdir()
+    write_run(out, levels, sequences=sequences)
+    manifest = json.loads((out / "manifest.json").read_text())
+    manifest["subject"] = PAPERS.to_json() | {"machine": name}
+    (out / "manifest.json").write_text(json.dumps(manifest))
+    return out
+
+
+@pytest.fixture(scope="module")
+def two_runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """On two machines; the proposed method is the best on the first, and the worst on the second."""
+    folder = tmp_path_factory.mktemp("runs")
+    worst = LEVELS | {"deeponet_kalman": 6.0}
+    return [of_machine(folder / "one", "one"), of_machine(folder / "other", "other", worst, sequences=12)]
+
+
+def test_runs_on_machines_stand_side_by_side(two_runs: list[Path], tmp_path: Path) -> None:
+    table = write_across(two_runs, tmp_path / "out").frame.set_index("estimator")
+    runs = read_runs(two_runs)
+    for name, run in runs.items():
+        skill = run.summary.skill("gru_kf", "health_life_pct")
+        assert tuple(table.loc["gru_kf", [f"skill_{name}{e}" for e in ("", "_low", "_high")]]) == skill[:3]
+        times = [run.summary.value("gru_kf", m).times for m in PAPERS.state_errors]
+        assert table.loc["gru_kf", f"state_times_{name}"] == np.median(times)
+    ranked = [e for e in LEVELS if e not in UNRANKED]
+    # Mean rank over every recording of both, each ranked by itself.
+    scores = [run.summary.by_sequence["health_life_pct"] for run in runs.values()]
+    values = np.concatenate([np.stack([s.row(e) for e in ranked]) for s in scores], axis=1)
+    ranks = values.argsort(axis=0).argsort(axis=0).mean(axis=1) + 1.0
+    assert table.loc[ranked, "mean_rank"].to_numpy() == pytest.approx(ranks)
+    assert np.isnan(table.loc[["oracle", "always_prior"], "mean_rank"]).all()
+    assert table.loc["deeponet_kalman", "machines_ahead"] == 1
+    assert table.loc["lstm_rls", "machines_ahead"] == 0
+    assert table.loc["deeponet_kalman", "machines_tested"] == 2
+    assert set(WITHOUT_EQUATIONS) & set(ranked) == {"gru_kf", "lstm_rls", "deeponet", "pinn_ukf", "deeponet_kalman"}
+
+
+def test_the_page_over_machines_says_where_each_run_is_from(two_runs: list[Path], tmp_path: Path) -> None:
+    assert twinbench("machines", *two_runs, "--out", tmp_path / "out") == 0
+    page = (tmp_path / "out" / "machines.md").read_text()
+    assert "Friedman's test over 22 recordings" in page
+    for folder in two_runs:
+        assert str(folder) in page
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert {name: run["commit"] for name, run in manifest["runs"].items()} == {"one": "0123abc", "other": "0123abc"}
+    assert (tmp_path / "out" / "machines.csv").is_file()
+
+
+def test_who_lacks_a_machine_has_no_rank(two_runs: list[Path], tmp_path: Path) -> None:
+    few = of_machine(tmp_path / "few", "few", {e: v for e, v in LEVELS.items() if e != "gru_kf"})
+    table = write_across([two_runs[0], few], tmp_path / "out")
+    assert np.isnan(table.frame.set_index("estimator").loc["gru_kf", "mean_rank"])
+    assert "GRU + KF is not ranked: no complete scores on few." in table.notes
+
+
+def test_runs_that_cannot_be_set_side_by_side_are_refused(two_runs, tmp_path, capsys) -> None:
+    out = tmp_path / "out"
+    assert "two runs or more" in refused(tmp_path, capsys, "machines", two_runs[0], "--out", out)
+    assert "both of 'one'" in refused(tmp_path, capsys, "machines", two_runs[0], two_runs[0], "--out", out)
+    assert "holds no run" in refused(tmp_path, capsys, "machines", two_runs[0], tmp_path, "--out", out)
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("spec", ["nosuch", "gone.py", "gone.py:MACHINE"])
+def test_a_machine_that_is_none_is_refused_in_one_line(spec: str, tmp_path: Path, capsys) -> None:
+    profile = write_profile(tmp_path)
+    for command in (("run", "--out", tmp_path / "out", "--only", "last_value"), ("tune", "gru_kf")):
+        assert spec.partition(":")[0] in refused(tmp_path, capsys, *command, "--profile", profile, "--machine", spec)
+    assert not (tmp_path / "out").exists()
+
+
+def test_two_tanks_from_recordings_to_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    profile, out = write_profile(tmp_path, updates=3), tmp_path / "out"
+    arguments = ("run", "--machine", "two_tanks", "--profile", profile, "--out", out, "--only", *NAMES)
+    assert twinbench(*arguments) == 0
+    scores = pd.read_csv(out / "scores.csv")
+    assert set(NAMES) < set(scores["estimator"])
+    assert scores["sequence"].nunique() == 3  # none is of the paper's kind
+    assert {f"{r.key}_nrmse_pct" for r in TWO_TANKS.readings} <= set(scores["metric"])
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert Subject.from_json(manifest["subject"]) == subject_of(TWO_TANKS)
+    assert not (out / "paper_says.md").exists()
+    before, table = parts(out), (out / "tables" / "comparison.csv").read_bytes()
+    assert twinbench(*arguments) == 0
+    assert parts(out) == before
+    capsys.readouterr()
+    assert twinbench("report", out) == 0
+    assert (out / "tables" / "comparison.csv").read_bytes() == table
+    page = (out / "report.html").read_text()
+    assert TWO_TANKS.says in page
+    assert "compressor" not in page.partition("provenance")[0]
