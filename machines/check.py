@@ -68,10 +68,12 @@ def _kinds(machine: Machine) -> None:
 
 
 def _simulators(machine: Machine) -> None:
-    for simulator in (machine.plant, machine.reduced):
-        check_simulator(simulator)
+    check_simulator(machine.plant)
     for kind in ("states", "inputs", "outputs", "parameters"):
-        plant, reduced = ([(v.name, v.unit) for v in getattr(s, kind)] for s in (machine.plant, machine.reduced))
+        plant, reduced = (
+            [(getattr(v, "name", v), getattr(v, "unit", "")) for v in getattr(s, kind)]
+            for s in (machine.plant, machine.reduced)
+        )
         for i, (ours, theirs) in enumerate(zip(plant, reduced, strict=False)):
             if ours != theirs:
                 raise ValueError(
@@ -80,6 +82,7 @@ def _simulators(machine: Machine) -> None:
                 )
         if len(plant) != len(reduced):
             raise ValueError(f"the plant has {len(plant)} {kind}, the reduced model {len(reduced)}; give both the same")
+    check_simulator(machine.reduced)
     if not machine.inputs:
         raise ValueError("has no inputs; at least one is needed, which loads moves")
 
@@ -268,7 +271,7 @@ def _mentions(machine: Machine) -> None:
     together = [name for group in machine.alike for name in group]
     for name in together:
         _known(name, machine.estimated, "alike names {}, which is no estimated state")
-    _once(together, "alike names {} twice; each state belongs to one group")
+    _once(together, "alike names {} twice; leave it in one group only")
 
 
 def _points(machine: Machine) -> Iterable[tuple[Array, Array, Array]]:
