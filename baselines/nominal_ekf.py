@@ -75,10 +75,8 @@ def recalibrate(simulator: Simulator, train: Batch, minutes: float) -> Array:
     samples = min(round(60.0 * minutes / machine.sample_period_s), train.measured.shape[1])
     filled, accepted, _ = FrontEnd.fit(train).run(train.measured[:, :samples])
     inputs, outputs = np.split(filled, [len(machine.inputs)], axis=-1)
-    known, varying = (
-        accepted[..., len(machine.inputs) :],
-        Varying(machine.health_names, train.truth.health[:, :samples]),
-    )
+    known = accepted[..., len(machine.inputs) :]
+    varying = Varying(machine.health_names, train.truth.health[:, :samples])
     start = train.truth.states[:, 0, : len(simulator.states)]
     sd = np.array([v.scale for v in simulator.outputs])
     every = slice(2 * second, None, second)
