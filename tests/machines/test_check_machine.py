@@ -18,21 +18,8 @@ PLANT, REDUCED, HEALTH = TWO_TANKS.plant, TWO_TANKS.reduced, TWO_TANKS.health
 RHS = PLANT.rhs
 H1, H2 = TWO_TANKS.readings
 PUMP_V, VALVE, N1, N2 = TWO_TANKS.noise
-MENDS = ("give", "leave", "put", "mend", "choose", "did you mean", "keep", "need", "must", "draw", "let", "name", "set")
-    "give",
-    "leave",
-    "put",
-    "mend",
-    "choose",
-    "did you mean",
-    "keep",
-    "need",
-    "must",
-    "draw",
-    "widen",
-    "say",
-    "let",
-)
+MENDS = ("give", "leave", "put", "mend", "choose", "did you mean", "keep", "must", "draw", "let", "name", "set")
+MENDS += ("need", "widen", "say")
 
 
 def health(**changes: object) -> dict[str, object]:
