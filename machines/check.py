@@ -20,7 +20,7 @@ from twinbench.physics.simulator import Simulator
 
 POINTS = 6
 """States, inputs and parameters drawn about the nominal ones at which readings and lags are compared."""
-AGREES = 1e-6
+AGREE_WITHIN = 1e-6
 """Of a scale: how far a reading may be from ``gain * state + bias``, and a lag's rate from that of a first-order lag. A
 formula written in another order differs by 1e-12; a term that is there by mistake by far more."""
 RESERVED = "time_s"
@@ -186,7 +186,7 @@ def _readings(machine: Machine) -> None:
         y = output(x, u, theta)
         for i, r in enumerate(machine.readings):
             expected = r.gain * x[places[r.state]] + (theta[machine.reduced.index(r.bias)] if r.bias else 0.0)
-            if not abs(y[i] - expected) <= AGREES * machine.reduced.outputs[i].scale:
+            if not abs(y[i] - expected) <= AGREE_WITHIN * machine.reduced.outputs[i].scale:
                 bias = f" + {r.bias}" if r.bias else ""
                 raise ValueError(
                     f"reading {r.output!r} should be {r.gain:g} {r.state}{bias} = {expected:.6g}, and the reduced "
@@ -239,7 +239,7 @@ def _lags(machine: Machine) -> None:
         for lag in machine.lags:
             i, tau_s = states.index(lag.state), theta[machine.reduced.index(lag.tau_s)]
             expected = (values[lag.follows] - x[i]) / tau_s
-            if not abs(rates[i] - expected) <= AGREES * max(abs(expected), machine.reduced.states[i].scale):
+            if not abs(rates[i] - expected) <= AGREE_WITHIN * max(abs(expected), machine.reduced.states[i].scale):
                 raise ValueError(
                     f"lag {lag.state!r}: its rate in the reduced model is {rates[i]:.6g}, that of a first-order lag, "
                     f"({lag.follows} - {lag.state}) / {lag.tau_s}, is {expected:.6g}; mend rhs, or leave out the Lag"
