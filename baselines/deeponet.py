@@ -1,8 +1,8 @@
 """Standalone DeepONet: the operator answers alone, no filter corrects it.
 
 The branch reads the measurement window and the running means; the trunk is asked for a time from
-now to a minute ahead, under the inputs of that time. Their product gives the states, the probe's
-temperature and the health coordinates at once, so a forecast of any length is one evaluation. Its
+now to a minute ahead, under the inputs of that time. Their product gives the states, what lags them
+in a sensor and the health coordinates at once, so a forecast of any length is one evaluation. Its
 intervals are the errors that it made on the validation sequences.
 """
 
@@ -15,30 +15,30 @@ import numpy as np
 
 from twinbench.baselines import features
 from twinbench.baselines.features import FeatureMemory
-from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
+from twinbench.baselines.layout import Layout, layout_of
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import update_all
-from twinbench.methods.noise import output_sd
+from twinbench.methods.noise import output_sd, sheet_of
 from twinbench.methods.operator import KERNEL, TOKENS, WINDOW
 from twinbench.methods.reporting import clean_flags, report
-from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import ZETA_LIMIT, theta_and_slope, to_zeta
 
-PRESSURE, FLOW = STATE.p_exh_bar, STATE.flow_memory
-PROBE = len(STATES)
-ZETA = PROBE + 1
-SIZE = ZETA + len(HEALTH)
-"""Where the parts of z stand, and how many entries it has."""
-KEEP = np.r_[0 : len(STATES), ZETA:SIZE]
-N_IN = len(INPUTS)
 LONGEST_LEAD_S = 60.0
 TIMES_S = (0.2, 2.0, 20.0)
 """The trunk sees the query time as its share of these, saturating, and of the longest."""
-N_QUERY = len(TIMES_S) + 1 + 2 * N_IN
+HELD_S = 1.0
+"""Between the answers on the validation sequences that the error is learnt from: neighbours say the same."""
 
 
-def network_of(widths: dict[str, int]) -> Any:
+def query_width(inputs: int) -> int:
+    """How many numbers a query has, of a machine of so many inputs."""
+    return len(TIMES_S) + 1 + 2 * inputs
+
+
+def network_of(widths: dict[str, int], machine: Machine) -> Any:
     """Branch, trunk and their product."""
     import torch
     from torch import Tensor, nn
@@ -49,15 +49,16 @@ def network_of(widths: dict[str, int]) -> Any:
     class Network(nn.Module):
         def __init__(self) -> None:
             super().__init__()
-            slow = features.width(len(CHANNELS)) - len(CHANNELS)
+            channels = len(machine.channels)
+            slow = features.width(channels) - channels
             latents, trunk = widths["latents"], widths["trunk"]
-            self.branch = Branch(widths["width_1"], widths["width_2"], 32, latents, slow)
-            self.hidden_1 = nn.Linear(N_QUERY, trunk)
+            self.branch = Branch(widths["width_1"], widths["width_2"], 32, latents, slow, channels=channels)
+            self.hidden_1 = nn.Linear(query_width(len(machine.inputs)), trunk)
             self.hidden_2 = nn.Linear(trunk, latents)
-            self.out = nn.Linear(latents, SIZE)
+            self.out = nn.Linear(latents, layout_of(machine).size)
 
         def forward(self, branch: Tensor, query: Tensor) -> Tensor:
-            """Answers (B, Q, 11) of latents (B, latents) to queries (B, Q, 12)."""
+            """Answers (B, Q, size) of latents (B, latents) to queries (B, Q, query_width)."""
             trunk = self.hidden_2(functional.silu(self.hidden_1(query)))
             return self.out(branch.unsqueeze(1) * second_moment_norm(torch.tanh(trunk)))
 
@@ -90,6 +91,10 @@ class DeepONet(Estimator):
     online = frozenset({"inflation"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 20, "windows": 16, "copies": 1}
 
+    def __init__(self, machine: Machine = COMPRESSOR, **settings: Any) -> None:
+        super().__init__(machine, **settings)
+        self._layout, self._kept = layout_of(machine), features.keep_of(machine)
+
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train on the training sequences and their re-simulations; learn the error from validation."""
         import torch
@@ -98,17 +103,18 @@ class DeepONet(Estimator):
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import adamw, seeded, weights_of
 
-        config = self.config
+        config, layout, period_s = self.config, self._layout, self.machine.sample_period_s
         rng, _ = seeded(seed)
         front_end = FrontEnd.fit(train)
-        source = _Source(resimulate(train, rng, config["copies"]), front_end)
+        source = _Source(resimulate(train, rng, config["copies"]), front_end, layout)
         mean, scale = source.target.mean(axis=(0, 1)), source.target.std(axis=(0, 1))
-        network = network_of(config)
+        network = network_of(config, self.machine)
+        longest = LONGEST_LEAD_S / period_s
 
         def loss(_: int) -> torch.Tensor:
             sequence = rng.integers(source.target.shape[0], size=config["windows"])
             sample = rng.integers(source.target.shape[1], size=config["windows"])
-            ahead = np.round(20 * LONGEST_LEAD_S * rng.random((config["windows"], config["queries"])) ** 3).astype(int)
+            ahead = np.round(longest * rng.random((config["windows"], config["queries"])) ** 3).astype(int)
             ahead[:, 0] = rng.integers(2, size=config["windows"])
             later = np.minimum(sample[:, None] + ahead, source.target.shape[1] - 1)
             latent = network.branch(*(torch.from_numpy(part) for part in source.window(sequence, sample)))
@@ -123,25 +129,25 @@ class DeepONet(Estimator):
             **front_end.arrays(),
             "target.mean": mean,
             "target.scale": scale,
-            "error.cov": np.eye(SIZE),
+            "error.cov": np.eye(layout.size),
             "loss": np.array(losses),
         }
         self.restore()
-        held = _Source(validation, front_end)
-        samples = np.arange(WINDOW, held.target.shape[1], 20)
-        error = np.empty((len(validation), len(samples), SIZE))
+        held = _Source(validation, front_end, layout)
+        samples = np.arange(WINDOW, held.target.shape[1], max(1, round(HELD_S / period_s)))
+        error = np.empty((len(validation), len(samples), layout.size))
         for b in range(len(validation)):
             rows = np.full(len(samples), b)
             latent = self._branch(*held.window(rows, samples))
             query = held.query(rows[:, None], samples[:, None], samples[:, None])
             error[b] = held.target[b, samples] - self._answer(latent, query)[:, 0]
-        flat = error.reshape(-1, SIZE)
+        flat = error.reshape(-1, layout.size)
         self.arrays["error.cov"] = flat.T @ flat / len(flat)
         self.restore()
 
     def restore(self) -> None:
         """Rebuild the network's twin."""
-        self._front_end = FrontEnd.from_arrays(self.arrays)
+        self._front_end, self._sheet = FrontEnd.from_arrays(self.arrays), sheet_of(self.machine)
         self._w = {n.removeprefix("net."): a for n, a in self.arrays.items() if n.startswith("net.")}
         self._cov = self.config["inflation"] ** 2 * self.arrays["error.cov"]
 
@@ -149,55 +155,59 @@ class DeepONet(Estimator):
         """Where the training sequences usually are."""
         z = np.tile(self.arrays["target.mean"], (batch, 1))
         P = np.tile(self._cov + np.diag(self.arrays["target.scale"] ** 2), (batch, 1, 1))
+        channels = len(self.machine.channels)
         memory = (
-            np.zeros((batch, WINDOW + 1, len(CHANNELS)), np.float32),
-            np.zeros((batch, WINDOW, len(CHANNELS)), np.float32),
+            np.zeros((batch, WINDOW + 1, channels), np.float32),
+            np.zeros((batch, WINDOW, channels), np.float32),
             np.zeros((batch, self.config["latents"]), np.float32),
-            *features.init(batch, len(CHANNELS)),
+            *features.init(batch, channels),
             *self._front_end.init(batch),
         )
-        return report(z, P, KEEP, memory)
+        return report(self.machine.coordinates, z, P, self._layout.keep, memory)
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Ask the operator for now; what it had said a tick ago gives the innovation."""
+        machine, layout = self.machine, self._layout
+        nu, ny = len(machine.inputs), len(machine.outputs)
         values, masks, latent, *rest = state.memory
         means, front = FeatureMemory(*rest[:2]), Memory(*rest[2:])
         fresh = ~means.started
         front, clean, standard = features.clean_step(self._front_end, front, sample.measured)
-        means, read = features.step(means, standard)
+        means, read = features.step(means, standard, self._kept)
         values = _shifted(values, standard, fresh)
         masks = _shifted(masks, clean.accepted, fresh)
-        inputs = standard[:, :N_IN]
+        inputs = standard[:, :nu]
         before = latent
-        latent = self._branch(values, masks, read[:, len(CHANNELS) :])
+        latent = self._branch(values, masks, read[:, nu + ny :])
         before = np.where(fresh[:, None], latent, before)
         both = np.concatenate([before, latent])
-        ahead_s = np.repeat([SAMPLE_PERIOD_S, 0.0], len(latent))
+        ahead_s = np.repeat([machine.sample_period_s, 0.0], len(latent))
         inputs = np.concatenate([inputs, inputs])
-        said = _bounded(self._answer(both, _query(ahead_s, inputs, inputs)[:, None])[:, 0])
+        said = layout.bounded(self._answer(both, _query(ahead_s, inputs, inputs)[:, None])[:, 0])
         foretold, z = said[: len(latent)], said[len(latent) :]
         P = np.tile(self._cov, (len(z), 1, 1))
-        y, H = _readings(foretold)
-        innovation = np.where(clean.accepted[:, 4:], clean.filled[:, 4:] - y, np.nan)
-        R = np.zeros((len(z), 3, 3))
-        white, coloured = output_sd(clean.filled)
-        R[:, range(3), range(3)] = white**2 + coloured**2
-        _, _, S, nis = update_all(foretold, P, innovation, H, R, np.inf)
-        info = Info(innovation, S, nis, clean.accepted[:, 4:], clean_flags(clean), clean.age_s)
-        return report(z, P, KEEP, (values, masks, latent, *means, *front)), info
+        innovation = np.where(clean.accepted, clean.filled, np.nan)[:, nu:] - layout.readings(foretold)
+        R = np.zeros((len(z), ny, ny))
+        white, coloured = output_sd(self._sheet, clean.filled)
+        R[:, range(ny), range(ny)] = white**2 + coloured**2
+        _, _, S, nis = update_all(foretold, P, innovation, layout.slopes(foretold), R, np.inf)
+        info = Info(innovation, S, nis, clean.accepted[:, nu:], clean_flags(clean), clean.age_s)
+        return report(machine.coordinates, z, P, layout.keep, (values, masks, latent, *means, *front)), info
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """One query per tick ahead, a minute at most; beyond it the query time stays a minute."""
         latent = state.memory[2]
-        front = self._front_end
-        standard = (inputs - front.mean[:N_IN]) / front.scale[:N_IN]
+        front, nu, nh = self._front_end, inputs.shape[-1], len(self.machine.health)
+        standard = (inputs - front.mean[:nu]) / front.scale[:nu]
         count = np.arange(1, inputs.shape[1] + 1)
         mean = np.cumsum(standard, axis=1) / count[:, None]
-        ahead = np.minimum(count * SAMPLE_PERIOD_S, LONGEST_LEAD_S)
+        ahead = np.minimum(count * self.machine.sample_period_s, LONGEST_LEAD_S)
         query = _query(np.broadcast_to(ahead, standard.shape[:2]), standard, mean)
-        z = _bounded(self._answer(latent, query))
-        bias_K = state.mean[:, -1:]
-        return np.stack([z[..., PRESSURE], z[..., PROBE] + bias_K, M_REF_KG_S * z[..., FLOW]], axis=-1)
+        z = self._layout.bounded(self._answer(latent, query))
+        # What biases the sensors stays as it is now.
+        present = self.machine.coordinates.to_zeta(state.mean[:, -nh:])
+        z[..., -nh:] = present[:, None]
+        return self._layout.readings(z)
 
     def _branch(self, values: np.ndarray, masks: np.ndarray, slow: np.ndarray) -> np.ndarray:
         """``methods.operator.Branch`` in NumPy, (B, latents)."""
@@ -222,7 +232,7 @@ class DeepONet(Estimator):
         return _unit(linear("project", np.concatenate(parts, axis=-1)))
 
     def _answer(self, latent: np.ndarray, query: Array) -> Array:
-        """Answers (B, Q, 11) in physical units and zeta, of latents (B, latents) to queries (B, Q, 12)."""
+        """Answers (B, Q, size) in units and zeta, of latents (B, latents) to queries (B, Q, query_width)."""
         w = self._w
         hidden = _silu(query.astype(np.float32) @ w["hidden_1.weight"].T + w["hidden_1.bias"])
         trunk = _unit(np.tanh(hidden @ w["hidden_2.weight"].T + w["hidden_2.bias"]))
@@ -233,32 +243,34 @@ class DeepONet(Estimator):
 class _Source:
     """Whole sequences after the front end, cut into windows and queries."""
 
-    def __init__(self, batch: Batch, front_end: FrontEnd) -> None:
+    def __init__(self, batch: Batch, front_end: FrontEnd, layout: Layout) -> None:
         assert batch.truth is not None
+        channels, self.inputs = batch.measured.shape[-1], len(batch.machine.inputs)
+        self.period_s = batch.machine.sample_period_s
         filled, self.accepted, _ = front_end.run(batch.measured)
-        read = features.run(front_end.standardise(filled))
-        self.values, self.slow = read[..., : len(CHANNELS)], read[..., len(CHANNELS) :]
-        self.sums = np.cumsum(self.values[..., :N_IN], axis=1, dtype=np.float64)
-        self.target = np.concatenate([batch.truth.states[..., : PROBE + 1], to_zeta(batch.truth.health)], axis=-1)
+        read = features.run(front_end.standardise(filled), features.keep_of(batch.machine))
+        self.values, self.slow = read[..., :channels], read[..., channels:]
+        self.sums = np.cumsum(self.values[..., : self.inputs], axis=1, dtype=np.float64)
+        self.target = layout.targets(batch.truth)
 
     def window(self, sequence: np.ndarray, sample: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values (M, 65, 7), masks (M, 64, 7) and running means (M, 28); the first sample stands in before it."""
+        """Values (M, 65, C), masks (M, 64, C) and running means (M, 4 C); the first sample stands in before it."""
         ticks = np.maximum(sample[:, None] + np.arange(-WINDOW, 1), 0)
         rows = sequence[:, None]
         masks = self.accepted[rows, ticks[:, 1:]].astype(np.float32)
         return self.values[rows, ticks], masks, self.slow[sequence, sample]
 
     def query(self, sequence: np.ndarray, sample: np.ndarray, later: np.ndarray) -> Array:
-        """(M, Q, 12) for ticks ``later`` (M, Q)."""
-        inputs = self.values[sequence, later, :N_IN]
+        """(M, Q, query_width) for ticks ``later`` (M, Q)."""
+        inputs = self.values[sequence, later, : self.inputs]
         count = np.maximum(later - sample, 1)[..., None]
         mean = (self.sums[sequence, later] - self.sums[sequence, sample]) / count
         between = np.where((later > sample)[..., None], mean, inputs)
-        return _query((later - sample) * SAMPLE_PERIOD_S, inputs, between)
+        return _query((later - sample) * self.period_s, inputs, between)
 
 
 def _query(ahead_s: Array, inputs: np.ndarray, mean: np.ndarray) -> Array:
-    """(..., 12): the time ahead on four scales, the inputs then, and their mean until then."""
+    """(..., query_width): the time ahead on four scales, the inputs then, and their mean until then."""
     times = [1.0 - np.exp(-ahead_s / tau) for tau in TIMES_S]
     return np.concatenate([np.stack([*times, ahead_s / LONGEST_LEAD_S], axis=-1), inputs, mean], axis=-1)
 
@@ -268,24 +280,6 @@ def _shifted(window: np.ndarray, newest: np.ndarray, fresh: np.ndarray) -> np.nd
     last = newest.astype(np.float32)[:, None]
     moved = np.concatenate([window[:, 1:], last], axis=1)
     return np.where(fresh[:, None, None], last, moved)
-
-
-def _bounded(z: Array) -> Array:
-    """Health within its coordinates, flow positive."""
-    z[..., ZETA:] = np.clip(z[..., ZETA:], -ZETA_LIMIT, ZETA_LIMIT)
-    z[..., FLOW] = np.maximum(z[..., FLOW], 0.05)
-    return z
-
-
-def _readings(z: Array) -> tuple[Array, Array]:
-    """Readings (B, 3) of z (B, 11) and their slopes (B, 3, 11)."""
-    theta, slope = theta_and_slope(z[:, ZETA:])
-    y = np.stack([z[:, PRESSURE], z[:, PROBE] + theta[:, len(HEALTH) - 1], M_REF_KG_S * z[:, FLOW]], axis=-1)
-    H = np.zeros((len(z), 3, SIZE))
-    H[:, 0, PRESSURE] = H[:, 1, PROBE] = 1.0
-    H[:, 1, SIZE - 1] = slope[:, len(HEALTH) - 1]
-    H[:, 2, FLOW] = M_REF_KG_S
-    return y, H
 
 
 def _unit(x: np.ndarray) -> np.ndarray:

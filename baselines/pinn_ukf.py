@@ -1,50 +1,75 @@
 """PINN + UKF: a physics-informed perceptron as the model of an unscented Kalman filter.
 
-The network gives the increment of the five states over a tick from state, inputs, valve position
+The network gives the increment of the estimated states over a tick from state, inputs, actuators
 and health. It is trained on the plant's transitions, and held to the balances of the nominal model
 beyond them (the residual of Raissi et al., 2019, in discrete time). The filter is Julier and
-Uhlmann's with Merwe's sigma points; z = [five states, the drift that the pressure sensors share, health coordinates,
-probe, coloured noise]. It starts from the population of machines.
+Uhlmann's with Merwe's sigma points; z = [states, the drift that sensors share, health coordinates, those that act on
+the machine first, lags of sensors, coloured noise]. It starts from the population of machines.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from twinbench.baselines.filterpy_filters import ukf_predict, ukf_update
+from twinbench.baselines.layout import acting, actuators, layout_of
+from twinbench.baselines.model_ekf import EVERY_TICKS
 from twinbench.baselines.unscented import correct, linear_filter, moments, sigma_points, weights
-from twinbench.data.batch import HEALTH, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
-from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import FrontEnd, Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
-from twinbench.methods.noise import coloured_keep, drift_keep, health_walk_var, output_sd
-from twinbench.methods.probe import probe_lag
+from twinbench.methods.lags import lag_share, lags_of
+from twinbench.methods.noise import coloured_keep, drift_keep, health_walk_var, output_sd, sheet_of
 from twinbench.methods.reporting import clean_flags, report
-from twinbench.physics.compressor import M_REF_KG_S, PLANT
-from twinbench.physics.health import ZETA_HIGH, ZETA_LOW, to_theta, to_zeta
-from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
-N_X, N_ZETA, N_NOISE = len(STATES), len(HEALTH) - 1, len(OUTPUTS)
-PRESSURE, GAS, FLOW = STATE.p_exh_bar, STATE.T_gas_K, STATE.flow_memory
-DRIFT = N_X
-ZETA = DRIFT + 1
-BIAS = ZETA + N_ZETA
-PROBE = BIAS + 1
-NOISE = PROBE + 1
-SIZE = NOISE + N_NOISE
-"""Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it."""
-VALVE_KEEP = float(np.exp(-SAMPLE_PERIOD_S / PLANT.theta()[PLANT.index("tau_v_s")]))
-KEEP = np.r_[0:N_X, ZETA:PROBE]
-SUCTION = INPUTS.index("p_suc_bar")
 ALPHA = 0.5
-W_MEAN, W_COV = weights(SIZE, ALPHA)
-STATE_WALK = np.array([1e-3, 1e-3, 0.05, 0.05, 1e-3])
-"""Process noise of the states per square root of a second, before ``state_walk``; that of the EKFs."""
+LAG_NOISE = 1.0 / 30_000.0
+"""Of its scale, process noise of a sensor's lag in a tick: its equation is exact, and this keeps covariances positive
+definite."""
+
+
+class Places(NamedTuple):
+    """Where each part of z begins. What the network reads stands first: sigma points of the rest move nothing in it.
+
+    Attributes:
+        drift: behind the estimated states.
+        zeta: where health begins.
+        bias: where health begins that does not act on the machine.
+        probe: where lags begin.
+        noise: where coloured noise begins.
+        size: how many entries z has.
+        health: (nh,) of every health parameter, in the machine's order.
+        keep: (n + nh,) of the machine's quantities.
+        columns: (m,) of the estimated states and the lags.
+    """
+
+    drift: int
+    zeta: int
+    bias: int
+    probe: int
+    noise: int
+    size: int
+    health: np.ndarray
+    keep: np.ndarray
+    columns: np.ndarray
+
+
+def places_of(machine: Machine) -> Places:
+    """Where the parts of a machine's z begin."""
+    n, nh, acts = len(machine.estimated), len(machine.health), acting(machine)
+    bias, probe = n + 1 + int(acts.sum()), n + 1 + nh
+    noise = probe + layout_of(machine).zeta - n
+    health = np.empty(nh, np.int64)
+    health[acts], health[~acts] = np.arange(n + 1, bias), np.arange(bias, probe)
+    keep, columns = np.concatenate([np.arange(n), health]), np.r_[0:n, probe:noise]
+    return Places(n, n + 1, bias, probe, noise, noise + len(machine.outputs), health, keep, columns)
 
 
 @register
@@ -78,6 +103,15 @@ class PINNUnscentedKalman(Estimator):
     online = frozenset({"model_noise", "state_walk", "health_walk"})
     contract_settings: ClassVar[dict[str, Any]] = {"iterations": 60, "rows": 128, "copies": 1, "transitions": 3000}
 
+    def __init__(self, machine: Machine = COMPRESSOR, **settings: Any) -> None:
+        super().__init__(machine, **settings)
+        self._layout, self._at, self._lags = layout_of(machine), places_of(machine), lags_of(machine)
+        self._weights = weights(self._at.size, ALPHA)
+        self._moving = np.flatnonzero(np.isin(self._lags.column, self._layout.columns))
+        _, inputs = actuators(machine)
+        tau_s = self._lags.tau_s[self._lags.input >= 0]
+        self._actuators = np.exp(-machine.sample_period_s / tau_s), inputs
+
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train the network on transitions of training sequences and re-simulations; residuals come from validation."""
         import torch
@@ -88,13 +122,13 @@ class PINNUnscentedKalman(Estimator):
         from twinbench.methods.training import adamw, seeded, weights_of
         from twinbench.methods.transitions import Sampling, draw_transitions
 
-        config = self.config
+        config, n, columns = self.config, len(self.machine.estimated), self._layout.columns
         rng, _ = seeded(seed)
         train = resimulate(train, rng, config["copies"])
         moves = draw_transitions(train, config["transitions"], rng)
         assert train.truth is not None
         read = network_input(train, moves)
-        mean, scale = standard(read)
+        mean, scale = standard(self.machine, read)
         step = moves.increment.std(axis=0)
         elsewhere, nominal = _collocation(train, moves, read, rng)
 
@@ -103,7 +137,7 @@ class PINNUnscentedKalman(Estimator):
 
         inputs, wanted = tensor((read - mean) / scale), tensor(moves.increment / step)
         beyond, balance = tensor((elsewhere - mean) / scale), tensor(nominal / step)
-        network = perceptron(read.shape[1], config["hidden"], N_X)
+        network = perceptron(read.shape[1], config["hidden"], n)
         quarter = config["rows"] // 4
 
         def loss(_: int) -> torch.Tensor:
@@ -115,7 +149,7 @@ class PINNUnscentedKalman(Estimator):
 
         losses = adamw(network, loss, config["iterations"], config["learning_rate"])
         held = draw_transitions(validation, 20_000, rng, Sampling(perturbed=False))
-        states = train.truth.states[..., : N_X + 1].reshape(-1, N_X + 1)[::50]
+        states = train.truth.states[..., columns].reshape(-1, len(columns))[::EVERY_TICKS]
         self.arrays = {
             **weights_of(network),
             **FrontEnd.fit(train).arrays(),
@@ -123,8 +157,8 @@ class PINNUnscentedKalman(Estimator):
             "input.scale": scale,
             "increment.scale": step,
             "prior.mean": states.mean(axis=0),
-            "prior.cov": np.cov(states.T),
-            "residual.cov": np.eye(N_X),
+            "prior.cov": np.atleast_2d(np.cov(states.T)),
+            "residual.cov": np.eye(n),
             "loss": np.array(losses),
         }
         self.restore()
@@ -134,61 +168,73 @@ class PINNUnscentedKalman(Estimator):
 
     def restore(self) -> None:
         """Rebuild the network and assemble Q."""
-        a = self.arrays
-        self._front_end = FrontEnd.from_arrays(a)
+        a, machine, at = self.arrays, self.machine, self._at
+        self._front_end, self._sheet = FrontEnd.from_arrays(a), sheet_of(machine)
         self._layers = [(np.ascontiguousarray(a[f"net.{i}.weight"].T), a[f"net.{i}.bias"]) for i in (0, 2, 4)]
-        self._keep, self._drift_keep = coloured_keep(), drift_keep()
-        Q = np.zeros((SIZE, SIZE))
-        Q[:N_X, :N_X] = self.config["model_noise"] * a["residual.cov"]
-        Q[:N_X, :N_X] += np.diag((self.config["state_walk"] * STATE_WALK) ** 2 * SAMPLE_PERIOD_S)
-        Q[DRIFT, DRIFT] = 1.0 - self._drift_keep**2
-        Q[ZETA:PROBE, ZETA:PROBE] = np.diag(health_walk_var(self.config["health_walk"]))
-        Q[PROBE, PROBE] = 1e-3**2
-        Q[NOISE:, NOISE:] = np.diag(1.0 - self._keep**2)
+        self._keep, self._drift_keep = coloured_keep(machine), drift_keep(machine)
+        n, walk = at.drift, self.config["state_walk"] * machine.states_walk[: at.drift]
+        scales = np.array([v.scale for v in machine.plant.states])[self._layout.columns[n:]]
+        Q = np.zeros((at.size, at.size))
+        Q[:n, :n] = self.config["model_noise"] * a["residual.cov"]
+        Q[:n, :n] += np.diag(walk**2 * machine.sample_period_s)
+        Q[at.drift, at.drift] = 1.0 - self._drift_keep**2
+        Q[at.health, at.health] = health_walk_var(machine, self.config["health_walk"])
+        Q[at.probe : at.noise, at.probe : at.noise] = np.diag((LAG_NOISE * scales) ** 2)
+        Q[at.noise :, at.noise :] = np.diag(1.0 - self._keep**2)
         self._Q = Q
 
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, health as anywhere in the population."""
-        mean, cov = self.arrays["prior.mean"], self.arrays["prior.cov"]
-        where = np.r_[0:N_X, PROBE]
-        z = np.zeros((batch, SIZE))
-        z[:, where], z[:, ZETA:PROBE] = mean, PRIOR_MEAN
-        P = np.tile(np.eye(SIZE), (batch, 1, 1))
-        P[:, where[:, None], where], P[:, ZETA:PROBE, ZETA:PROBE] = cov, PRIOR_COV
-        memory = (np.zeros(batch, np.bool_), np.zeros((batch, 1)), *self._front_end.init(batch))
-        return report(z, P, KEEP, (z, P, *memory))
+        at, (mean, cov) = self._at, self.machine.prior
+        z = np.zeros((batch, at.size))
+        z[:, at.columns], z[:, at.health] = self.arrays["prior.mean"], mean
+        P = np.tile(np.eye(at.size), (batch, 1, 1))
+        P[:, at.columns[:, None], at.columns] = self.arrays["prior.cov"]
+        P[:, at.health[:, None], at.health] = cov
+        follow = np.zeros((batch, len(self._actuators[1])))
+        return self._report(z, P, (np.zeros(batch, np.bool_), follow, *self._front_end.init(batch)))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Predict by the network over sigma points, correct by the outputs."""
-        z, P, started, valve, *rest = state.memory
+        nu = len(self.machine.inputs)
+        z, P, started, follow, *rest = state.memory
         front, clean = self._front_end.step(Memory(*rest), sample.measured)
-        u = np.concatenate([clean.before[:, : len(INPUTS)], valve], axis=1)
-        white, coloured = output_sd(clean.filled)
-        outputs = slice(len(INPUTS), None)
-        measured = np.where(clean.accepted[:, outputs], clean.filled[:, outputs], np.nan)
+        u = np.concatenate([clean.before[:, :nu], follow], axis=1)
+        white, coloured = output_sd(self._sheet, clean.filled)
+        measured = np.where(clean.accepted, clean.filled, np.nan)[:, nu:]
         one_tick = self._tick_filterpy if self.config["implementation"] == "filterpy" else self._tick
         z, P, innovation, S, nis = one_tick(z, P, started, u, measured, white, coloured)
-        z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
-        z[:, ZETA:PROBE] = np.clip(z[:, ZETA:PROBE], ZETA_LOW, ZETA_HIGH)
-        command = clean.filled[:, len(INPUTS) - 1 : len(INPUTS)]
-        valve = np.where(started[:, None], VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1], command)
-        memory = (np.ones_like(started), valve, *front)
-        info = Info(innovation, S, nis, clean.accepted[:, len(INPUTS) :], clean_flags(clean), clean.age_s)
-        return report(z, P, KEEP, (z, P, *memory)), info
+        self._bound(z)
+        command = clean.filled[:, self._actuators[1]]
+        follow = np.where(started[:, None], self._followed(u), command)
+        info = Info(innovation, S, nis, clean.accepted[:, nu:], clean_flags(clean), clean.age_s)
+        return self._report(z, P, (np.ones_like(started), follow, *front)), info
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Run the network on with the parameters frozen."""
-        z, _, _, valve, *rest = state.memory
-        z, u = z.copy(), np.concatenate([Memory(*rest).filled[:, : len(INPUTS)], valve], axis=1)
-        bias_K = to_theta(z[:, ZETA:PROBE])[:, -1]
-        out = np.empty((*inputs.shape[:2], 3))
+        z, _, _, follow, *rest = state.memory
+        z, u = z.copy(), np.concatenate([Memory(*rest).filled[:, : inputs.shape[-1]], follow], axis=1)
+        out = np.empty((*inputs.shape[:2], len(self.machine.outputs)))
         for k in range(inputs.shape[1]):
             z = self._moved(z[:, None], u)[:, 0]
-            z[:, FLOW] = np.maximum(z[:, FLOW], 0.05)
-            out[:, k] = np.stack([z[:, PRESSURE], z[:, PROBE] + bias_K, M_REF_KG_S * z[:, FLOW]], axis=-1)
-            valve = VALVE_KEEP * u[:, -1:] + (1.0 - VALVE_KEEP) * u[:, -2:-1]
-            u = np.concatenate([inputs[:, k], valve], axis=1)
+            z[:, : self._at.drift] = np.maximum(z[:, : self._at.drift], self._layout.least[: self._at.drift])
+            out[:, k] = self._clean_readings(z)
+            u = np.concatenate([inputs[:, k], self._followed(u)], axis=1)
         return out
+
+    def _report(self, z: Array, P: Array, memory: tuple[np.ndarray, ...]) -> State:
+        return report(self.machine.coordinates, z, P, self._at.keep, (z, P, *memory))
+
+    def _bound(self, z: Array) -> None:
+        """States (B, size) no lower than a filter lets them be and health within its coordinates, in place."""
+        n, health = self._at.drift, self._at.health
+        z[:, :n] = np.maximum(z[:, :n], self._layout.least[:n])
+        z[:, health] = np.clip(z[:, health], *self.machine.zeta_bounds)
+
+    def _followed(self, u: Array) -> Array:
+        """Actuators (B, a) a tick on, from inputs and actuators (B, nu + a)."""
+        kept, inputs = self._actuators
+        return kept * u[:, u.shape[1] - len(kept) :] + (1.0 - kept) * u[:, inputs]
 
     def _tick(
         self, z: Array, P: Array, started: np.ndarray, u: Array, measured: Array, white: Array, coloured: Array
@@ -197,28 +243,31 @@ class PINNUnscentedKalman(Estimator):
         sigma = sigma_points(z, P, ALPHA)
         moved = sigma.copy()
         # Of what the network reads, the other sigma points have the centre's.
-        few = np.r_[0 : 1 + BIAS, SIZE + 1 : SIZE + 1 + BIAS]
-        moved[..., :N_X] += self._increments(sigma, u, few)
-        _move_rest(sigma, moved, self._keep, self._drift_keep)
-        ahead, P_ahead = moments(moved, W_MEAN, W_COV, self._Q)
+        at, (w_mean, w_cov) = self._at, self._weights
+        few = np.r_[0 : 1 + at.bias, at.size + 1 : at.size + 1 + at.bias]
+        moved[..., : at.drift] += self._increments(sigma, u, few)
+        self._move_rest(sigma, moved, u)
+        ahead, P_ahead = moments(moved, w_mean, w_cov, self._Q)
         z = np.where(started[:, None], ahead, z)
         P = np.where(started[:, None, None], P_ahead, P)
         sigma = sigma_points(z, P, ALPHA)
-        return correct(z, P, sigma, _readings(sigma, coloured), measured, white**2, W_MEAN, W_COV, INNOVATION_CLIP_SD)
+        readings = self._readings(sigma, coloured)
+        return correct(z, P, sigma, readings, measured, white**2, w_mean, w_cov, INNOVATION_CLIP_SD)
 
     def _tick_filterpy(
         self, z: Array, P: Array, started: np.ndarray, u: Array, measured: Array, white: Array, coloured: Array
     ) -> tuple[Array, Array, Array, Array, Array]:
         """As ``_tick``, by filterpy: the peer that it must equal and is timed against."""
         z, P = z.copy(), P.copy()
-        innovation, S, nis = np.empty((len(z), 3)), np.empty((len(z), 3, 3)), np.empty(len(z))
+        ny = measured.shape[1]
+        innovation, S, nis = np.empty((len(z), ny)), np.empty((len(z), ny, ny)), np.empty(len(z))
         for b in range(len(z)):
 
             def move(point: Array, b: int = b) -> Array:
                 return self._moved(point[None, None], u[b : b + 1])[0, 0]
 
             def read(point: Array, b: int = b) -> Array:
-                return _readings(point[None, None], coloured[b : b + 1])[0, 0]
+                return self._readings(point[None, None], coloured[b : b + 1])[0, 0]
 
             if started[b]:
                 z[b], P[b] = ukf_predict(z[b], P[b], self._Q, ALPHA, move)
@@ -229,18 +278,20 @@ class PINNUnscentedKalman(Estimator):
         return z, P, innovation, S, nis
 
     def _moved(self, points: Array, u: Array) -> Array:
-        """Points (B, K, 15) a tick on under inputs and valve (B, 5)."""
+        """Points (B, K, size) a tick on under inputs and actuators (B, nu + a)."""
         moved = points.copy()
-        moved[..., :N_X] += self._increments(points, u, np.arange(points.shape[1]))
-        _move_rest(points, moved, self._keep, self._drift_keep)
+        moved[..., : self._at.drift] += self._increments(points, u, np.arange(points.shape[1]))
+        self._move_rest(points, moved, u)
         return moved
 
     def _increments(self, points: Array, u: Array, few: np.ndarray) -> Array:
-        """Increments (B, K, 5) of the states at points (B, K, 15); all but ``few`` have those of the first."""
-        some = points[:, few]
+        """Increments (B, K, n) of the states at points (B, K, size); all but ``few`` have those of the first."""
+        some, at, nu = points[:, few], self._at, len(self.machine.inputs)
         shared = np.broadcast_to(u[:, None], (*some.shape[:2], u.shape[1]))
-        read = np.concatenate([some[..., :N_X], shared, some[..., ZETA:BIAS]], axis=-1)
-        read[..., N_X + SUCTION] /= 1.0 + PRESSURE_DRIFT_SHARE * some[..., DRIFT]
+        read = np.concatenate([some[..., : at.drift], shared, some[..., at.zeta : at.bias]], axis=-1)
+        for i, share in enumerate(self.machine.drift_shares[:nu]):
+            if share > 0.0:
+                read[..., at.drift + i] /= 1.0 + share * some[..., at.drift]
         change = self._increment(read)  # one product a machine: what it gives does not depend on who else is there
         if len(few) == points.shape[1]:
             return change
@@ -249,7 +300,7 @@ class PINNUnscentedKalman(Estimator):
         return out
 
     def _increment(self, read: Array) -> Array:
-        """The network, (..., M, 13) -> (..., M, 5) physical."""
+        """The network, (..., M, F) -> (..., M, n) physical."""
         a = ((read - self.arrays["input.mean"]) / self.arrays["input.scale"]).astype(self._layers[0][0].dtype)
         for weight, bias in self._layers[:-1]:
             a = a @ weight + bias
@@ -257,45 +308,57 @@ class PINNUnscentedKalman(Estimator):
         weight, bias = self._layers[-1]
         return (a @ weight + bias).astype(np.float64) * self.arrays["increment.scale"]
 
+    def _move_rest(self, before: Array, after: Array, u: Array) -> None:
+        _move_rest(before, after, u, self._keep, self._drift_keep, self._lags, self._moving, self._at[:5])
+
+    def _clean_readings(self, points: Array) -> Array:
+        """(..., ny) of points (..., size), without drift and noise."""
+        theta = self.machine.coordinates.to_theta(points[..., self._at.health])
+        return points[..., self._at.columns] @ self._layout.gains.T + theta @ self._layout.biases.T
+
+    def _readings(self, points: Array, coloured: Array) -> Array:
+        """(B, K, ny) of points (B, K, size), with the drift and the coloured part of the noise, sd (B, ny)."""
+        shares = self.machine.drift_shares[len(self.machine.inputs) :]
+        y = self._clean_readings(points) * (1.0 + shares * points[..., self._at.drift, None])
+        return y + coloured[:, None] * points[..., self._at.noise :]
+
 
 def _collocation(batch: Batch, moves: Any, read: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """Other states and health, where only the nominal balances answer.
 
     Args:
-        read: (M, 13) what the network reads of the transitions themselves.
+        read: (M, F) what the network reads of the transitions themselves.
 
     Returns:
-        What it reads there, (M, 13), and the increments (M, 5) that the nominal model gives.
+        What it reads there, (M, F), and the increments (M, n) that the nominal model gives.
     """
     from twinbench.physics.integrate import Varying, advance
-    from twinbench.physics.nominal import NOMINAL
 
     assert batch.truth is not None
     apart = rng.permutation(len(read))
     x = moves.x + 0.5 * (moves.x[apart] - moves.x)
     theta = moves.theta[apart]
-    hidden = batch.truth.states[moves.sequence, moves.sample, N_X:]
+    machine, n = batch.machine, x.shape[1]
+    hidden = batch.truth.states[moves.sequence, moves.sample, n:]
     u = batch.truth.inputs[moves.sequence, moves.sample]
-    nominal = advance(NOMINAL, np.concatenate([x, hidden], axis=1), u, SAMPLE_PERIOD_S, 2, Varying(HEALTH, theta))
-    elsewhere = np.concatenate([x, read[:, N_X:-N_ZETA], to_zeta(theta)[:, :N_ZETA]], axis=1)
-    return elsewhere, nominal[:, :N_X] - x
+    varying = Varying(machine.health_names, theta)
+    nominal = advance(machine.reduced, np.concatenate([x, hidden], axis=1), u, machine.sample_period_s, 2, varying)
+    zeta = machine.coordinates.to_zeta(theta)[:, acting(machine)]
+    elsewhere = np.concatenate([x, read[:, n : read.shape[1] - zeta.shape[1]], zeta], axis=1)
+    return elsewhere, nominal[:, :n] - x
 
 
 @njit(cache=True, error_model="numpy")
-def _move_rest(before, after, keep, drift_keep):  # type: ignore[no-untyped-def]
-    """The probe follows the gas, the drift and the coloured noise fade; in place on ``after``."""
+def _move_rest(before, after, u, keep, drift_keep, lags, moving, places):  # type: ignore[no-untyped-def]
+    """Lags follow their states or inputs, the drift and the coloured noise fade; in place on ``after``."""
+    drift, _, _, probe, noise = places
     for b in range(before.shape[0]):
         for k in range(before.shape[1]):
-            share, _ = probe_lag(before[b, k, FLOW])
-            after[b, k, DRIFT] *= drift_keep
-            after[b, k, PROBE] += share * (before[b, k, GAS] - before[b, k, PROBE])
-            for i in range(N_NOISE):
-                after[b, k, NOISE + i] *= keep[i]
-
-
-def _readings(points: Array, coloured: Array) -> Array:
-    """(B, K, 3) of points (B, K, 15), with the drift and the coloured part of the noise, sd (B, 3)."""
-    bias_K = to_theta(points[..., ZETA:PROBE])[..., -1]
-    p_bar = points[..., PRESSURE] * (1.0 + PRESSURE_DRIFT_SHARE * points[..., DRIFT])
-    y = np.stack([p_bar, points[..., PROBE] + bias_K, M_REF_KG_S * points[..., FLOW]], axis=-1)
-    return y + coloured[:, None] * points[..., NOISE:]
+            after[b, k, drift] *= drift_keep
+            for j in range(moving.size):
+                i = moving[j]
+                share, _ = lag_share(lags, i, before[b, k])
+                followed = before[b, k, lags.state[i]] if lags.state[i] >= 0 else u[b, lags.input[i]]
+                after[b, k, probe + j] += share * (followed - before[b, k, probe + j])
+            for i in range(keep.size):
+                after[b, k, noise + i] *= keep[i]

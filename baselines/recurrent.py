@@ -1,8 +1,8 @@
 """A slow recurrent memory with a fast readout, and its NumPy twin for the online cycle.
 
-The cell steps every other second on the features of that tick; a small network reads its hidden
-state and the present features at every tick. Health and thermal memory move in tens of seconds, so
-nothing is lost, and a sequence of 30,000 samples is 750 steps of back-propagation.
+The cell steps every other second on the features of that tick (at every tick of a machine that is read more slowly);
+a small network reads its hidden state and the present features at every tick. Health and thermal memory move in tens of
+seconds, so nothing is lost, and a sequence of 30,000 samples at 20 Hz is 750 steps of back-propagation.
 """
 
 from __future__ import annotations
@@ -12,11 +12,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-TICKS_PER_STEP = 40
+from twinbench.machines.machine import Machine
+
+STEP_S = 2.0
+"""From step to step of the memory. Half of it doubles the training's time and was not found to tell more."""
+
+
+def ticks_per_step(machine: Machine) -> int:
+    """How many ticks a step of the memory has, one at least."""
+    return max(1, round(STEP_S / machine.sample_period_s))
 
 
 class TwoRates(nn.Module):
-    """Base of the networks: a subclass remembers at 0.5 Hz, in ``blank`` and ``remember``; the readout is at 20 Hz."""
+    """Base of the networks: a subclass remembers, in ``blank`` and ``remember``; the readout is at every tick."""
 
     def __init__(self, hidden: int, features: int, readout: int, outputs: int) -> None:
         super().__init__()
@@ -51,7 +59,7 @@ class TwoRates(nn.Module):
 
 
 class SlowFast(TwoRates):
-    """GRU or LSTM cell at 0.5 Hz, readout at 20 Hz."""
+    """GRU or LSTM cell, its hidden state read out at every tick."""
 
     def __init__(self, cell: str, features: int, hidden: int, readout: int, outputs: int) -> None:
         super().__init__(hidden, features, readout, outputs)

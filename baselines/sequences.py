@@ -9,13 +9,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from twinbench.baselines.recurrent import TICKS_PER_STEP, TwoRates
+from twinbench.baselines.recurrent import TwoRates
 from twinbench.methods.training import adamw
 
 SLOW_STEPS = 75
 """Slow steps of back-propagation through time."""
 READOUTS = 2
 """Ticks read out, and compared, after every slow step."""
+READOUTS_HELD = 8
+"""Ticks read out after every slow step of held-out sequences, where the network's error is learnt: more are alike."""
 
 Loss = Callable[[Tensor, Tensor], Tensor]
 
@@ -35,15 +37,20 @@ def fit_sequences(
     loss: Loss,
     rng: np.random.Generator,
     schedule: Schedule,
+    ticks: int,
 ) -> list[float]:
     """Walk some sequences at a time from beginning to end, stretch after stretch.
 
     Args:
+        network: that learns.
         read: (B, N, F) float32, standardised, what the network reads at each tick.
         target: (B, N, T) float32, standardised, what it is to say at each tick.
         loss: of predictions (..., outputs) and targets (..., T).
+        rng: what sequences and ticks are drawn from.
+        schedule: how long, and on how much at a time.
+        ticks: how many a step of the memory has.
     """
-    usable = read.shape[1] // TICKS_PER_STEP
+    usable = read.shape[1] // ticks
     steps, batch = min(SLOW_STEPS, usable), schedule.batch
     sequence = rng.integers(len(read), size=batch)
     at = steps * rng.integers(usable // steps, size=batch)
@@ -55,10 +62,10 @@ def fit_sequences(
         sequence[over] = rng.integers(len(read), size=over.sum())
         at[over] = 0
         goes_on = torch.from_numpy(~over).to(torch.float32)[:, None]
-        rows, ticks = sequence[:, None], TICKS_PER_STEP * (at[:, None] + np.arange(steps))
-        spread = ticks[..., None] + rng.integers(TICKS_PER_STEP, size=READOUTS)
+        rows, begun = sequence[:, None], ticks * (at[:, None] + np.arange(steps))
+        spread = begun[..., None] + rng.integers(ticks, size=READOUTS)
         predicted, after = network(
-            torch.from_numpy(read[rows, ticks]),
+            torch.from_numpy(read[rows, begun]),
             torch.from_numpy(read[rows[..., None], spread]),
             tuple(part.detach() * goes_on for part in carried),
         )
@@ -69,15 +76,23 @@ def fit_sequences(
     return adamw(network, one, schedule.iterations, schedule.learning_rate)
 
 
-def read_out(network: TwoRates, read: np.ndarray, every: int) -> tuple[np.ndarray, np.ndarray]:
+def apart(ticks: int) -> int:
+    """How many ticks those of held-out sequences are apart that are read out; a step of the memory is a multiple."""
+    return next(every for every in range(max(1, ticks // READOUTS_HELD), 0, -1) if ticks % every == 0)
+
+
+def read_out(network: TwoRates, read: np.ndarray, ticks: int, every: int) -> tuple[np.ndarray, np.ndarray]:
     """Ticks (M,), ``every`` apart, and what the network says there, (B, M, outputs) float64.
 
     Args:
+        network: that is asked.
         read: (B, N, F) float32, standardised, what the network reads at each tick.
+        ticks: how many a step of the memory has.
+        every: a divisor of that.
     """
-    ticks = np.arange(0, read.shape[1] // TICKS_PER_STEP * TICKS_PER_STEP, every)
-    slow = torch.from_numpy(read[:, : ticks[-1] + 1 : TICKS_PER_STEP])
-    fast = torch.from_numpy(read[:, ticks]).unflatten(1, (slow.shape[1], -1))
+    asked = np.arange(0, read.shape[1] // ticks * ticks, every)
+    slow = torch.from_numpy(read[:, : asked[-1] + 1 : ticks])
+    fast = torch.from_numpy(read[:, asked]).unflatten(1, (slow.shape[1], -1))
     with torch.no_grad():
         out, _ = network(slow, fast, network.blank(len(read)))
-    return ticks, out.flatten(1, 2).double().numpy()
+    return asked, out.flatten(1, 2).double().numpy()

@@ -228,6 +228,12 @@ def _lags(machine: Machine) -> None:
             lag.follows, followed, f"lag {lag.state!r} follows {{}}, which is neither an estimated state nor an input"
         )
         _known(lag.tau_s, [v.name for v in machine.plant.parameters], f"lag {lag.state!r}: tau_s {{}} is no parameter")
+        if bool(lag.faster_with) != bool(lag.exponent):
+            raise ValueError(f"lag {lag.state!r} has faster_with or exponent alone; give both, or neither")
+        if lag.exponent:
+            parameters = [v.name for v in machine.plant.parameters]
+            _known(lag.faster_with, machine.estimated, f"lag {lag.state!r}: faster_with {{}} is no estimated state")
+            _known(lag.exponent, parameters, f"lag {lag.state!r}: exponent {{}} is no parameter")
     named = [lag.state for lag in machine.lags]
     _once(named, "lags names {} twice; leave one out")
     if named != (sorted_ := sorted(named, key=states.index)):
@@ -238,6 +244,8 @@ def _lags(machine: Machine) -> None:
         values = dict(zip([*states, *machine.inputs], [*x, *u], strict=True))
         for lag in machine.lags:
             i, tau_s = states.index(lag.state), theta[machine.reduced.index(lag.tau_s)]
+            if lag.exponent:
+                tau_s *= values[lag.faster_with] ** -theta[machine.reduced.index(lag.exponent)]
             expected = (values[lag.follows] - x[i]) / tau_s
             if not abs(rates[i] - expected) <= AGREE_WITHIN * max(abs(expected), machine.reduced.states[i].scale):
                 raise ValueError(

@@ -177,7 +177,7 @@ COMPRESSOR = Machine(
     },
     loads=draw_loads,
     leans=10,
-    lags=(Lag("T_probe_K", "T_gas_K", "tau_T_s"), Lag("valve_pos", "valve", "tau_v_s")),
+    lags=(Lag("T_probe_K", "T_gas_K", "tau_T_s", "flow_memory", "tau_T_x"), Lag("valve_pos", "valve", "tau_v_s")),
     drift=Drift(("p_suc_bar", "p_dis_bar"), 0.0008, 300.0),
     recalibrated=RECALIBRATED,
     state_walk={
@@ -194,6 +194,7 @@ COMPRESSOR = Machine(
     least={"flow_memory": 0.05},
     query=("N_rpm", "p_dis_bar/p_suc_bar", "T_suc_K", "p_suc_bar", "valve"),
     slow=("T_dis_K",),
+    silent=("m_flow_kg_s",),
     alike=(("p_int_bar", "p_exh_bar"),),
     regimes={"speed": "N_rpm", "ratio": "p_dis_bar/p_suc_bar"},
     commands=("N_rpm", "valve"),

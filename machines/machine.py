@@ -117,11 +117,15 @@ class Lag:
         state: its name.
         follows: the estimated state or the input.
         tau_s: the simulators' parameter that is its time constant.
+        faster_with: an estimated state above zero with which it gets faster, if any.
+        exponent: the simulators' parameter by which it does: the time constant is ``tau_s * state ** -exponent``.
     """
 
     state: str
     follows: str
     tau_s: str
+    faster_with: str = ""
+    exponent: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +153,7 @@ class Machine:
         least: by state, the lowest value that a filter lets it have, in its unit.
         query: what says the operating point: channels, or quotients of two written ``a/b``; the inputs if left out.
         slow: channels whose running means tell more than their last minutes; all outputs if left out.
+        silent: outputs whose sensors may fall silent for a while; all if left out.
         alike: groups of estimated states that move together: networks give each group one head.
         regimes: by name, what splits recordings into thirds, as in ``query``; all inputs if left out.
         commands: inputs whose moves are changes of load; all inputs if left out.
@@ -178,6 +183,7 @@ class Machine:
     least: Mapping[str, float] = field(default_factory=dict)
     query: tuple[str, ...] = ()
     slow: tuple[str, ...] = ()
+    silent: tuple[str, ...] = ()
     alike: tuple[tuple[str, ...], ...] = ()
     regimes: Mapping[str, str] = field(default_factory=dict)
     commands: tuple[str, ...] = ()

@@ -34,11 +34,10 @@ def run(a: argparse.Namespace) -> int:
 
     from twinbench.bench.cli.output import rows_of
     from twinbench.bench.compare.run import compare, write
-    from twinbench.bench.profile import profile_on
+    from twinbench.bench.estimate.apply import Training
     from twinbench.bench.report.table_formats import to_text
 
-    profile = profile_on(a.profile, a.machine)
-    found = compare(profile, a.results, a.only, a.recordings, a.map)
+    found = compare(Training(a.profile, a.results, a.machine), a.only, a.recordings, a.map)
     write(a.out, found)
     if a.json:
         tell(a, {"comparison": rows_of(found.table.frame), "says": found.sentences, "failed": found.failed})

@@ -61,13 +61,13 @@ def says(scores: pd.DataFrame) -> list[str]:
     if not ranked:
         return ["No estimator has a forecast of every recording."]
     best, n = str(mean.loc[ranked, "mean"].idxmin()), len(by_recording.sequences)
-    row = mean.loc[best]
-    within = f" (95 % interval {span(row['low'], row['high'], to=True)})" if np.isfinite(row["low"]) else ""
+    least, low, high = (float(v) for v in mean.loc[[best], ["mean", "low", "high"]].to_numpy(dtype=float)[0])
+    within = f" (95 % interval {span(low, high, to=True)})" if np.isfinite(low) else ""
     sentences = [
-        f"{label(best)} has the least error a minute ahead: {number(row['mean'])} times{within} that of holding the "
+        f"{label(best)} has the least error a minute ahead: {number(least)} times{within} that of holding the "
         "last reading."
     ]
-    if not row["high"] < 1.0:
+    if not high < 1.0:
         sentences.append("Its interval does not show it to be better than holding the last reading.")
     if n < FEWEST:
         return [*sentences, f"{n} recording{'s are' if n > 1 else ' is'} too few to tell estimators apart."]

@@ -13,8 +13,7 @@ from twinbench.bench.cells import Cell
 from twinbench.bench.compare.page import says, table
 from twinbench.bench.compare.scores import promised, score
 from twinbench.bench.compare.watched import LEADS_S, lead_ticks, watch
-from twinbench.bench.estimate.apply import trained_cells
-from twinbench.bench.profile import Profile
+from twinbench.bench.estimate.apply import Training, trained_cells
 from twinbench.bench.registry import one_line
 from twinbench.bench.report.provenance import bullets, write_tables
 from twinbench.bench.report.table_formats import Table
@@ -27,7 +26,7 @@ from twinbench.common.workers import side_by_side
 from twinbench.data.batch import Batch
 from twinbench.data.recording import read_recording
 from twinbench.data.units import limits_of, units_of
-from twinbench.machines.load import load_machine, machine_at
+from twinbench.machines.load import machine_at
 from twinbench.machines.machine import Machine
 
 FEWEST_ORIGINS = 10
@@ -50,14 +49,11 @@ class Compared:
     sentences: list[str]
 
 
-def compare(
-    profile: Profile, results: Path | None, names: Sequence[str], paths: Sequence[Path], mapping: Sequence[str]
-) -> Compared:
+def compare(where: Training, names: Sequence[str], paths: Sequence[Path], mapping: Sequence[str]) -> Compared:
     """Run the named estimators, or all that are trained, over recordings; every one is read before anything runs.
 
     Args:
-        profile: what they were trained with, and on which machine.
-        results: folder of the run that trained them; where ``twinbench run`` puts it if left out.
+        where: they were trained, and on which machine.
         names: of estimators.
         paths: of the recordings.
         mapping: ``COLUMN[unit]=channel``, as ``read_recording`` takes it.
@@ -65,9 +61,8 @@ def compare(
     Raises:
         BadInput: one line; a recording that cannot be used, or an estimator that is not trained.
     """
-    load_machine(profile.machine)
-    batches = read(profile.machine, paths, mapping)
-    store, found = trained_cells(profile, results, names)
+    store, found = trained_cells(where, names)
+    batches = read(found[0].machine, paths, mapping)
     ran = side_by_side(_one, [(store, cell, tuple(paths), tuple(mapping)) for cell in found], cores())
     outcomes = [next(ran) for _ in each("compare", [cell.estimator for cell in found])]
     failed = {name: reason for name, reason, _ in outcomes if reason}

@@ -36,8 +36,8 @@ class Lived(NamedTuple):
     relative: bool
 
 
-class Estimated(NamedTuple):
-    """Anything that is estimated: name, what tables call it, unit."""
+class Named(NamedTuple):
+    """Anything that is estimated or read: name, what tables call it, unit."""
 
     name: str
     label: str
@@ -55,14 +55,17 @@ class Subject:
         health: the parameters that change over a life.
         quantities: all that is estimated, states first.
         period_s: from tick to tick.
+        inputs, readings: the channels of a recording.
     """
 
     machine: str
     says: str
     outputs: tuple[Followed, ...]
     health: tuple[Lived, ...]
-    quantities: tuple[Estimated, ...]
+    quantities: tuple[Named, ...]
     period_s: float
+    inputs: tuple[Named, ...] = ()
+    readings: tuple[Named, ...] = ()
 
     @functools.cached_property
     def state_errors(self) -> tuple[str, ...]:
@@ -88,23 +91,35 @@ class Subject:
         """For a manifest."""
         return asdict(self)
 
+    def condition_label(self, name: str) -> str:
+        """``stuck: mass flow`` of a fault of one sensor; any other condition keeps its name."""
+        kind, _, channel = name.rpartition(" ")
+        labels = {c.name: c.label for c in (*self.inputs, *self.readings)}
+        return f"{kind}: {labels[channel]}" if channel in labels else name
+
     @classmethod
     def from_json(cls, found: Mapping[str, Any]) -> Subject:
         """The inverse of ``to_json``."""
-        parts = {"outputs": Followed, "health": Lived, "quantities": Estimated}
+        parts = {"outputs": Followed, "health": Lived, **dict.fromkeys(("quantities", "inputs", "readings"), Named)}
         rows = {part: tuple(kind(*row) for row in found[part]) for part, kind in parts.items()}
         return cls(found["machine"], found["says"], period_s=found["period_s"], **rows)  # type: ignore[arg-type]
 
 
 def subject_of(machine: Machine) -> Subject:
     """What a run on a machine is about."""
+
+    def named(names: tuple[str, ...]) -> tuple[Named, ...]:
+        return tuple(Named(name, machine.label(name), machine.variables[name].unit) for name in names)
+
     return Subject(
         machine.name,
         machine.says,
         tuple(Followed(r.key, r.says, r.reads, *([f"{r.size:g}"] if r.size else [])) for r in machine.readings),
         tuple(Lived(h.name, machine.label(h.name), h.span, not h.either_way) for h in machine.health),
-        tuple(Estimated(name, machine.label(name), machine.variables[name].unit) for name in machine.quantities),
+        named(machine.quantities),
         machine.sample_period_s,
+        named(machine.inputs),
+        named(machine.outputs),
     )
 
 

@@ -2,90 +2,108 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
-from twinbench.methods.deeponet_kalman.model import ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
-from twinbench.methods.deeponet_kalman.safeguards import N_HEALTH, N_MOVED, N_OUTPUTS, trust, walk_factor
+from twinbench.machines.coordinates import ZETA_SCALE
+from twinbench.methods.deeponet_kalman.parts import places
+from twinbench.methods.deeponet_kalman.safeguards import trust, walk_factor
 from twinbench.methods.deeponet_kalman.stream import heads, heads_with_differences, heads_with_jacobian
 from twinbench.methods.kalman import symmetrise
-from twinbench.methods.operator import N_STATES, N_ZETA
-from twinbench.methods.probe import probe_lag
-from twinbench.physics.health import ZETA_SCALE
-
-ACTING = ZETA + N_HEALTH
-"""Columns of F that the states' and the probe's rows fill: the states, the probe, health."""
 
 
 @njit(cache=True, error_model="numpy")
 def _condition(model, z, condition):  # type: ignore[no-untyped-def]
-    for i in range(N_STATES):
+    zeta, _, _ = places(model)
+    n = model.state_mean.size
+    for i in range(n):
         condition[i] = (z[i] - model.state_mean[i]) / model.state_scale[i]
-    for i in range(N_ZETA):
-        condition[N_STATES + i] = z[ZETA + i] / ZETA_SCALE
+    for i in range(model.acting.size):
+        condition[n + i] = z[zeta + model.acting[i]] / ZETA_SCALE
+
+
+@njit(cache=True, error_model="numpy")
+def lagged(lags, z, k):  # type: ignore[no-untyped-def]
+    """Share of the gap to what it follows that the k-th lag closes in a tick, and its slope to what quickens it."""
+    if lags.by[k] < 0:
+        return 1.0 - np.exp(lags.keep_log[k]), 0.0
+    quick = max(z[lags.by[k]], lags.least[k])
+    log = lags.keep_log[k] * quick ** lags.power[k]
+    keep = np.exp(log)
+    return 1.0 - keep, -keep * log * lags.power[k] / quick
 
 
 @njit(cache=True, error_model="numpy")
 def _move(model, z, scaled, part):  # type: ignore[no-untyped-def]
-    """Eq. (6) in place: states by the operator, probe by its lag, noise and slow error by their memory."""
-    share, _ = probe_lag(z[FLOW])
-    z[PROBE] += part * share * (z[GAS] - z[PROBE])
-    for i in range(N_STATES):
-        z[i] += part * (scaled[i] * model.increment[i] + z[ERROR + i])
-        z[ERROR + i] += part * (model.error_keep - 1.0) * z[ERROR + i]
-    for i in range(N_OUTPUTS):
-        z[NOISE + i] += part * (model.noise_keep[i] - 1.0) * z[NOISE + i]
+    """Eq. (6) in place: states by the operator, lags by themselves, noise and slow error by their memory."""
+    _, noise, error = places(model)
+    n = model.state_mean.size
+    for k in range(model.lags.of.size):
+        share, _ = lagged(model.lags, z, k)
+        z[n + k] += part * share * (z[model.lags.of[k]] - z[n + k])
+    for i in range(n):
+        z[i] += part * (scaled[i] * model.increment[i] + z[error + i])
+        z[error + i] += part * (model.error_keep - 1.0) * z[error + i]
+    for i in range(model.noise_keep.size):
+        z[noise + i] += part * (model.noise_keep[i] - 1.0) * z[noise + i]
 
 
 @njit(cache=True, error_model="numpy")
 def _transition(model, z, jacobian, trusted, part, F):  # type: ignore[no-untyped-def]
-    """The Jacobian (19, 19) of ``_move``, into F."""
-    for i in range(SIZE):
-        for j in range(SIZE):
+    """The Jacobian (N, N) of ``_move``, into F."""
+    zeta, noise, error = places(model)
+    n, lags = model.state_mean.size, model.lags
+    for i in range(F.shape[0]):
+        for j in range(F.shape[1]):
             F[i, j] = 1.0 if i == j else 0.0
-    for i in range(N_STATES):
-        for j in range(N_STATES):
+    for i in range(n):
+        for j in range(n):
             F[i, j] += part * jacobian[i, j] * model.increment[i] / model.state_scale[j]
-        for j in range(N_ZETA):
-            F[i, ZETA + j] = part * trusted * jacobian[i, N_STATES + j] * model.increment[i] / ZETA_SCALE
-        F[i, ERROR + i] = part
-        F[ERROR + i, ERROR + i] += part * (model.error_keep - 1.0)
-    share, slope = probe_lag(z[FLOW])
-    F[PROBE, PROBE] -= part * share
-    F[PROBE, GAS] = part * share
-    F[PROBE, FLOW] = part * slope * (z[GAS] - z[PROBE])
-    for i in range(N_OUTPUTS):
-        F[NOISE + i, NOISE + i] += part * (model.noise_keep[i] - 1.0)
+        for j in range(model.acting.size):
+            F[i, zeta + model.acting[j]] = part * trusted * jacobian[i, n + j] * model.increment[i] / ZETA_SCALE
+        F[i, error + i] = part
+        F[error + i, error + i] += part * (model.error_keep - 1.0)
+    for k in range(lags.of.size):
+        share, slope = lagged(lags, z, k)
+        F[n + k, n + k] -= part * share
+        F[n + k, lags.of[k]] += part * share
+        if lags.by[k] >= 0:
+            F[n + k, lags.by[k]] += part * slope * (z[lags.of[k]] - z[n + k])
+    for i in range(model.noise_keep.size):
+        F[noise + i, noise + i] += part * (model.noise_keep[i] - 1.0)
 
 
 @njit(cache=True, error_model="numpy")
-def _times(F, A, B):  # type: ignore[no-untyped-def]
-    """``B = (F A)'`` for an F of ``_transition``: beside its diagonal it has six rows, which few columns act on."""
-    for i in range(N_MOVED):
-        for j in range(SIZE):
+def _times(model, F, A, B):  # type: ignore[no-untyped-def]
+    """``B = (F A)'`` for an F of ``_transition``: beside its diagonal only states and lags have rows, of few columns."""
+    moving, acting, error = places(model)
+    size, n = model.Q.shape[0], model.state_mean.size
+    for i in range(moving):
+        for j in range(size):
             B[i, j] = 0.0
-        for k in range(ACTING):
-            for j in range(SIZE):
+        for k in range(acting):  # states, lags and health act on them
+            for j in range(size):
                 B[i, j] += F[i, k] * A[k, j]
-        if i < N_STATES:
-            for j in range(SIZE):
-                B[i, j] += F[i, ERROR + i] * A[ERROR + i, j]
-    for i in range(N_MOVED, SIZE):
-        for j in range(SIZE):
+        if i < n:
+            for j in range(size):
+                B[i, j] += F[i, error + i] * A[error + i, j]
+    for i in range(moving, size):
+        for j in range(size):
             B[i, j] = F[i, i] * A[i, j]
-    for i in range(SIZE):
+    for i in range(size):
         for j in range(i):
             B[i, j], B[j, i] = B[j, i], B[i, j]
 
 
 @njit(cache=True, error_model="numpy")
 def predict(w, model, base, z, P, away, push, part, t):  # type: ignore[no-untyped-def]
-    """One tick ahead, Eqs. (6) and (7): z (19,) and P (19, 19) in place, the Jacobian in ``t.F``.
+    """One tick ahead, Eqs. (6) and (7): z (N,) and P (N, N) in place, the Jacobian in ``t.F``.
 
     The function takes plain arrays because it is compiled.
 
     Args:
         away: distance of the query from the training envelope.
-        push: (5,) direction of late corrections, which widens the walk of health by Eq. (14).
+        push: (nh,) direction of late corrections, which widens the walk of health by Eq. (14).
         part: of the tick, 1 for all of it; less goes along the straight line there.
         t: room.
     """
@@ -96,16 +114,17 @@ def predict(w, model, base, z, P, away, push, part, t):  # type: ignore[no-untyp
     else:
         heads_with_jacobian(w, net, base, net.condition)
     _transition(model, z, net.jacobian, trust(settings, away), part, t.F)
-    _times(t.F, P, t.M)
-    _times(t.F, t.M, P)
-    for i in range(SIZE):
-        for j in range(SIZE):
+    _times(model, t.F, P, t.M)
+    _times(model, t.F, t.M, P)
+    zeta, _, error = places(model)
+    for i in range(model.Q.shape[0]):
+        for j in range(model.Q.shape[1]):
             P[i, j] += part * model.Q[i, j]
-    for i in range(N_HEALTH):
-        k = ZETA + i
-        P[k, k] += part * model.Q[k, k] * (walk_factor(settings, push[i]) - 1.0)
-    for i in range(N_STATES):
-        k = ERROR + i
+    for i in range(push.size):
+        k = zeta + i
+        P[k, k] += part * model.Q[k, k] * (walk_factor(settings, model.memories.push, push[i]) - 1.0)
+    for i in range(model.state_mean.size):
+        k = error + i
         P[k, k] += part * model.Q[k, k] * settings.extrapolation * away * away
     symmetrise(P)
     _move(model, z, net.out, part)

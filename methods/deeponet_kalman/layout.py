@@ -6,20 +6,22 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from twinbench.machines.machine import Machine
 from twinbench.methods.deeponet_kalman.records import one_record, record
-from twinbench.methods.operator import KERNEL, N_CHANNELS, N_COLUMNS, N_HEADS, N_QUERY, N_SLOW, N_STATES, N_ZETA
+from twinbench.methods.operator import KERNEL, SINUSOIDS, SLOW_TAU_S, head_of_state, slow_channels
 
-N_CONDITION = N_STATES + N_ZETA
-"""Of the heads: states and health coordinates."""
 REACH_1 = KERNEL * (KERNEL - 1) + 1  # columns of block 1 that one column of block 2 looks at
 
 
-def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
+def pack(machine: Machine, state: Mapping[str, np.ndarray]) -> np.ndarray:
     """Weights (1,) of a compiled operator, from a state dict of ``Operator`` whose names start with ``net.``.
 
-    Matrices are (out, in), float32; those of the heads are (in, out).
+    Matrices are (out, in), float32; those of the heads are (in, out). What the operator knows beside its weights is
+    there, too: the head of each state, its slow channels and their memory from tick to tick, what its trunk sees of a
+    tick's time.
 
     Args:
+        machine: whose operator.
         state: by name, weights of any shape, dimensionless.
     """
     layers = {
@@ -47,7 +49,17 @@ def pack(state: Mapping[str, np.ndarray]) -> np.ndarray:
         ("out_bias", "out_bias"),
     ):
         parts[ours] = state[f"net.heads.{theirs}"]
-    return one_record(record({name: ("f4", part.shape) for name, part in parts.items()}), parts)
+    slow, period_s = slow_channels(machine), machine.sample_period_s
+    phase = period_s * (np.pi / (2.0 * period_s)) * np.array(SINUSOIDS)
+    parts["time"] = np.concatenate([[1.0], np.sin(phase), np.cos(phase)])
+    known = {
+        "head_of_state": head_of_state(machine),
+        "slow_channel": slow,
+        "slow_keep": np.tile(np.exp(-period_s / np.array(SLOW_TAU_S)), len(slow) // len(SLOW_TAU_S)),
+    }
+    types = {name: ("f4", part.shape) for name, part in parts.items()}
+    kinds = {name: (f"{part.dtype.kind}8", part.shape) for name, part in known.items()}
+    return one_record(record({**types, **kinds}), {**parts, **known})
 
 
 def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
@@ -57,17 +69,18 @@ def stream_type(weights: np.ndarray) -> np.dtype[np.void]:
         weights: (1,) of ``pack``, a record of dimensionless weights.
     """
     width_1, width_2 = (weights[name].shape[1] for name in ("block_1_bias", "block_2_bias"))
-    tokens = weights["position"].shape[1]
+    tokens, columns = weights["position"].shape[1], weights["block_1"].shape[2] // KERNEL
+    channels = columns // 3  # values, first differences, masks
     return record(
         {
             "ticks": ("i8", (1,)),  # samples pushed so far
             "newest": ("i8", (2,)),  # rows of ``values`` and of ``tokens`` that are newest: both are rings
-            "values": ("f4", (KERNEL**2 * tokens, N_CHANNELS)),  # standardised
-            "columns": ("f4", (KERNEL, N_COLUMNS)),  # newest last
+            "values": ("f4", (KERNEL**2 * tokens, channels)),  # standardised
+            "columns": ("f4", (KERNEL, columns)),  # newest last
             "first": ("f4", (REACH_1, width_1)),  # newest last
             "tokens": ("f4", (KERNEL**2 * (tokens - 1) + 1, width_2)),  # the attention looks at every 16th
             "scores": ("f4", (KERNEL**2 * (tokens - 1) + 1,)),
-            "slow": ("f8", (N_SLOW,)),  # running means of the discharge temperature
+            "slow": ("f8", weights["slow_keep"].shape[1:]),  # running means of the slow channels
             "base": ("f4", (weights["from_latent_bias"].shape[1],)),  # the heads' first layer, latent part
         }
     )
@@ -79,7 +92,8 @@ def scratch_type(weights: np.ndarray) -> np.dtype[np.void]:
     Args:
         weights: (1,) of ``pack``, a record of dimensionless weights.
     """
-    width = weights["hidden"].shape[-1]
+    heads, _, width = weights["hidden"].shape[1:]
+    states, condition = weights["out"].shape[1], weights["from_condition"].shape[1]
     wide = {name: weights[f"{name}_bias"].shape[1] for name in ("block_2", "gate_tanh", "embedding", "trunk_hidden")}
     return record(
         {
@@ -90,20 +104,20 @@ def scratch_type(weights: np.ndarray) -> np.dtype[np.void]:
             "weight": ("f4", (weights["position"].shape[1],)),
             "summary": ("f4", (weights["project"].shape[2],)),
             "latent": ("f4", (weights["project"].shape[1],)),
-            "query": ("f4", (N_QUERY,)),
+            "query": ("f4", (weights["trunk_hidden"].shape[2] - wide["embedding"] - weights["time"].shape[1],)),
             "embedded": ("f4", (wide["embedding"],)),
             "entry": ("f4", (weights["trunk_hidden"].shape[2],)),
             "trunk_hidden": ("f4", (wide["trunk_hidden"],)),
             "trunk": ("f4", (weights["project"].shape[1],)),
-            "head": ("f4", (N_HEADS * width,)),
-            "slope": ("f4", (N_HEADS * width,)),
+            "head": ("f4", (heads * width,)),
+            "slope": ("f4", (heads * width,)),
             "second_slope": ("f4", (width,)),
-            "rows": ("f4", (N_CONDITION + 1, width)),
-            "deep": ("f4", (N_HEADS, N_CONDITION + 1, width)),
-            "condition": ("f4", (N_CONDITION,)),
-            "moved": ("f4", (N_CONDITION,)),
-            "ahead": ("f4", (N_STATES,)),
-            "out": ("f4", (N_STATES,)),  # scaled increments
-            "jacobian": ("f4", (N_STATES, N_CONDITION)),  # of these to state and zeta
+            "rows": ("f4", (condition + 1, width)),
+            "deep": ("f4", (heads, condition + 1, width)),
+            "condition": ("f4", (condition,)),
+            "moved": ("f4", (condition,)),
+            "ahead": ("f4", (states,)),
+            "out": ("f4", (states,)),  # scaled increments
+            "jacobian": ("f4", (states, condition)),  # of these to state and zeta
         }
     )

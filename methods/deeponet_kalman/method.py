@@ -9,49 +9,53 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, STATES, Array, Batch
-from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 from twinbench.methods.deeponet_kalman.cycle import (
-    KEEP,
-    SAID,
-    Scaling,
+    keep_of,
     memory_type,
     roll_out,
+    said_type,
+    scaling_of,
     scratch,
     twin_record,
     update,
 )
 from twinbench.methods.deeponet_kalman.layout import pack
-from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, SIZE, ZETA, Model
-from twinbench.methods.deeponet_kalman.safeguards import N_OUTPUTS, Envelope, Settings, empty_safety
+from twinbench.methods.deeponet_kalman.model import model_of
+from twinbench.methods.deeponet_kalman.parts import followers, parts_of
+from twinbench.methods.deeponet_kalman.safeguards import Envelope, Settings, empty_safety
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import THRESHOLD, FrontEnd
 from twinbench.methods.kalman import linear_filter
 from twinbench.methods.noise import coloured_keep, health_walk_var
+from twinbench.methods.operator import acting
 from twinbench.methods.reporting import report
-from twinbench.physics.health import to_zeta
 
-ZETA_LOW = to_zeta(np.array([0.75, 0.75, 0.002, 0.30, -11.0]))
-ZETA_HIGH = to_zeta(np.array([1.08, 1.08, 0.12, 1.40, 11.0]))
 ENVELOPE = (0.001, 0.999)
 """Quantiles of each training query that bound the envelope."""
+LAG_MOVES = 1 / 30_000
+"""Of a lag's scale: its process noise in a tick, for round-off alone. More lets a probe differ from what it follows."""
 LEAST_COSINE, MOST_SIZE = 0.9, 1.5
 """The checkpoint rule: how well the operator's sensitivities to health agree with the plant's in direction, and by
 which factor their size may differ. Stricter ones refuse short trainings. Laxer ones let health be corrected the wrong
 way."""
 
 
-def check_audit(cosine: Array, size: Array) -> None:
+def check_audit(machine: Machine, cosine: Array, size: Array) -> None:
     """Refuse an operator whose sensitivities to health are not the machine's.
 
     Args:
-        cosine: (4,) dimensionless, agreement in direction of each health parameter's sensitivities with the plant's.
-        size: (4,) dimensionless, their size over the plant's.
+        machine: whose.
+        cosine: (na,) dimensionless, agreement in direction of the sensitivities to each health parameter that acts on
+            the machine with the plant's.
+        size: (na,) dimensionless, their size over the plant's.
 
     Raises:
         BadInput: which parameter, and what the audit found.
     """
-    for name, agreement, ratio in zip(HEALTH, cosine, size, strict=False):
+    names = [machine.health_names[i] for i in acting(machine)]
+    for name, agreement, ratio in zip(names, cosine, size, strict=True):
         if not (agreement > LEAST_COSINE and 1.0 / MOST_SIZE < ratio < MOST_SIZE):
             raise BadInput(
                 f"deeponet_kalman: the operator fails its audit: its sensitivity to {name} has cosine {agreement:.3g}"
@@ -152,30 +156,33 @@ class DeepONetKalman(Estimator):
 
     def fit(self, train: Batch, validation: Batch, seed: int) -> None:
         """Train the operator on the training sequences and their re-simulations; residuals come from validation."""
-        from twinbench.methods.deeponet_kalman.operator_training import HORIZONS_S, Recipe, Scales, audit, fit_operator
+        from twinbench.methods.deeponet_kalman.operator_training import HORIZONS, Recipe, Scales, audit, fit_operator
         from twinbench.methods.deeponet_kalman.windows import WindowSource
         from twinbench.methods.operator import Operator
         from twinbench.methods.resimulate import resimulate
         from twinbench.methods.training import seeded, weights_of
         from twinbench.methods.transitions import Sampling, draw_transitions
 
-        config = self.config
+        config, machine = self.config, self.machine
         rng, _ = seeded(seed)
         train = resimulate(train, rng, config["copies"])
         front_end = FrontEnd.fit(train)
         window = config["window"]
         source = WindowSource.fit(train, front_end, window)
-        how = Sampling(window, HORIZONS_S, config["each"], config["counterfactual"], config["stratified"])
+        horizons = tuple(ticks * machine.sample_period_s for ticks in HORIZONS)
+        how = Sampling(window, horizons, config["each"], config["counterfactual"], config["stratified"])
         transitions = draw_transitions(train, config["transitions"], rng, how)
-        scales = Scales.fit(transitions)
-        operator = Operator(window=window)
+        scales = Scales.fit(machine, transitions)
+        operator = Operator(machine, window=window)
         recipe = Recipe(**{field.name: config[field.name] for field in dataclasses.fields(Recipe)})
         losses = fit_operator(operator, source, transitions, scales, rng, recipe)
         held_out = WindowSource(validation, front_end, source.query_mean, source.query_scale, window)
         checked = audit(operator, held_out, validation, scales, rng)
         envelope = np.quantile(source.query[:, ::20], ENVELOPE, axis=(0, 1))
         assert train.truth is not None
-        states = train.truth.states[..., : len(STATES) + 1].reshape(-1, len(STATES) + 1)
+        names = [v.name for v in machine.plant.states]
+        moving = [names.index(name) for name in (*machine.estimated, *(lag.state for lag in followers(machine)))]
+        states = train.truth.states[..., moving].reshape(-1, len(moving))
         self.arrays = {
             **weights_of(operator),
             **front_end.arrays(),
@@ -193,7 +200,7 @@ class DeepONetKalman(Estimator):
             "audit.G_size": checked.G_size,
             "audit.F_cosine": checked.F_cosine,
             "prior.mean": states.mean(axis=0),
-            "prior.cov": np.cov(states[::50].T),
+            "prior.cov": np.atleast_2d(np.cov(states[::50].T)),
             "loss": np.array(losses),
         }
         self.restore()
@@ -201,60 +208,75 @@ class DeepONetKalman(Estimator):
     def restore(self) -> None:
         """Pack the weights and assemble Q, if the operator passes its audit.
 
-        Sets ``weights``, ``front_end``, ``model`` and ``scaling``, and ``twin``, the last three in one record.
+        Sets ``parts``, ``weights``, ``front_end``, ``model`` and ``scaling``, and ``twin``, the last three in one
+        record.
         """
-        a = self.arrays
+        a, machine = self.arrays, self.machine
         if self.config["audited"]:
-            check_audit(a["audit.G_cosine"], a["audit.G_size"])
-        self.weights = pack(a)
+            check_audit(machine, a["audit.G_cosine"], a["audit.G_size"])
+        self.parts = parts_of(machine)
+        self.weights = pack(machine, a)
         self.front_end = FrontEnd.from_arrays(a, THRESHOLD if self.config["hampel"] else np.inf)
-        Q = np.zeros((SIZE, SIZE))
-        Q[:5, :5] = self.config["model_noise"] * a["audit.residual_cov"]
-        Q[5, 5] = 1e-3**2
-        Q[ZETA:NOISE, ZETA:NOISE] = np.diag(health_walk_var(self.config["health_walk"]))
-        keep = coloured_keep()
-        Q[NOISE:ERROR, NOISE:ERROR] = np.diag(1.0 - keep**2)
-        error_keep = float(np.exp(-SAMPLE_PERIOD_S / self.config["error_tau_s"]))
-        error_var, first_error_var = ((self.config["slow_error"] * a[f"audit.{n}_sd"]) ** 2 for n in ("slow", "first"))
-        Q[ERROR:, ERROR:] = np.diag((1.0 - error_keep**2) * error_var)
-        self.model = Model(
-            a["scales.state_mean"],
-            a["scales.state_scale"],
-            a["scales.increment"],
-            Q,
-            keep,
+        error_keep = float(np.exp(-machine.sample_period_s / self.config["error_tau_s"]))
+        self.model = model_of(
+            machine,
+            (a["scales.state_mean"], a["scales.state_scale"], a["scales.increment"]),
+            self._process_noise(error_keep),
             error_keep,
-            ZETA_LOW,
-            ZETA_HIGH,
             Settings(*(self.config[name] for name in Settings._fields)),
             Envelope(a["query.low"], a["query.high"]),
-            np.sqrt(np.diag(PRIOR_COV)),
         )
-        self.scaling = Scaling(a["query.mean"], a["query.scale"])
-        self.twin = twin_record(self.model, self.front_end.fitted, self.scaling, self.config["update_every"])
-        self._scratch = scratch(self.weights)
-        self._fresh = np.zeros(1, memory_type(self.weights))
+        self.scaling = scaling_of(machine, a["query.mean"], a["query.scale"])
+        every = self.config["update_every"]
+        self.twin = twin_record(self.model, self.front_end.fitted, self.scaling, self.parts, every)
+        self._scratch = scratch(self.weights, self.parts)
+        self._fresh = self._before_the_first_sample()
+
+    def _process_noise(self, error_keep: float) -> Array:
+        """Q (N, N) of one tick, in the units of z squared."""
+        parts, machine = self.parts, self.machine
+        n, lag = parts.states, slice(parts.states, parts.zeta)
+        health, noise = slice(parts.zeta, parts.noise), slice(parts.noise, parts.error)
+        Q, error = np.zeros((parts.size, parts.size)), slice(parts.error, parts.size)
+        Q[:n, :n] = self.config["model_noise"] * self.arrays["audit.residual_cov"]
+        scales = np.array([machine.variables[follower.state].scale for follower in followers(machine)])
+        Q[lag, lag] = np.diag((LAG_MOVES * scales) ** 2)
+        Q[health, health] = np.diag(health_walk_var(machine, self.config["health_walk"]))
+        Q[noise, noise] = np.diag(1.0 - coloured_keep(machine) ** 2)
+        Q[error, error] = np.diag((1.0 - error_keep**2) * self._error_var("slow"))
+        return Q
+
+    def _error_var(self, when: str) -> Array:
+        """Variance (n,) of the operator's slow errors, ``first`` or later, in the states' units squared."""
+        return np.asarray((self.config["slow_error"] * self.arrays[f"audit.{when}_sd"]) ** 2)
+
+    def _before_the_first_sample(self) -> np.ndarray:
+        """Memory (1,): states as anywhere in the training split, health as anywhere in the population."""
+        parts, (mean, cov) = self.parts, self.machine.prior
+        fresh = np.zeros(1, memory_type(self.weights, parts))
         for name, part in self.front_end.init(1)._asdict().items():
-            self._fresh[name] = part
-        self._fresh["safety"] = empty_safety(1)
-        self._fresh["safety"]["valid"] = PRIOR_MEAN, self.model.prior_sd
-        self._fresh["z"][:, :ZETA] = a["prior.mean"]
-        self._fresh["z"][:, ZETA:NOISE] = PRIOR_MEAN
-        P = self._fresh["P"][0]
-        P[:ZETA, :ZETA] = a["prior.cov"]
-        P[ZETA:NOISE, ZETA:NOISE] = PRIOR_COV
-        P[NOISE:ERROR, NOISE:ERROR] = np.eye(N_OUTPUTS)
-        P[ERROR:, ERROR:] = np.diag(first_error_var)
+            fresh[name] = part
+        fresh["safety"] = empty_safety(parts, 1)
+        fresh["safety"]["valid"] = mean, self.model.prior_sd
+        fresh["z"][:, : parts.zeta] = self.arrays["prior.mean"]
+        fresh["z"][:, parts.zeta : parts.noise] = mean
+        P, health, error = fresh["P"][0], slice(parts.zeta, parts.noise), slice(parts.error, parts.size)
+        P[: parts.zeta, : parts.zeta] = self.arrays["prior.cov"]
+        P[health, health] = cov
+        P[parts.noise : parts.error, parts.noise : parts.error] = np.eye(parts.outputs)
+        P[error, error] = np.diag(self._error_var("first"))
+        return fresh
 
     def init(self, batch: int) -> State:
         """States as anywhere in the training split, health as anywhere in the population."""
         memory = np.repeat(self._fresh, batch)
-        return report(np.ascontiguousarray(memory["z"]), np.ascontiguousarray(memory["P"]), KEEP, (memory,))
+        z, P = np.ascontiguousarray(memory["z"]), np.ascontiguousarray(memory["P"])
+        return report(self.machine.coordinates, z, P, keep_of(self.parts), (memory,))
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Forecast by the operator, correct by the outputs, let the window take the sample in."""
         memory = state.memory[0].copy()
-        said = np.empty(len(memory), SAID)
+        said = np.empty(len(memory), said_type(self.parts))
         measured = np.ascontiguousarray(sample.measured, dtype=np.float64)
         lag_s = np.zeros(measured.shape) if sample.lag_s is None else np.asarray(sample.lag_s, dtype=np.float64)
         update(self.weights, self.twin, memory, measured, lag_s, said, self._scratch)
@@ -264,7 +286,7 @@ class DeepONetKalman(Estimator):
 
     def forecast(self, state: State, inputs: Array) -> Array:
         """Roll the operator out, feeding its own readings back into the window."""
-        out = np.empty((*inputs.shape[:2], N_OUTPUTS))
+        out = np.empty((*inputs.shape[:2], self.parts.outputs))
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
         roll_out(self.weights, self.twin, state.memory[0].copy(), inputs, out, self._scratch)
         return out

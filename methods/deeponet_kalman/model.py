@@ -1,7 +1,7 @@
-"""What the augmented filter knows: the entries of z, its model as a record, and the room that a tick takes.
+"""What the augmented filter knows: its model of a machine as a record, and the room that a tick takes.
 
-z = [five states, probe temperature, five health coordinates zeta, three coloured-noise states,
-five slow errors of the operator].
+z = [n states, lags, nh health coordinates zeta, ny coloured-noise states, n slow errors of the operator], as ``parts``
+has it.
 """
 
 from __future__ import annotations
@@ -10,95 +10,235 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.data.batch import STATE, Array
+from twinbench.common.errors import BadInput
+from twinbench.machines.coordinates import Array, Coordinates
+from twinbench.machines.machine import Machine
+from twinbench.methods.deeponet_kalman.causes import Waits, waits_of
 from twinbench.methods.deeponet_kalman.layout import scratch_type
+from twinbench.methods.deeponet_kalman.parts import Parts, followers, parts_of
 from twinbench.methods.deeponet_kalman.records import record
-from twinbench.methods.deeponet_kalman.safeguards import N_HEALTH, N_MOVED, N_OUTPUTS, SAFETY, Envelope, Settings
-from twinbench.methods.operator import N_STATES
-from twinbench.methods.weighing import N_CAUSES
+from twinbench.methods.deeponet_kalman.safeguards import (
+    Envelope,
+    Memories,
+    Settings,
+    gate_of,
+    memories_of,
+    safety_type,
+    widest_of,
+)
+from twinbench.methods.noise import Sheet, coloured_keep, sheet_of
+from twinbench.methods.operator import acting
+from twinbench.methods.weighing import Causes, causes_of
 
-PROBE = N_STATES
-ZETA = PROBE + 1
-NOISE = ZETA + N_HEALTH
-ERROR = NOISE + N_OUTPUTS
-SIZE = ERROR + N_STATES
-"""Where the parts of z begin, and how many entries it has."""
-GAS, FLOW, BIAS = STATE.T_gas_K, STATE.flow_memory, NOISE - 1
+SLOW_STATE_S = 60.0
+"""A state that takes longer to cross its spread is slow. More of it lets slow states follow readings of which the
+operator cannot say what they mean."""
+
+
+class Lags(NamedTuple):
+    """First-order lags behind estimated states, exact over a tick.
+
+    Attributes:
+        of: (nl,) the state that each follows.
+        keep_log: (nl,) dimensionless logarithm of what is left of a gap after a tick.
+        by: (nl,) the state with a power of which it quickens; -1: with none.
+        power: (nl,) that power.
+        least: (nl,) lowest value of that state, in its unit.
+    """
+
+    of: np.ndarray
+    keep_log: Array
+    by: np.ndarray
+    power: Array
+    least: Array
+
+
+class Readings(NamedTuple):
+    """What the outputs read: ``gain z[source] + bias``.
+
+    Attributes:
+        gain: (ny,) in the output's unit per unit of the state.
+        source: (ny,) entry of z.
+        bias: (ny,) which health parameter is added; -1: none.
+        shifts: (ny,) entry of z that a shift is put down to: the bias if there is one, else the source.
+    """
+
+    gain: Array
+    source: np.ndarray
+    bias: np.ndarray
+    shifts: np.ndarray
 
 
 class Model(NamedTuple):
-    """What the filter needs besides the operator's weights; ``MODEL`` is the same as a record.
+    """What the filter needs besides the operator's weights.
 
     Attributes:
-        state_mean: (5,) means of the training states in their units, order STATES.
-        state_scale: (5,) their spreads in the same units.
-        increment: (5,) spread of the states' change in a tick, in the same units.
-        Q: (19, 19) process noise of one tick, in the units of z squared.
-        noise_keep: (3,) dimensionless AR(1) factors of the coloured sensor noise.
+        state_mean: (n,) means of the training states in their units.
+        state_scale: (n,) their spreads in the same units.
+        increment: (n,) spread of the states' change in a tick, in the same units.
+        state_low: (n,) lowest values that the states may have, in the same units; -inf where any.
+        Q: (N, N) process noise of one tick, in the units of z squared.
+        noise_keep: (ny,) dimensionless AR(1) factors of the coloured sensor noise.
         error_keep: AR(1) factor of the operator's slow errors.
-        zeta_low: (5,) dimensionless lower bounds of the coordinates, far outside a machine's life.
-        zeta_high: (5,) dimensionless upper bounds.
+        zeta_low: (nh,) dimensionless lower bounds of the coordinates, far outside a machine's life.
+        zeta_high: (nh,) dimensionless upper bounds.
+        prior_sd: (nh,) dimensionless sd of health's coordinates before the first reading.
+        widest: (nh,) dimensionless variance of a coordinate of which nothing is known.
+        acting: (na,) which health parameters act on the machine.
+        slow: (N,) bool: what changes over minutes: slow states, health, slow errors.
+        gate: (ny,) dimensionless bounds of the NIS of 1, 2, ... channels.
+        lags: behind estimated states.
+        readings: of the outputs.
+        health: the map of its coordinates.
+        sheet: the sensors' noise.
+        causes: of a step of the readings.
+        waits: of what is left out.
+        memories: of the safeguards.
         settings: of the safeguards.
         envelope: where the operator was trained.
-        prior_sd: (5,) dimensionless sd of health's coordinates before the first reading.
+        period_s: from tick to tick.
     """
 
     state_mean: Array
     state_scale: Array
     increment: Array
+    state_low: Array
     Q: Array
     noise_keep: Array
     error_keep: float
     zeta_low: Array
     zeta_high: Array
+    prior_sd: Array
+    widest: Array
+    acting: np.ndarray
+    slow: np.ndarray
+    gate: Array
+    lags: Lags
+    readings: Readings
+    health: Coordinates
+    sheet: Sheet
+    causes: Causes
+    waits: Waits
+    memories: Memories
     settings: Settings
     envelope: Envelope
-    prior_sd: Array
+    period_s: float
 
 
-MODEL = record({
-    "state_mean": ("f8", (N_STATES,)), "state_scale": ("f8", (N_STATES,)), "increment": ("f8", (N_STATES,)),
-    "Q": ("f8", (SIZE, SIZE)), "noise_keep": ("f8", (N_OUTPUTS,)), "error_keep": ("f8", ()),
-    "zeta_low": ("f8", (N_HEALTH,)), "zeta_high": ("f8", (N_HEALTH,)),
-    "settings": (record(dict.fromkeys(Settings._fields, ("f8", ()))), ()),
-    "envelope": (record(dict.fromkeys(Envelope._fields, ("f8", (N_HEALTH,)))), ()),
-    "prior_sd": ("f8", (N_HEALTH,)),
-})  # fmt: skip
-
-RIVALS = record({
-    "left": ("i8", ()), "score": ("f8", (N_CAUSES,)),
-    "z": ("f8", (N_CAUSES, SIZE)), "P": ("f8", (N_CAUSES, SIZE, SIZE)), "safety": (SAFETY, (N_CAUSES,)),
-})  # fmt: skip
-"""Copies of the filter, one for each cause that is weighed: ticks left, log scores, and what a filter carries."""
+def lags_of(machine: Machine) -> Lags:
+    """The lags of a machine behind its estimated states, with the time constants of its plant: probes are known."""
+    lags, theta, states = followers(machine), machine.plant.theta(), machine.estimated
+    return Lags(
+        np.array([states.index(lag.follows) for lag in lags], np.int64),
+        np.array([-machine.sample_period_s / theta[machine.plant.index(lag.tau_s)] for lag in lags]),
+        np.array([states.index(lag.faster_with) if lag.faster_with else -1 for lag in lags], np.int64),
+        np.array([theta[machine.plant.index(lag.exponent)] if lag.exponent else 0.0 for lag in lags]),
+        np.array([machine.least[lag.faster_with] if lag.faster_with else 0.0 for lag in lags]),
+    )
 
 
-def room_type(weights: np.ndarray) -> np.dtype[np.void]:
+def readings_of(machine: Machine) -> Readings:
+    """What the outputs of a machine read, as entries of z.
+
+    Raises:
+        BadInput: an output reads what follows an input, which the filter does not estimate.
+    """
+    names, zeta = machine.estimated + tuple(lag.state for lag in followers(machine)), parts_of(machine).zeta
+    for r in machine.readings:
+        if r.state not in names:
+            raise BadInput(f"deeponet_kalman: {r.output} reads {r.state}, which follows an input and is not estimated")
+    source = np.array([names.index(r.state) for r in machine.readings])
+    bias = np.array([machine.health_names.index(r.bias) if r.bias else -1 for r in machine.readings])
+    gain = np.array([float(r.gain) for r in machine.readings])
+    return Readings(gain, source, bias, np.where(bias < 0, source, zeta + bias))
+
+
+def model_of(
+    machine: Machine,
+    scales: tuple[Array, Array, Array],
+    Q: Array,
+    error_keep: float,
+    settings: Settings,
+    envelope: Envelope,
+) -> Model:
+    """The model of a machine.
+
+    Args:
+        machine: whose.
+        scales: means, spreads and increments (n,) of the training states in their units.
+        Q: (N, N) process noise of one tick, in the units of z squared.
+        error_keep: AR(1) factor of the operator's slow errors.
+        settings: of the safeguards.
+        envelope: where the operator was trained.
+    """
+    parts, (mean, scale, increment) = parts_of(machine), scales
+    slow = np.zeros(parts.size, np.bool_)
+    slow[: parts.states] = machine.sample_period_s * scale > SLOW_STATE_S * increment
+    slow[parts.zeta : parts.noise] = slow[parts.error :] = True
+    return Model(
+        state_mean=mean,
+        state_scale=scale,
+        increment=increment,
+        state_low=np.array([machine.least.get(name, -np.inf) for name in machine.estimated]),
+        Q=Q,
+        noise_keep=coloured_keep(machine),
+        error_keep=error_keep,
+        zeta_low=machine.zeta_bounds[0],
+        zeta_high=machine.zeta_bounds[1],
+        prior_sd=np.sqrt(np.diag(machine.prior[1])),
+        widest=widest_of(machine),
+        acting=acting(machine),
+        slow=slow,
+        gate=gate_of(parts.outputs),
+        lags=lags_of(machine),
+        readings=readings_of(machine),
+        health=machine.coordinates,
+        sheet=sheet_of(machine),
+        causes=causes_of(machine),
+        waits=waits_of(machine),
+        memories=memories_of(machine),
+        settings=settings,
+        envelope=envelope,
+        period_s=machine.sample_period_s,
+    )
+
+
+def rivals_type(parts: Parts) -> np.dtype[np.void]:
+    """Copies of the filter, one for each cause that is weighed: ticks left, log scores, and what a filter carries."""
+    return record(
+        {
+            "left": ("i8", ()),
+            "score": ("f8", (parts.causes,)),
+            "z": ("f8", (parts.causes, parts.size)),
+            "P": ("f8", (parts.causes, parts.size, parts.size)),
+            "safety": (safety_type(parts), (parts.causes,)),
+        }
+    )
+
+
+def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
     """Room for what one tick reckons in between.
 
     Args:
         weights: (1,) of ``layout.pack``, a record of dimensionless weights.
+        parts: of the machine.
     """
-    square, wide, narrow = (SIZE, SIZE), (N_OUTPUTS, SIZE), (N_OUTPUTS, N_OUTPUTS)
+    n, nh, ny = parts.size, parts.health, parts.outputs
     return record(
         {
             "operator": (scratch_type(weights), ()),
-            "F": ("f8", square),
-            "M": ("f8", square),
-            "H": ("f8", wide),
-            "HP": ("f8", wide),
-            "X": ("f8", wide),
-            "K": ("f8", (SIZE, N_OUTPUTS)),
-            "R": ("f8", narrow),
-            "S": ("f8", narrow),
-            "L": ("f8", narrow),
-            **dict.fromkeys(("innovation", "used", "r", "now", "read", "whitened"), ("f8", (N_OUTPUTS,))),
-            **dict.fromkeys(("accuracy", "surprise"), ("f8", (N_OUTPUTS,))),
-            "probability": ("f8", (N_CAUSES,)),
-            "column": ("f8", (SIZE,)),
-            "rows": ("f8", (N_HEALTH, N_OUTPUTS)),
-            "push": ("f8", (N_HEALTH,)),
-            "variance": ("f8", (N_HEALTH,)),
-            "after": ("f8", (N_MOVED, N_HEALTH)),
-            "complex": ("c16", (N_HEALTH, 2 * N_HEALTH)),
+            **dict.fromkeys(("F", "M"), ("f8", (n, n))),
+            **dict.fromkeys(("H", "HP", "X"), ("f8", (ny, n))),
+            "K": ("f8", (n, ny)),
+            **dict.fromkeys(("R", "S", "L"), ("f8", (ny, ny))),
+            **dict.fromkeys(("innovation", "used", "r", "now", "read", "whitened"), ("f8", (ny,))),
+            **dict.fromkeys(("accuracy", "surprise"), ("f8", (ny,))),
+            "probability": ("f8", (parts.causes,)),
+            "column": ("f8", (n,)),
+            "rows": ("f8", (nh, ny)),
+            "push": ("f8", (nh,)),
+            "variance": ("f8", (nh,)),
+            "after": ("f8", (parts.zeta, nh)),
+            "complex": ("c16", (nh, 2 * nh)),
         }
     )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twinbench.data.batch import CHANNELS
-from twinbench.methods.deeponet_kalman.cycle import SAID, scratch, update
+from twinbench.methods.deeponet_kalman.cycle import said_type, scratch, update
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.estimator import Info, State
 
@@ -22,8 +21,9 @@ class Online:
 
     def __init__(self, twin: DeepONetKalman) -> None:
         memory = twin.init(1).memory[0].copy()
-        said = np.zeros(1, SAID)
-        self._measured, self._lag_s = np.empty((1, len(CHANNELS))), np.zeros((1, len(CHANNELS)))
+        said = np.zeros(1, said_type(twin.parts))
+        channels = twin.parts.channels
+        self._measured, self._lag_s = np.empty((1, channels)), np.zeros((1, channels))
         self._arguments = (
             twin.weights,
             twin.twin,
@@ -31,18 +31,18 @@ class Online:
             self._measured,
             self._lag_s,
             said,
-            scratch(twin.weights),
+            scratch(twin.weights, twin.parts),
         )
         self.state = State(said["mean"], said["cov"], said["low"], said["high"], (memory,))
         accepted = said["accepted"].view(np.bool_)
         self.info = Info(said["innovation"], said["S"], said["nis"], accepted, said["flags"], said["age_s"])
 
     def update(self, measured: ArrayLike, lag_s: ArrayLike = 0.0) -> None:
-        """Take in readings (7,), order CHANNELS, NaN where missing, and how long ago each was read.
+        """Take in readings (C,), inputs first, NaN where missing, and how long ago each was read.
 
         Args:
-            measured: (7,) readings in the channels' units, order CHANNELS; NaN means missing.
-            lag_s: (7,) seconds, how long ago each was read, or one number for all.
+            measured: (C,) readings in the channels' units, inputs first; NaN means missing.
+            lag_s: (C,) seconds, how long ago each was read, or one number for all.
         """
         self._measured[0] = measured
         self._lag_s[0] = lag_s

@@ -9,17 +9,17 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, STATE, STATES, Array, Batch
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.coordinates import ZETA_SCALE
+from twinbench.machines.machine import Machine
 from twinbench.methods.deeponet_kalman.augmentation import augmented
 from twinbench.methods.deeponet_kalman.windows import WindowBatch, WindowSource
-from twinbench.methods.operator import N_STATES, N_ZETA, Operator
+from twinbench.methods.operator import Operator, acting
 from twinbench.methods.training import adamw
 from twinbench.methods.transitions import Sampling, Transitions, draw_transitions, plant_sensitivities
-from twinbench.physics.health import ZETA_SCALE, to_zeta
 
-HORIZONS_S = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05, 0.025, 0.1)
-"""Query times of the training transitions: mostly one tick, some shorter and longer."""
-FEASIBLE_RATIOS = (1.0, 6.5)
+HORIZONS = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.5, 2.0)
+"""Query times of the training transitions, in ticks: mostly one, some shorter and longer."""
 SMOOTHNESS_STEP = 1.1
 REFINED_WINDOWS = 8192
 """Windows of the batch on which the heads are refined."""
@@ -30,30 +30,33 @@ class Scales:
     """How states enter the heads and increments leave them.
 
     Attributes:
-        state_mean: (5,) means of the training states in their units, order STATES.
-        state_scale: (5,) their spreads in the same units.
-        increment: (5,) spread of the states' change in a tick, in the same units.
+        machine: whose.
+        state_mean: (n,) means of the training states in their units.
+        state_scale: (n,) their spreads in the same units.
+        increment: (n,) spread of the states' change in a tick, in the same units.
     """
 
+    machine: Machine
     state_mean: Array
     state_scale: Array
     increment: Array
 
     @staticmethod
-    def fit(transitions: Transitions) -> Scales:
+    def fit(machine: Machine, transitions: Transitions) -> Scales:
         """Spreads of the counterfactual states and one-tick increments."""
-        tick = transitions.dt_s == SAMPLE_PERIOD_S
-        return Scales(transitions.x.mean(axis=0), transitions.x.std(axis=0), transitions.increment[tick].std(axis=0))
+        moved = transitions.increment[transitions.dt_s == machine.sample_period_s].std(axis=0)
+        return Scales(machine, transitions.x.mean(axis=0), transitions.x.std(axis=0), moved)
 
-    def condition(self, x: Array, zeta: Array) -> np.ndarray:
-        """What the heads are conditioned on, (..., 9) float32, from x (..., 5) and zeta (..., 4 or 5).
+    def condition(self, x: Array, theta: Array, seen: float = 1.0) -> np.ndarray:
+        """What the heads are conditioned on, (..., n + na) float32, from x (..., n) and theta (..., nh).
 
         Args:
-            x: (..., 5) states in their units, order STATES.
-            zeta: (..., 4) or (..., 5) dimensionless coordinates of health.
+            x: (..., n) states in their units.
+            theta: (..., nh) health in the parameters' units.
+            seen: 0 hides health.
         """
-        standard = (x - self.state_mean) / self.state_scale
-        return np.concatenate([standard, zeta[..., :N_ZETA] / ZETA_SCALE], axis=-1).astype(np.float32)
+        zeta = seen * self.machine.coordinates.to_zeta(theta)[..., acting(self.machine)]
+        return np.concatenate([(x - self.state_mean) / self.state_scale, zeta / ZETA_SCALE], axis=-1).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -78,20 +81,17 @@ class Recipe:
     refinement: int = 0
 
 
-def feasibility(x_next: Tensor, suction: Tensor) -> Tensor:
-    """Penalty of Eq. (4) on what no compressor does, mean over the batch.
-
-    Negative flow, gas leaving colder than it entered, a pressure ratio outside the simulated range.
+def feasibility(x_next: Tensor, low: Tensor, high: Tensor, scale: Tensor) -> Tensor:
+    """Penalty of Eq. (4) on states that no such machine has, beyond the bounds of its states; mean over the batch.
 
     Args:
-        x_next: (B, 5) states after the tick in physical units, order STATES.
-        suction: (B, 2) suction pressure in bar and temperature in K.
+        x_next: (B, n) states after the tick in their units.
+        low: (n,) lowest values, in the same units.
+        high: (n,) highest values, likewise.
+        scale: (n,) typical changes, likewise.
     """
-    flow = torch.relu(-x_next[:, STATE.flow_memory])
-    cold = torch.relu(suction[:, 1] - x_next[:, STATE.T_gas_K]) / 10.0
-    ratio = x_next[:, STATE.p_exh_bar] / suction[:, 0]
-    beyond = torch.relu(ratio - FEASIBLE_RATIOS[1]) + torch.relu(FEASIBLE_RATIOS[0] - ratio)
-    return (flow.square() + cold.square() + beyond.square()).mean()
+    beyond = torch.relu(low - x_next) + torch.relu(x_next - high)
+    return (beyond / scale).square().sum(dim=1).mean()
 
 
 class _Examples:
@@ -107,15 +107,16 @@ class _Examples:
         def tensor(values: Array) -> Tensor:
             return torch.from_numpy(values.astype(np.float32))
 
-        zeta = to_zeta(transitions.theta) * conditioned
         self.source, self.transitions = source, transitions
         self.each = int(np.argmax(np.diff(transitions.sample * 100_000 + transitions.sequence) != 0)) + 1
         self.groups = np.arange(len(transitions.sample) // self.each)
-        self.condition = tensor(scales.condition(transitions.x, zeta))
+        self.condition = tensor(scales.condition(transitions.x, transitions.theta, float(conditioned)))
         self.target = tensor(transitions.increment / scales.increment)
         self.state, self.time_s = tensor(transitions.x), tensor(transitions.dt_s)
         self.increment = tensor(scales.increment)
-        self.q_mean, self.q_scale = tensor(source.query_mean), tensor(source.query_scale)
+        machine, n = scales.machine, len(scales.machine.estimated)
+        low, high = (tensor(bound[:n]) for bound in machine.state_bounds)
+        self.bounds = low, high, tensor(machine.scales[:n])
 
     def rows(self, group: np.ndarray) -> np.ndarray:
         """Transitions of given windows."""
@@ -138,7 +139,7 @@ def fit_operator(
     examples = _Examples(source, transitions, scales, recipe.conditioned)
     if not recipe.conditioned:
         with torch.no_grad():
-            operator.heads.from_condition.weight[:, N_STATES:] = 0.0
+            operator.heads.from_condition.weight[:, len(scales.increment) :] = 0.0
 
     def loss(_: int) -> Tensor:
         group = rng.choice(examples.groups, size=recipe.windows)
@@ -157,9 +158,7 @@ def fit_operator(
         again = operator(branch[few] * operator.trunk(query[few], later), condition[few], later)
         rate = again / SMOOTHNESS_STEP - predicted[few]
         value = value + recipe.smoothness * rate.square().mean()
-        suction = query[:, [3, 2]] * examples.q_scale[[3, 2]] + examples.q_mean[[3, 2]]
-        state = examples.state[rows]
-        infeasible = feasibility(state + predicted * examples.increment, suction)
+        infeasible = feasibility(examples.state[rows] + predicted * examples.increment, *examples.bounds)
         value = value + recipe.feasibility * infeasible
         return value
 
@@ -198,14 +197,14 @@ def refine_heads(operator: Operator, examples: _Examples, rng: np.random.Generat
 
 @torch.no_grad()
 def predict(operator: Operator, source: WindowSource, transitions: Transitions, scales: Scales) -> Array:
-    """Increments (M, 5) in physical units at given transitions."""
+    """Increments (M, n) in physical units at given transitions."""
     out = []
     for start in range(0, len(transitions.sample), 4096):
         part = Transitions(*(a[start : start + 4096] for a in transitions))
         window: WindowBatch = source.at(part.sequence, part.sample)
         time_s = torch.from_numpy(part.dt_s.astype(np.float32))
         latent = operator.latent(*window, time_s)
-        condition = torch.from_numpy(scales.condition(part.x, to_zeta(part.theta)))
+        condition = torch.from_numpy(scales.condition(part.x, part.theta))
         out.append(operator(latent, condition, time_s).numpy() * scales.increment)
     return np.concatenate(out)
 
@@ -213,22 +212,22 @@ def predict(operator: Operator, source: WindowSource, transitions: Transitions, 
 def _along_the_recordings(
     operator: Operator, source: WindowSource, validation: Batch, scales: Scales, stride: int = 6
 ) -> Array:
-    """One-tick errors (minutes, samples in a minute, 5) at the true states and health."""
+    """One-tick errors (minutes, samples in a minute, n) at the true states and health."""
     truth = validation.truth
     if truth is None:
         raise ValueError("the audit needs validation sequences with truth, these have none")
-    per_minute = int(60.0 / SAMPLE_PERIOD_S) // stride
+    machine, n = validation.machine, len(validation.machine.estimated)
+    per_minute = max(int(60.0 / machine.sample_period_s) // stride, 1)
     ticks = np.arange(source.window, validation.measured.shape[1] - 1, stride)
     ticks = ticks[: max(1, len(ticks) // per_minute) * per_minute]
     sequence = np.repeat(np.arange(len(validation)), len(ticks))
     sample = np.tile(ticks, len(validation))
-    n = len(STATES)
     own = Transitions(
         sequence,
         sample,
         truth.states[sequence, sample, :n],
         truth.health[sequence, sample],
-        np.full(len(sample), SAMPLE_PERIOD_S),
+        np.full(len(sample), machine.sample_period_s),
         truth.states[sequence, sample + 1, :n],
     )
     error = predict(operator, source, own, scales) - own.increment
@@ -240,16 +239,16 @@ class Audit:
     """Is the operator fit to be a filter's model? ``method.check_audit`` asks each checkpoint before it is used.
 
     Attributes:
-        residual_cov: (5, 5) covariance of the quick part of the one-tick error on the validation recordings themselves,
+        residual_cov: (n, n) covariance of the quick part of the one-tick error on the validation recordings themselves,
             in the states' units squared.
-        slow_sd: (5,) sd of its one-minute means, the part that does not average out, in the recordings' second halves,
+        slow_sd: (n,) sd of its one-minute means, the part that does not average out, in the recordings' second halves,
             in the states' units.
-        first_sd: (5,) the same at their beginning, where the running means have not yet seen what the metal has, in the
+        first_sd: (n,) the same at their beginning, where the running means have not yet seen what the metal has, in the
             states' units.
-        G_cosine: (4,) dimensionless agreement of the direction of each health column of G with the plant's, over the
+        G_cosine: (na,) dimensionless agreement of the direction of each acting column of G with the plant's, over the
             sensitivities of all states in units of the increments; 1 is perfect.
-        G_size: (4,) dimensionless, the size of each over the plant's, likewise.
-        F_cosine: (5,) dimensionless, the same as G_cosine for the state columns of F - I.
+        G_size: (na,) dimensionless, the size of each over the plant's, likewise.
+        F_cosine: (n,) dimensionless, the same as G_cosine for the state columns of F - I.
     """
 
     residual_cov: Array
@@ -271,12 +270,13 @@ def audit(
     """Compare residuals and sensitivities with the plant on the validation sequences."""
     residual = _along_the_recordings(operator, source, validation, scales)
     slow = residual.mean(axis=1, keepdims=True)
-    quick = (residual - slow).reshape(-1, len(STATES))
+    machine, n = validation.machine, len(validation.machine.estimated)
+    quick = (residual - slow).reshape(-1, n)
     probe = draw_transitions(validation, count // 4, rng, Sampling(source.window))
     F, G = plant_sensitivities(validation, probe)
     step = 0.02
     J_x, J_theta = np.empty_like(F), np.empty_like(G)
-    spreads = (0.05 * scales.state_scale, step * np.array([0.12, 0.10, 0.037, 0.35, 6.0]))
+    spreads = (0.05 * scales.state_scale, step * machine.span)
     for jacobian, sizes, which in ((J_x, spreads[0], "x"), (J_theta, spreads[1], "theta")):
         for j, size in enumerate(sizes):
             ends = []
@@ -293,10 +293,10 @@ def audit(
         size_a, size_b = (np.sqrt((m * m).sum(axis=(0, 1))) for m in (a, b))
         return inner / (size_a * size_b + 1e-30), size_a / (size_b + 1e-30)
 
-    G_cosine, G_size = agreement(J_theta[..., :N_ZETA], G[..., :N_ZETA])
-    F_cosine, _ = agreement(J_x, F - np.eye(len(STATES)))
-    slow = slow.reshape(len(validation), -1, len(STATES))
+    G_cosine, G_size = agreement(J_theta[..., acting(machine)], G[..., acting(machine)])
+    F_cosine, _ = agreement(J_x, F - np.eye(n))
+    slow = slow.reshape(len(validation), -1, n)
     minutes = slow.shape[1]
     parts = slow[:, minutes // 2 :], slow[:, : 1 + minutes // 20]
     settled, first = (np.sqrt((part**2).mean(axis=(0, 1))) for part in parts)
-    return Audit(np.cov(quick.T), settled, np.maximum(settled, first), G_cosine, G_size, F_cosine)
+    return Audit(np.atleast_2d(np.cov(quick.T)), settled, np.maximum(settled, first), G_cosine, G_size, F_cosine)

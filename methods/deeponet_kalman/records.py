@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+KINDS = {"f": "f8", "i": "i8", "b": "u1"}
+"""How numbers of a kind are kept in a record; truth is a byte there."""
+
 
 def record(fields: Mapping[str, tuple[Any, tuple[int, ...]]]) -> np.dtype[np.void]:
     """An aligned record type of arrays, by name their type and shape; a shape of () is a single value."""
@@ -18,6 +21,17 @@ def record(fields: Mapping[str, tuple[Any, tuple[int, ...]]]) -> np.dtype[np.voi
 def _interned(kind: np.dtype[np.void]) -> np.dtype[np.void]:
     """The first of equal types: a compiled function knows at once the very type that it was called with before."""
     return kind
+
+
+def record_of(values: Any) -> np.dtype[np.void]:
+    """The record type that holds such a tuple with names, records for tuples within."""
+    fields: dict[str, tuple[Any, tuple[int, ...]]] = {}
+    for name, value in values._asdict().items():
+        if hasattr(value, "_asdict"):
+            fields[name] = record_of(value), ()
+        else:
+            fields[name] = KINDS[np.asarray(value).dtype.kind], np.shape(value)
+    return record(fields)
 
 
 def one_record(kind: np.dtype[np.void], values: Mapping[str, Any]) -> np.ndarray:

@@ -12,7 +12,7 @@
   What a step of the readings means is in ``causes``.
 
 Each is a small function on arrays, which ``augmented`` calls in its tick; what it needs room for, it is given. Their
-memory is ``SAFETY``.
+memory is of ``safety_type``.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.stats import chi2
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array
-from twinbench.methods.deeponet_kalman.causes import STEPS
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
+from twinbench.methods.deeponet_kalman.causes import steps_type
+from twinbench.methods.deeponet_kalman.parts import Parts
 from twinbench.methods.deeponet_kalman.records import record
-from twinbench.physics.health import HEALTHY, SPAN, to_zeta
 
-N_HEALTH, N_MOVED, N_OUTPUTS = 5, 6, 3
-"""Health coordinates; what they act on, five states and the probe; sensors of outputs."""
-CHI2_GATE = np.array([10.828, 13.816, 16.266])
-"""99.9 % points of chi-square with 1, 2 and 3 channels."""
+BY_CHANCE = 1e-3
+"""Share of consistent innovations that are outside the chi-square gate. Less of it finds fewer inconsistent ones."""
 OUTSIDE_MOST = 5
 """Consecutive updates outside the gate until health is frozen."""
 FROZEN_MOST = 20
@@ -46,16 +46,49 @@ LEAST_VARIANCE = 1e-12
 """Of a reading."""
 KNOWN = 0.9
 """Share of its first sd below which a health parameter is known. More of it calls parameters known sooner."""
-WIDEST = (0.5 * to_zeta(HEALTHY + np.array([-1.0, -1.0, 1.0, -1.0, 1.0]) * SPAN)) ** 2
-"""Variance of a health coordinate of which nothing is known: two sd reach the end of a machine's life."""
 REFRESH = 20
 """Updates between two looks at their singular values."""
-PUSH_KEEP = 0.99
-"""Memory of the direction of corrections: 5 s."""
+UPDATES, OUTSIDE, FROZEN, INFLATING, CHANNEL = 0, 1, 2, 3, 4
+"""Columns of counts: updates so far, consecutive ones outside the gate, frozen ones, inflations left, per channel
+consecutive ones left out."""
+PUSH_S = 5.0
+"""Memory of the direction of corrections."""
 PUSHED = 6.63
 """99 % point of chi-square with one degree of freedom: what pushes no more than this is chance."""
-MISMATCH_KEEP = 0.998
-"""beta of Eq. (13): 25 s. Slower than the walk's, so that a change of health is not taken for noise."""
+MISMATCH_S = 25.0
+"""Memory of Eq. (13), 1 / (1 - beta) ticks. Slower than the walk's, so that a change of health is not taken for
+noise."""
+
+
+class Memories(NamedTuple):
+    """How much of what the safeguards have gathered stays at an update.
+
+    Attributes:
+        observed: of the stacked sensitivities.
+        push: of the direction of corrections.
+        mismatch: beta of Eq. (13).
+    """
+
+    observed: float
+    push: float
+    mismatch: float
+
+
+def memories_of(machine: Machine) -> Memories:
+    """At the sample period of a machine."""
+    tick_s = machine.sample_period_s
+    return Memories(*(max(1.0 - tick_s / seconds, 0.0) for seconds in (OBSERVED_S, PUSH_S, MISMATCH_S)))
+
+
+def gate_of(channels: int) -> Array:
+    """Points of chi-square with 1, 2, ... channels that a NIS exceeds by chance in BY_CHANCE of all updates."""
+    return np.asarray(np.round(chi2.isf(BY_CHANCE, np.arange(1, channels + 1)), 3))
+
+
+def widest_of(machine: Machine) -> Array:
+    """Variance (nh,) of health of which nothing is known, in coordinates: two sd reach the end of a machine's life."""
+    ends = machine.coordinates.to_zeta(np.array([h.ends for h in machine.health]).T)
+    return np.asarray((0.5 * np.abs(ends).max(axis=0)) ** 2)
 
 
 class Settings(NamedTuple):
@@ -81,44 +114,43 @@ class Envelope(NamedTuple):
     """Where the operator was trained: a box in its standardised query.
 
     Attributes:
-        low: (5,) standardised lower edges.
-        high: (5,) standardised upper edges.
+        low: (q,) standardised lower edges.
+        high: (q,) standardised upper edges.
     """
 
     low: Array
     high: Array
 
 
-SAFETY = record(
-    {
-        "sensitivity": ("f8", (N_MOVED, N_HEALTH)),  # of states and probe to health held constant
-        "information": ("f8", (N_HEALTH, N_HEALTH)),  # of the last minute about health
-        "observable": ("f8", (N_HEALTH, N_HEALTH)),  # projector onto what that informs about
-        "mismatch": ("f8", (N_OUTPUTS, N_OUTPUTS)),  # C of Eq. (13)
-        "push": ("f8", (N_HEALTH,)),  # mean of the normalised corrections
-        "valid": ("f8", (2, N_HEALTH)),  # health and its sd at the last valid posterior
-        "steps": (STEPS, ()),
-        "unknown": ("i8", ()),  # updates for which the operator's query, or what its window holds of it, is not known
-        "counts": ("i8", (4 + N_OUTPUTS,)),  # see the constants below
-    }
-)
-"""What the safeguards carry from update to update of one machine."""
-UPDATES, OUTSIDE, FROZEN, INFLATING, CHANNEL = 0, 1, 2, 3, 4
-"""Columns of counts: updates so far, consecutive ones outside the gate, frozen ones, inflations left, per channel
-consecutive ones left out."""
+def safety_type(parts: Parts) -> np.dtype[np.void]:
+    """What the safeguards carry from update to update of one machine."""
+    nh, ny = parts.health, parts.outputs
+    return record(
+        {
+            "sensitivity": ("f8", (parts.zeta, nh)),  # of states and lags to health held constant
+            "information": ("f8", (nh, nh)),  # of the last minute about health
+            "observable": ("f8", (nh, nh)),  # projector onto what that informs about
+            "mismatch": ("f8", (ny, ny)),  # C of Eq. (13)
+            "push": ("f8", (nh,)),  # mean of the normalised corrections
+            "valid": ("f8", (2, nh)),  # health and its sd at the last valid posterior
+            "steps": (steps_type(parts), ()),
+            "unknown": ("i8", ()),  # updates for which the operator's query, or its window of it, is not known
+            "counts": ("i8", (CHANNEL + ny,)),  # see the constants
+        }
+    )
 
 
-def empty_safety(batch: int) -> np.ndarray:
-    """SAFETY of B machines (B,), before the first update."""
-    safety = np.zeros(batch, SAFETY)
-    safety["observable"] = np.eye(N_HEALTH)
+def empty_safety(parts: Parts, batch: int) -> np.ndarray:
+    """Of B machines (B,), before the first update."""
+    safety = np.zeros(batch, safety_type(parts))
+    safety["observable"] = np.eye(parts.health)
     safety["valid"][:, 1] = 1.0
     return safety
 
 
 @njit(cache=True, error_model="numpy")
 def distance(envelope, query):  # type: ignore[no-untyped-def]
-    """How far a standardised query (5,) lies outside the training envelope, in training sd; 0 inside."""
+    """How far a standardised query (q,) lies outside the training envelope, in training sd; 0 inside."""
     square = 0.0
     for i in range(query.size):
         beyond = max(envelope.low[i] - query[i], query[i] - envelope.high[i], 0.0)
@@ -137,51 +169,55 @@ def carry_sensitivity(sensitivity, F, at, after):  # type: ignore[no-untyped-def
     """X <- F_x X + G in place: what health, had it always been a little different, would have changed by now.
 
     Args:
-        sensitivity: (6, 5).
-        F: (n, n) transition Jacobian; the states and the probe come first, health from ``at`` on.
-        after: (6, 5) scratch.
+        sensitivity: (m, nh).
+        F: (n, n) transition Jacobian; the m states and lags come first, health from ``at`` on.
+        after: (m, nh) scratch.
     """
-    for i in range(N_MOVED):
-        for j in range(N_HEALTH):
+    moving, health = sensitivity.shape
+    for i in range(moving):
+        for j in range(health):
             s = F[i, at + j]
-            for k in range(N_MOVED):
+            for k in range(moving):
                 s += F[i, k] * sensitivity[k, j]
             # Far from any machine, where broken sensors lead, the operator may be unstable.
             after[i, j] = min(max(s, -MOST_SENSITIVE), MOST_SENSITIVE)
-    for i in range(N_MOVED):
-        for j in range(N_HEALTH):
+    for i in range(moving):
+        for j in range(health):
             sensitivity[i, j] = after[i, j]
 
 
 @njit(cache=True, error_model="numpy")
-def gather(information, sensitivity, H, at, accuracy, used, row):  # type: ignore[no-untyped-def]
-    """Let the information (5, 5) of the last minute take in one update, in place.
+def gather(keep, information, sensitivity, H, at, accuracy, used, row):  # type: ignore[no-untyped-def]
+    """Let the information (nh, nh) of the last minute take in one update, in place.
+
+    The function takes plain arrays because it is compiled.
 
     Args:
-        H: (3, n) measurement Jacobian.
-        accuracy: (3,) variance of a reading that counts as independent.
-        used: (3,) innovations of the channels that were used, NaN where none.
-        row: (5,) scratch.
+        keep: how much of it stays.
+        H: (ny, n) measurement Jacobian.
+        accuracy: (ny,) variance of a reading that counts as independent.
+        used: (ny,) innovations of the channels that were used, NaN where none.
+        row: (nh,) scratch.
     """
-    keep = 1.0 - SAMPLE_PERIOD_S / OBSERVED_S
-    for i in range(N_HEALTH):
-        for j in range(N_HEALTH):
+    moving, health = sensitivity.shape
+    for i in range(health):
+        for j in range(health):
             information[i, j] *= keep
-    for c in range(N_OUTPUTS):
+    for c in range(used.size):
         if np.isnan(used[c]):
             continue
-        for j in range(N_HEALTH):
+        for j in range(health):
             row[j] = H[c, at + j]
-            for k in range(N_MOVED):
+            for k in range(moving):
                 row[j] += H[c, k] * sensitivity[k, j]
-        for i in range(N_HEALTH):
-            for j in range(N_HEALTH):
+        for i in range(health):
+            for j in range(health):
                 information[i, j] += row[i] * row[j] / max(accuracy[c], LEAST_VARIANCE)
 
 
 @njit(cache=True, error_model="numpy")
 def informed(information, least, observable, room):  # type: ignore[no-untyped-def]
-    """Projector onto the directions of health that are known well enough, into ``observable`` (5, 5).
+    """Projector onto the directions of health that are known well enough, into ``observable`` (nh, nh).
 
     Not a sharp one: which directions those are changes with the load, and a correction that came
     and went with it would shake health. At ``least`` it is a half: an eigenvalue a counts for
@@ -189,9 +225,9 @@ def informed(information, least, observable, room):  # type: ignore[no-untyped-d
     Pivots are not needed: every leading block has a definite imaginary part.
 
     Args:
-        room: (5, 10) complex scratch.
+        room: (nh, 2 nh) complex scratch.
     """
-    n = N_HEALTH
+    n = information.shape[0]
     for i in range(n):
         for j in range(n):
             room[i, j] = room[i, n + j] = information[i, j]
@@ -208,48 +244,48 @@ def informed(information, least, observable, room):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, error_model="numpy")
-def note_mismatch(C, innovation, explained):  # type: ignore[no-untyped-def]
-    """Eq. (13) in place: C (3, 3), innovation (3,) with NaN where missing, explained (3, 3) = H P H'."""
-    for i in range(N_OUTPUTS):
-        for j in range(N_OUTPUTS):
+def note_mismatch(keep, C, innovation, explained):  # type: ignore[no-untyped-def]
+    """Eq. (13) in place, beta being ``keep``: C (ny, ny), innovation (ny,), NaN where missing, explained = H P H'."""
+    for i in range(innovation.size):
+        for j in range(innovation.size):
             product = innovation[i] * innovation[j]
             if not np.isnan(product):
-                C[i, j] = MISMATCH_KEEP * C[i, j] + (1.0 - MISMATCH_KEEP) * (product - explained[i, j])
+                C[i, j] = keep * C[i, j] + (1.0 - keep) * (product - explained[i, j])
 
 
 @njit(cache=True, error_model="numpy")
-def noise_factor(settings, C, R, updates, channel):  # type: ignore[no-untyped-def]
+def noise_factor(settings, keep, C, R, updates, channel):  # type: ignore[no-untyped-def]
     """By how much one channel's variance R is widened: never narrowed, at most ``r_most``.
 
     A running mean over n updates of a chi-square scatters by sqrt(2 / n): within three of these, all is well.
     """
-    seen = min(float(updates), 0.5 * (1.0 + MISMATCH_KEEP) / (1.0 - MISMATCH_KEEP))
+    seen = min(float(updates), 0.5 * (1.0 + keep) / (1.0 - keep))
     if seen < 1.0:
         return 1.0
-    weight = 1.0 - MISMATCH_KEEP**updates
+    weight = 1.0 - keep**updates
     excess = C[channel, channel] / (weight * R) - 1.0 - 3.0 * np.sqrt(2.0 / seen)
     return min(1.0 + settings.r_gain * max(excess, 0.0), settings.r_most)
 
 
 @njit(cache=True, error_model="numpy")
-def note_push(push, correction, variance):  # type: ignore[no-untyped-def]
-    """Running mean, in place, of health corrections (5,) over their expected sd."""
-    for i in range(N_HEALTH):
+def note_push(keep, push, correction, variance):  # type: ignore[no-untyped-def]
+    """Running mean, in place, of health corrections (nh,) over their expected sd."""
+    for i in range(push.size):
         normal = correction[i] / np.sqrt(variance[i]) if variance[i] > 0.0 else 0.0
-        push[i] = PUSH_KEEP * push[i] + (1.0 - PUSH_KEEP) * min(max(normal, -6.0), 6.0)
+        push[i] = keep * push[i] + (1.0 - keep) * min(max(normal, -6.0), 6.0)
 
 
 @njit(cache=True, error_model="numpy")
-def walk_factor(settings, push):  # type: ignore[no-untyped-def]
+def walk_factor(settings, keep, push):  # type: ignore[no-untyped-def]
     """Eq. (14) for one parameter: exp(gamma d), d being how far beyond chance it is pushed one way."""
-    beyond = push * push * (1.0 + PUSH_KEEP) / (1.0 - PUSH_KEEP) - PUSHED
+    beyond = push * push * (1.0 + keep) / (1.0 - keep) - PUSHED
     return min(np.exp(settings.q_gain * max(beyond, 0.0)), settings.q_most)
 
 
 @njit(cache=True, error_model="numpy")
 def left_out(settings, counts, innovation, S):  # type: ignore[no-untyped-def]
-    """Take channels that are far off out of ``innovation`` (3,), in place: NaN; a shift that lasts comes back."""
-    for c in range(N_OUTPUTS):
+    """Take channels that are far off out of ``innovation`` (ny,), in place: NaN; a shift that lasts comes back."""
+    for c in range(innovation.size):
         if np.isnan(innovation[c]):
             continue
         far = abs(innovation[c]) > settings.channel_gate * np.sqrt(S[c, c])
@@ -261,15 +297,16 @@ def left_out(settings, counts, innovation, S):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def watch(counts, nis, channels):  # type: ignore[no-untyped-def]
-    """Advance the counts (7,) by one update with its NIS; True if this is where health rolls back.
+def watch(gate, counts, nis, channels):  # type: ignore[no-untyped-def]
+    """Advance the counts (4 + ny,) by one update with its NIS; True if this is where health rolls back.
 
     Args:
+        gate: (ny,) of ``gate_of``.
         channels: how many the NIS is of; 0 leaves everything as it is.
     """
     if channels == 0:
         return False
-    outside = nis > CHI2_GATE[channels - 1]
+    outside = nis > gate[channels - 1]
     if counts[FROZEN] == 0:
         counts[OUTSIDE] = counts[OUTSIDE] + 1 if outside else 0
         if counts[OUTSIDE] < OUTSIDE_MOST or counts[INFLATING] > 0:
@@ -288,8 +325,8 @@ def watch(counts, nis, channels):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
-    """D P D in place with ``factor`` (5,) on health and 1 elsewhere: correlations and definiteness stay."""
-    for j in range(N_HEALTH):
+    """D P D in place with ``factor`` (nh,) on health and 1 elsewhere: correlations and definiteness stay."""
+    for j in range(factor.size):
         for i in range(P.shape[0]):
             P[at + j, i] *= factor[j]
         for i in range(P.shape[0]):
@@ -298,13 +335,13 @@ def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def bound_health(P, at, most, column):  # type: ignore[no-untyped-def]
-    """Keep the variance of each health parameter within ``most`` (5,) by a reading of it that brings no news.
+    """Keep the variance of each health parameter within ``most`` (nh,) by a reading of it that brings no news.
 
     The update of Eq. (11) with zero innovation and the noise at which the variance comes out at ``most``;
     clipping it instead would break its correlations. ``column`` (n,) is scratch.
     """
     n = P.shape[0]
-    for i in range(N_HEALTH):
+    for i in range(most.size):
         j = at + i
         variance = P[j, j]
         if variance > most[i]:

@@ -13,26 +13,13 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.layout import N_CONDITION, REACH_1
-from twinbench.methods.operator import (
-    HEAD_OF_STATE,
-    KERNEL,
-    N_CHANNELS,
-    N_HEADS,
-    N_QUERY,
-    N_SLOW,
-    N_STATES,
-    SINUSOIDS,
-    SLOW_TAU_S,
-)
+from twinbench.methods.deeponet_kalman.layout import REACH_1
+from twinbench.methods.operator import KERNEL
 
 FAST = {"reassoc", "contract", "arcp", "nsz"}
 """Liberties with the order of sums; none with infinities, which a broken sensor can bring."""
 STANDARDISED_LIMIT = np.float32(10.0)
 """Standardised values are held within this many spreads of the training mean."""
-_HEAD_OF_STATE = np.array(HEAD_OF_STATE)
-_SLOW_KEEP = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
@@ -103,13 +90,13 @@ def _shift(buffer):  # type: ignore[no-untyped-def]
 def _push_one(w, s, t, sample, mask):  # type: ignore[no-untyped-def]
     """Append one standardised sample and compute the newest column of each block."""
     values, columns, first, tokens = s.values, s.columns, s.first, s.tokens
-    before, last = s.newest[0], columns.shape[0] - 1
+    before, last, channels = s.newest[0], columns.shape[0] - 1, values.shape[1]
     now = before + 1 if before + 1 < values.shape[0] else 0
     _shift(columns)
-    for c in range(N_CHANNELS):
+    for c in range(channels):
         columns[last, c] = sample[c]
-        columns[last, N_CHANNELS + c] = sample[c] - values[before, c]
-        columns[last, 2 * N_CHANNELS + c] = mask[c]
+        columns[last, channels + c] = sample[c] - values[before, c]
+        columns[last, 2 * channels + c] = mask[c]
         values[now, c] = sample[c]
     s.newest[0] = now
     _shift(first)
@@ -144,32 +131,32 @@ def push(w, s, t, sample, mask, query):  # type: ignore[no-untyped-def]
         w: record of the weights.
         s: record of the machine's stream.
         t: record of scratch.
-        sample: (7,) standardised values, which are bounded in place.
-        mask: (7,) dimensionless, 1 where accepted.
-        query: (5,) standardised inputs that hold until the next tick.
+        sample: (C,) standardised values, which are bounded in place.
+        mask: (C,) dimensionless, 1 where accepted.
+        query: (q,) standardised, which holds until the next tick.
     """
-    for c in range(N_CHANNELS):
+    channels = s.values.shape[1]
+    for c in range(channels):
         sample[c] = min(max(sample[c], -STANDARDISED_LIMIT), STANDARDISED_LIMIT)
-    temperature = sample[CHANNEL.T_dis_K]
     times = 1
     if s.ticks[0] == 0:
         times = s.values.shape[0]
         fill(s.values[s.newest[0]], sample)
-        for i in range(N_SLOW):
-            s.slow[i] = temperature
-    for i in range(N_SLOW):
-        s.slow[i] = _SLOW_KEEP[i] * s.slow[i] + (1.0 - _SLOW_KEEP[i]) * temperature
+        for i in range(s.slow.size):
+            s.slow[i] = sample[w.slow_channel[i]]
+    for i in range(s.slow.size):
+        s.slow[i] = w.slow_keep[i] * s.slow[i] + (1.0 - w.slow_keep[i]) * sample[w.slow_channel[i]]
     for _ in range(times):
         _push_one(w, s, t, sample, mask)
     s.ticks[0] += 1
     _attend(w, s, t)
     at = 2 * s.tokens.shape[1]
-    _moments(s.values, t.summary[at : at + 2 * N_CHANNELS])
-    for i in range(N_SLOW):
-        t.summary[at + 2 * N_CHANNELS + i] = temperature - s.slow[i]
+    _moments(s.values, t.summary[at : at + 2 * channels])
+    for i in range(s.slow.size):
+        t.summary[at + 2 * channels + i] = sample[w.slow_channel[i]] - s.slow[i]
     _affine(w.project, w.project_bias, t.summary, t.latent)
     _normalise(t.latent)
-    trunk(w, t, query, SAMPLE_PERIOD_S)
+    trunk(w, t, query)
     for i in range(t.latent.size):
         t.latent[i] *= t.trunk[i]
     _affine(w.from_latent, w.from_latent_bias, t.latent, s.base)
@@ -205,35 +192,31 @@ def _row(s, i, n):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def _moments(values, out):  # type: ignore[no-untyped-def]
-    """Mean and spread (2 * 7,) of the window's channels."""
-    n = np.float32(values.shape[0])
-    for c in range(2 * N_CHANNELS):
+    """Mean and spread (2 C,) of the window's channels."""
+    n, channels = np.float32(values.shape[0]), values.shape[1]
+    for c in range(2 * channels):
         out[c] = np.float32(0.0)
     for k in range(values.shape[0]):
-        for c in range(N_CHANNELS):
+        for c in range(channels):
             out[c] += values[k, c] / n
     for k in range(values.shape[0]):
-        for c in range(N_CHANNELS):
-            out[N_CHANNELS + c] += (values[k, c] - out[c]) ** 2 / n
-    for c in range(N_CHANNELS):
-        out[N_CHANNELS + c] = np.sqrt(out[N_CHANNELS + c] + np.float32(1e-6))
+        for c in range(channels):
+            out[channels + c] += (values[k, c] - out[c]) ** 2 / n
+    for c in range(channels):
+        out[channels + c] = np.sqrt(out[channels + c] + np.float32(1e-6))
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
-def trunk(w, t, query, time_s):  # type: ignore[no-untyped-def]
-    """Trunk features of one standardised query (5,) at ``time_s``, into ``t.trunk``."""
-    entry = t.entry
-    for i in range(N_QUERY):
+def trunk(w, t, query):  # type: ignore[no-untyped-def]
+    """Trunk features a tick ahead of one standardised query (q,), into ``t.trunk``."""
+    entry, n = t.entry, t.query.size
+    for i in range(n):
         entry[i] = t.query[i] = min(max(query[i], -STANDARDISED_LIMIT), STANDARDISED_LIMIT)
-    _affine(w.embedding, w.embedding_bias, t.query[:2], t.embedded)
+    _affine(w.embedding, w.embedding_bias, t.query[: w.embedding.shape[1]], t.embedded)
     _silu(t.embedded)
-    at = N_QUERY + t.embedded.size
-    fill(entry[N_QUERY:at], t.embedded)
-    entry[at] = np.float32(time_s / SAMPLE_PERIOD_S)
-    for i in range(len(SINUSOIDS)):
-        phase = time_s * (np.pi / 0.1) * SINUSOIDS[i]
-        entry[at + 1 + i] = np.float32(np.sin(phase))
-        entry[at + 1 + len(SINUSOIDS) + i] = np.float32(np.cos(phase))
+    at = n + t.embedded.size
+    fill(entry[n:at], t.embedded)
+    fill(entry[at:], w.time)
     _affine(w.trunk_hidden, w.trunk_hidden_bias, entry, t.trunk_hidden)
     _silu(t.trunk_hidden)
     _affine(w.trunk_project, w.trunk_project_bias, t.trunk_hidden, t.trunk)
@@ -245,26 +228,26 @@ def _enter(w, base, condition, head):  # type: ignore[no-untyped-def]
     """The heads' first layer before its nonlinearity."""
     for j in range(head.size):
         head[j] = base[j]
-    for i in range(N_CONDITION):
+    for i in range(w.from_condition.shape[0]):
         for j in range(head.size):
             head[j] += condition[i] * w.from_condition[i, j]
 
 
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def heads(w, t, base, condition, out):  # type: ignore[no-untyped-def]
-    """Scaled increments of one machine into ``out`` (5,); no sensitivities."""
+    """Scaled increments of one machine into ``out`` (n,); no sensitivities."""
     width = w.hidden.shape[1]
     _enter(w, base, condition, t.head)
     _silu(t.head)
-    for h in range(N_HEADS):
+    for h in range(w.hidden.shape[0]):
         deep = t.deep[h, 0]
         fill(deep, w.hidden_bias[h])
         for i in range(width):
             for j in range(width):
                 deep[j] += t.head[h * width + i] * w.hidden[h, i, j]
         _silu(deep)
-    for s in range(N_STATES):
-        deep, total = t.deep[_HEAD_OF_STATE[s], 0], w.out_bias[s]
+    for s in range(w.out.shape[0]):
+        deep, total = t.deep[w.head_of_state[s], 0], w.out_bias[s]
         for j in range(width):
             total += deep[j] * w.out[s, j]
         out[s] = total
@@ -273,13 +256,13 @@ def heads(w, t, base, condition, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, fastmath=FAST, error_model="numpy")
 def heads_with_jacobian(w, t, base, condition):  # type: ignore[no-untyped-def]
     """Scaled increments into ``t.out`` and their Jacobian to state and zeta into ``t.jacobian``, Eq. (5)."""
-    width, n, one = w.hidden.shape[1], N_CONDITION, np.float32(1.0)
+    width, n, one = w.hidden.shape[1], w.from_condition.shape[0], np.float32(1.0)
     _enter(w, base, condition, t.head)
     for j in range(t.head.size):
         gate = _sigmoid(t.head[j])
         t.slope[j] = gate * (one + t.head[j] * (one - gate))
         t.head[j] *= gate
-    for h in range(N_HEADS):
+    for h in range(w.hidden.shape[0]):
         at, deep = h * width, t.deep[h]
         for i in range(n):
             for j in range(width):
@@ -295,8 +278,8 @@ def heads_with_jacobian(w, t, base, condition):  # type: ignore[no-untyped-def]
         for i in range(n):
             for j in range(width):
                 deep[i, j] *= t.second_slope[j]
-    for s in range(N_STATES):
-        deep = t.deep[_HEAD_OF_STATE[s]]
+    for s in range(w.out.shape[0]):
+        deep = t.deep[w.head_of_state[s]]
         for i in range(n + 1):
             total = np.float32(0.0)
             for j in range(width):
@@ -312,9 +295,9 @@ def heads_with_differences(w, t, base, condition, step):  # type: ignore[no-unty
     """As ``heads_with_jacobian`` by forward differences of ``step``, for comparison: the price of not deriving."""
     heads(w, t, base, condition, t.out)
     fill(t.moved, condition)
-    for j in range(N_CONDITION):
+    for j in range(w.from_condition.shape[0]):
         t.moved[j] += np.float32(step)
         heads(w, t, base, t.moved, t.ahead)
         t.moved[j] = condition[j]
-        for i in range(N_STATES):
+        for i in range(w.out.shape[0]):
             t.jacobian[i, j] = (t.ahead[i] - t.out[i]) / np.float32(step)

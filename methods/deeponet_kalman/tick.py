@@ -11,17 +11,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.augmented import SHIFTS, correct, foresee
+from twinbench.machines.coordinates import map_one
+from twinbench.methods.deeponet_kalman.augmented import correct, foresee
 from twinbench.methods.deeponet_kalman.causes import moved, stepped, suppose
 from twinbench.methods.deeponet_kalman.forecast import predict
-from twinbench.methods.deeponet_kalman.model import BIAS, GAS, PROBE, ZETA
+from twinbench.methods.deeponet_kalman.parts import places
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
     KNOWN,
-    N_HEALTH,
-    N_OUTPUTS,
     OUTSIDE,
     UPDATES,
     carry_sensitivity,
@@ -29,17 +27,7 @@ from twinbench.methods.deeponet_kalman.safeguards import (
 )
 from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
-from twinbench.methods.operator import N_STATES
-from twinbench.methods.weighing import (
-    BACK,
-    LOG_PRIOR,
-    N_CAUSES,
-    likeliest,
-    log_likelihood,
-    mixture_into,
-    probabilities,
-)
-from twinbench.physics.health import map_one
+from twinbench.methods.weighing import likeliest, log_likelihood, mixture_into, probabilities
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""
@@ -49,12 +37,12 @@ LATE = 0.5
 
 @njit(cache=True, error_model="numpy")
 def _next_readings(left, lag, now):  # type: ignore[no-untyped-def]
-    """Move what is read next from ``left`` (3,) to ``now`` (3,). Returns when in the tick; the rest is at 1."""
+    """Move what is read next from ``left`` (ny,) to ``now`` (ny,). Returns when in the tick; the rest is at 1."""
     to = 1.0
-    for c in range(N_OUTPUTS):
+    for c in range(now.size):
         if not np.isnan(left[c]) and LATE < lag[c] <= 1.0:
             to = min(to, 1.0 - lag[c])
-    for c in range(N_OUTPUTS):
+    for c in range(now.size):
         due = 1.0 - lag[c] == to if lag[c] > LATE else to == 1.0
         now[c] = left[c] if due else np.nan
         if due:
@@ -65,12 +53,12 @@ def _next_readings(left, lag, now):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
     """Put one of a tick's corrections into its diagnostics; the last one speaks for what is missing, too."""
-    for i in range(N_OUTPUTS):
-        for j in range(N_OUTPUTS):
+    for i in range(t.innovation.size):
+        for j in range(t.innovation.size):
             both = not np.isnan(t.innovation[i]) and not np.isnan(t.innovation[j])
             if both or (last and np.isnan(out.innovation[i]) and np.isnan(out.innovation[j])):
                 out.S[i, j] = t.S[i, j]
-    for c in range(N_OUTPUTS):
+    for c in range(t.innovation.size):
         if not np.isnan(t.innovation[c]):
             out.innovation[c] = t.innovation[c]
             out.accepted[c] = not np.isnan(t.used[c])
@@ -83,33 +71,50 @@ def _go_on(w, model, base, safety, z, P, away, part, t):  # type: ignore[no-unty
     """Forecast over a part of the tick, in place. The function takes plain arrays because it is compiled."""
     predict(w, model, base, z, P, away, safety.push, part, t)
     if safety.unknown > 0:
-        for i in range(N_STATES):
+        for i in range(model.increment.size):
             P[i, i] += part * (WANDERING * model.increment[i]) ** 2
     if model.settings.least_information > 0.0:
-        carry_sensitivity(safety.sensitivity, t.F, ZETA, t.after)
+        carry_sensitivity(safety.sensitivity, t.F, places(model)[0], t.after)
+
+
+@njit(cache=True, error_model="numpy")
+def _explain_without(model, z, was):  # type: ignore[no-untyped-def]
+    """What the biases of z do not explain any more, as they were in ``was``, is the machine's: its states move.
+
+    The states are those behind biased readings; what lags there takes along what it follows.
+    """
+    zeta, _, _ = places(model)
+    n = model.state_mean.size
+    for c in range(model.readings.bias.size):
+        bias, source = model.readings.bias[c], model.readings.source[c]
+        if bias < 0:
+            continue
+        more = map_one(model.health, bias, was[zeta + bias])[0] - map_one(model.health, bias, z[zeta + bias])[0]
+        z[source] += more / model.readings.gain[c]
+        if source >= n:
+            z[model.lags.of[source - n]] += more / model.readings.gain[c]
 
 
 @njit(cache=True, error_model="numpy")
 def _begin(model, m, which, t):  # type: ignore[no-untyped-def]
     """Output ``which`` stepped: a copy of the filter for every cause, in which it is supposed."""
-    rivals = m.rivals
-    rivals.left = max(round(model.settings.weighed_s / SAMPLE_PERIOD_S), 1)
-    for k in range(N_CAUSES):
-        rivals.score[k] = LOG_PRIOR[k]
+    rivals, causes, waits, (zeta, _, _) = m.rivals, model.causes, model.waits, places(model)
+    rivals.left = max(round(model.settings.weighed_s / model.period_s), 1)
+    for k in range(rivals.score.size):
+        rivals.score[k] = causes.log_prior[k]
         fill(rivals.z[k], m.z)
         for i in range(m.z.size):
             fill(rivals.P[k, i], m.P[i])
         rivals.safety[k] = m.safety
         safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
-        if k == BACK and not moved(safety.steps.way, safety.counts[UPDATES], z, P, ZETA):
+        if k == causes.back and not moved(waits, safety.steps.way, safety.counts[UPDATES], z, P, zeta):
             rivals.score[k] = -np.inf  # a way back that leads nowhere would only let the readings' states be anything
         safety.counts[OUTSIDE] = safety.counts[FROZEN] = safety.counts[INFLATING] = 0
-        suppose(k, safety.steps, safety.counts[UPDATES], z, P, ZETA, model.settings.leap)
-        if k == BACK:
-            entry = SHIFTS[which]
+        suppose(causes, waits, k, safety.steps, safety.counts[UPDATES], z, P, zeta, model.settings.leap)
+        if k == causes.back:
+            entry = model.readings.shifts[which]
             P[entry, entry] += (t.innovation[which] / t.H[which, entry]) ** 2
-            for i in (GAS, PROBE):  # what the bias does not explain any more is temperature
-                z[i] += map_one(N_HEALTH - 1, m.z[BIAS])[0] - map_one(N_HEALTH - 1, z[BIAS])[0]
+            _explain_without(model, z, m.z)
 
 
 @njit(cache=True, error_model="numpy")
@@ -120,7 +125,7 @@ def _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, last, t)
     """
     rivals = m.rivals
     shown = likeliest(rivals.score)
-    for k in range(N_CAUSES):
+    for k in range(rivals.score.size):
         safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
         safety.unknown = m.safety.unknown
         if part > 0.0:
@@ -140,11 +145,11 @@ def _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, last, t)
 @njit(cache=True, error_model="numpy")
 def _flags(model, m, out):  # type: ignore[no-untyped-def]
     """FLAG_ constants of what the filter did."""
-    flags = FLAG_FROZEN if m.safety.counts[FROZEN] > 0 else 0
-    for i in range(N_HEALTH):
-        if m.P[ZETA + i, ZETA + i] > (KNOWN * model.prior_sd[i]) ** 2:
+    flags, (zeta, _, _) = FLAG_FROZEN if m.safety.counts[FROZEN] > 0 else 0, places(model)
+    for i in range(model.prior_sd.size):
+        if m.P[zeta + i, zeta + i] > (KNOWN * model.prior_sd[i]) ** 2:
             flags |= FLAG_UNINFORMED
-    for c in range(N_OUTPUTS):
+    for c in range(out.innovation.size):
         if m.safety.steps.out[c] > 0 or (not out.accepted[c] and not np.isnan(out.innovation[c])):
             flags |= FLAG_GATED
     return flags
@@ -158,19 +163,19 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
 
     Args:
         m: the machine's z, P, stream, safety and rivals.
-        query: (5,) standardised, of what the operator has last taken in.
-        measured: (3,) outputs, NaN where missing or rejected.
-        lag: (3,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
+        query: (q,) standardised, of what the operator has last taken in.
+        measured: (ny,) outputs, NaN where missing or rejected.
+        lag: (ny,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
             gets a correction of its own at its time; what is older than the last tick is left out.
-        white_sd: (3,) present sd of the outputs' white noise, in their units.
-        coloured_sd: (3,) present sd of the outputs' coloured noise, in their units.
-        out: innovation (3,), S (3, 3), nis, accepted (3,), flags.
+        white_sd: (ny,) present sd of the outputs' white noise, in their units.
+        coloured_sd: (ny,) present sd of the outputs' coloured noise, in their units.
+        out: innovation (ny,), S (ny, ny), nis, accepted (ny,), flags.
     """
     away, at = distance(model.envelope, query), 0.0
     out.nis = np.nan
-    for i in range(N_OUTPUTS):
+    for i in range(measured.size):
         out.innovation[i], out.accepted[i] = np.nan, False
-        for j in range(N_OUTPUTS):
+        for j in range(measured.size):
             out.S[i, j] = 0.0
     while at < 1.0:
         to = _next_readings(measured, lag, t.now)

@@ -9,30 +9,30 @@ import torch
 from scipy.signal import lfilter
 from torch import Tensor
 
-from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 from twinbench.methods.frontend import FrontEnd
-from twinbench.methods.operator import SLOW_TAU_S, WINDOW
+from twinbench.methods.operator import SLOW_TAU_S, WINDOW, slow_channels
 
 
-def query_of(filled: Array) -> Array:
-    """Query coordinates (..., 5) of measured channels (..., 7): N, pressure ratio, T_suc, p_suc, valve.
+def query_of(machine: Machine, filled: Array) -> Array:
+    """Query coordinates (..., q) of measured channels (..., C), in the order of the machine's ``operating``.
 
     Args:
-        filled: (..., 7) values in the channels' units, order CHANNELS.
+        machine: whose channels.
+        filled: (..., C) values in the channels' units, inputs first.
     """
-    p_suc = filled[..., CHANNEL.p_suc_bar]
-    N, ratio = filled[..., CHANNEL.N_rpm], filled[..., CHANNEL.p_dis_bar] / p_suc
-    return np.stack([N, ratio, filled[..., CHANNEL.T_suc_K], p_suc, filled[..., CHANNEL.valve]], axis=-1)
+    return np.stack([machine.along(expression, filled) for expression in machine.operating], axis=-1)
 
 
 class WindowBatch(NamedTuple):
     """What the operator reads, float32.
 
     Attributes:
-        values: (B, window + 1, 7) standardised, order CHANNELS; the first sample only for its difference.
-        masks: (B, window, 7) dimensionless, 1 where accepted.
-        slow: (B, n_slow) standardised discharge temperature less its running means.
-        query: (B, 5) standardised, order N, pressure ratio, T_suc, p_suc, valve.
+        values: (B, window + 1, C) standardised, inputs first; the first sample only for its difference.
+        masks: (B, window, C) dimensionless, 1 where accepted.
+        slow: (B, slow) standardised slow channels less their running means.
+        query: (B, q) standardised, in the order of the machine's ``operating``.
     """
 
     values: Tensor
@@ -45,9 +45,10 @@ class WindowSource:
     """Sequences after the front end, standardised, ready to be cut into windows.
 
     Attributes:
-        query_mean: (5,) means of the query in its units: rpm, 1, K, bar, 1.
-        query_scale: (5,) their spreads in the same units.
+        query_mean: (q,) means of the query in its units.
+        query_scale: (q,) their spreads in the same units.
         window: samples in a window.
+        machine: what they are of.
     """
 
     def __init__(
@@ -59,20 +60,21 @@ class WindowSource:
         self.values = front_end.standardise(filled).astype(np.float32)
         self.masks = accepted
         self.query_mean, self.query_scale = query_mean, query_scale
-        self.query = ((query_of(filled) - query_mean) / query_scale).astype(np.float32)
-        temperature = self.values[..., CHANNEL.T_dis_K].astype(np.float64)
+        self.machine = machine = batch.machine
+        self.query = ((query_of(machine, filled) - query_mean) / query_scale).astype(np.float32)
         slow = []
-        for tau_s in SLOW_TAU_S:
-            keep = np.exp(-SAMPLE_PERIOD_S / tau_s)
-            mean, _ = lfilter([1 - keep], [1, -keep], temperature, axis=1, zi=keep * temperature[:, :1])
-            slow.append(temperature - mean)
+        for k, channel in enumerate(slow_channels(machine)):
+            reading = self.values[..., channel].astype(np.float64)
+            keep = np.exp(-machine.sample_period_s / SLOW_TAU_S[k % len(SLOW_TAU_S)])
+            mean, _ = lfilter([1 - keep], [1, -keep], reading, axis=1, zi=keep * reading[:, :1])
+            slow.append(reading - mean)
         self.slow = np.stack(slow, axis=-1).astype(np.float32)
 
     @classmethod
     def fit(cls, train: Batch, front_end: FrontEnd, window: int = WINDOW) -> Self:
         """Standardise the query on the training sequences themselves."""
         filled, _, _ = front_end.run(train.measured[:, ::20])
-        query = query_of(filled)
+        query = query_of(train.machine, filled)
         return cls(train, front_end, query.mean(axis=(0, 1)), query.std(axis=(0, 1)), window)
 
     def at(self, sequence: np.ndarray, sample: np.ndarray) -> WindowBatch:

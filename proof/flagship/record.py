@@ -9,9 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array, Batch, Truth
+from twinbench.data.batch import Array, Batch, Truth
 from twinbench.data.corrupt import Corruption, corrupt
-from twinbench.data.scenario import MIX, Scenario, draw, stream
+from twinbench.data.fresh import HEALTH, MIX, draw
+from twinbench.data.scenario import Scenario, stream
+from twinbench.machines.compressor import COMPRESSOR, Loads
 from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.simulator import Simulator
 from twinbench.physics.steady import steady_state
@@ -44,7 +46,7 @@ HELD_OUT = Part("held", 25.0, (1200.0, 1800.0), (2.9, 4.85), (0.82, 1.0), (299.0
 PROOF = replace(HELD_OUT, name="proof")
 """What the engine holds its findings against. The filter runs on other recordings, which the engine never sees."""
 SWING_K = 3.0
-"""Swing of the suction temperature that ``Scenario`` adds."""
+"""Swing of the suction temperature that ``Loads`` adds."""
 HOLD_S = (15.0, 240.0)
 """Loads hold this long, evenly drawn in the logarithm: quick changes tell laws of flow apart, slow ones show metal."""
 
@@ -58,10 +60,10 @@ def record(simulator: Simulator, part: Part, seed: int, number: int) -> Batch:
     if not np.isfinite(y).all():
         raise FloatingPointError(f"plant {number} of seed {seed} diverged while {part.name} was recorded")
     sensors = [stream(seed, "flagship", number, s.name, "sensors") for s in scenarios]
-    measured = np.stack([corrupt(a, b, Corruption(), rng) for a, b, rng in zip(u, y, sensors, strict=True)])
-    warm = round(60.0 * WARMUP_MIN / SAMPLE_PERIOD_S)
+    measured = np.stack([corrupt(COMPRESSOR, a, b, Corruption(), rng) for a, b, rng in zip(u, y, sensors, strict=True)])
+    warm = round(60.0 * WARMUP_MIN / COMPRESSOR.sample_period_s)
     u, health, x, y, measured = (np.ascontiguousarray(a[:, warm:]) for a in (u, health, x, y, measured))
-    time_s = np.arange(u.shape[1], dtype=np.float64) * SAMPLE_PERIOD_S
+    time_s = np.arange(u.shape[1], dtype=np.float64) * COMPRESSOR.sample_period_s
     return Batch(tuple(s.name for s in scenarios), time_s, measured, Truth(x, health, y, u))
 
 
@@ -78,15 +80,14 @@ def _scenario(part: Part, i: int, seed: int, number: int) -> Scenario:
         for c in s.changes
     )
     mean = rng.uniform(part.T_suc_K[0] + SWING_K, part.T_suc_K[1] - SWING_K)
-    return replace(
-        idle,
-        name=name,
+    assert isinstance(idle.drive, Loads)
+    drive = Loads(
         N_rpm=_held(rng, idle, part.N_rpm, HOLD_S, (5.0, 20.0)),
         ratio=_held(rng, idle, part.ratio, HOLD_S, (4.0, 30.0)),
         p_suc_bar=_held(rng, idle, part.p_suc_bar, (90.0, 300.0), (0.1, 0.2)),
-        T_suc_K=(mean, *idle.T_suc_K[1:]),
-        changes=slowed,
+        T_suc_K=(mean, *idle.drive.T_suc_K[1:]),
     )
+    return replace(idle, name=name, drive=drive, changes=slowed)
 
 
 def _held(

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.layout import pack, scratch_type, stream_type
 from twinbench.methods.deeponet_kalman.stream import heads, heads_with_jacobian, push
-from twinbench.methods.operator import N_STATES, N_ZETA, WINDOW, Operator
+from twinbench.methods.operator import WINDOW, Operator, acting
 from twinbench.methods.training import weights_of
 
-TIME = torch.tensor([SAMPLE_PERIOD_S])
+N_STATES, N_ZETA = len(COMPRESSOR.estimated), len(acting(COMPRESSOR))
+TIME = torch.tensor([COMPRESSOR.sample_period_s])
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def samples():
 
 def streamed(operator: Operator, samples, ticks: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Weights, stream and scratch of a machine after so many ticks."""
-    weights = pack(weights_of(operator))
+    weights = pack(COMPRESSOR, weights_of(operator))
     stream, room = np.zeros(1, stream_type(weights)), np.zeros(1, scratch_type(weights))
     for k in range(ticks):
         push(weights[0], stream[0], room[0], *(s[k].copy() for s in samples))
