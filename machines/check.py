@@ -20,7 +20,7 @@ from twinbench.physics.simulator import Simulator
 
 POINTS = 6
 """States, inputs and parameters drawn about the nominal ones at which readings and lags are compared."""
-AGREES = 1e-6
+AGREE_WITHIN = 1e-6
 """Of a scale: how far a reading may be from ``gain * state + bias``, and a lag's rate from that of a first-order lag. A
 formula written in another order differs by 1e-12; a term that is there by mistake by far more."""
 RESERVED = "time_s"
@@ -68,10 +68,12 @@ def _kinds(machine: Machine) -> None:
 
 
 def _simulators(machine: Machine) -> None:
-    for simulator in (machine.plant, machine.reduced):
-        check_simulator(simulator)
+    check_simulator(machine.plant)
     for kind in ("states", "inputs", "outputs", "parameters"):
-        plant, reduced = ([(v.name, v.unit) for v in getattr(s, kind)] for s in (machine.plant, machine.reduced))
+        plant, reduced = (
+            [(getattr(v, "name", v), getattr(v, "unit", "")) for v in getattr(s, kind)]
+            for s in (machine.plant, machine.reduced)
+        )
         for i, (ours, theirs) in enumerate(zip(plant, reduced, strict=False)):
             if ours != theirs:
                 raise ValueError(
@@ -80,6 +82,7 @@ def _simulators(machine: Machine) -> None:
                 )
         if len(plant) != len(reduced):
             raise ValueError(f"the plant has {len(plant)} {kind}, the reduced model {len(reduced)}; give both the same")
+    check_simulator(machine.reduced)
     if not machine.inputs:
         raise ValueError("has no inputs; at least one is needed, which loads moves")
 
@@ -183,7 +186,7 @@ def _readings(machine: Machine) -> None:
         y = output(x, u, theta)
         for i, r in enumerate(machine.readings):
             expected = r.gain * x[places[r.state]] + (theta[machine.reduced.index(r.bias)] if r.bias else 0.0)
-            if not abs(y[i] - expected) <= AGREES * machine.reduced.outputs[i].scale:
+            if not abs(y[i] - expected) <= AGREE_WITHIN * machine.reduced.outputs[i].scale:
                 bias = f" + {r.bias}" if r.bias else ""
                 raise ValueError(
                     f"reading {r.output!r} should be {r.gain:g} {r.state}{bias} = {expected:.6g}, and the reduced "
@@ -244,7 +247,7 @@ def _lags(machine: Machine) -> None:
             if lag.exponent:
                 tau_s *= values[lag.faster_with] ** -theta[machine.reduced.index(lag.exponent)]
             expected = (values[lag.follows] - x[i]) / tau_s
-            if not abs(rates[i] - expected) <= AGREES * max(abs(expected), machine.reduced.states[i].scale):
+            if not abs(rates[i] - expected) <= AGREE_WITHIN * max(abs(expected), machine.reduced.states[i].scale):
                 raise ValueError(
                     f"lag {lag.state!r}: its rate in the reduced model is {rates[i]:.6g}, that of a first-order lag, "
                     f"({lag.follows} - {lag.state}) / {lag.tau_s}, is {expected:.6g}; mend rhs, or leave out the Lag"
@@ -276,7 +279,7 @@ def _mentions(machine: Machine) -> None:
     together = [name for group in machine.alike for name in group]
     for name in together:
         _known(name, machine.estimated, "alike names {}, which is no estimated state")
-    _once(together, "alike names {} twice; each state belongs to one group")
+    _once(together, "alike names {} twice; leave it in one group only")
 
 
 def _points(machine: Machine) -> Iterable[tuple[Array, Array, Array]]:

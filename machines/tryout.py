@@ -15,10 +15,10 @@ from twinbench.physics.simulator import Simulator, Variable
 
 LOADS_S = 1800.0
 """How long loads are drawn for: a recording of the benchmark's usual profiles."""
-TICKS = 6000
+TRIED_TICKS = 6000
 """Of it, how many the simulators are run over: five minutes at 20 Hz. A machine that leaves its bounds only later is
 found when it is simulated."""
-DRAWS = 6
+TRIED_DRAWS = 6
 """Draws that are tried: all leans low and fresh, all high and worn, the rest anywhere in between."""
 SLACK = 1e-9
 """Of a variable's range: how far beyond its bounds counts as round-off."""
@@ -46,7 +46,7 @@ def draws(machine: Machine) -> Iterator[Draw]:
     """
     rng = np.random.default_rng(0)
     fresh, worn = np.array([h.ends for h in machine.health]).T
-    for k in range(DRAWS):
+    for k in range(TRIED_DRAWS):
         lean, wear = rng.random(machine.leans), rng.random(len(machine.health))
         if k < 2:
             lean, wear = np.full_like(lean, k), np.full_like(wear, k)
@@ -126,7 +126,7 @@ def try_plant(machine: Machine) -> None:
     """
     kept = []
     for draw in draws(machine):
-        u = draw.u[:TICKS]
+        u = draw.u[:TRIED_TICKS]
         about_to(f"the plant in {draw.name}")
         x0 = _start(machine, u[0], draw.name)
         for simulator, who in ((machine.plant, "the plant"), (machine.reduced, "the reduced model")):

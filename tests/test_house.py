@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-ROOMS = ("common", "physics", "data", "methods", "baselines", "mismatch", "bench", "proof")
+ROOMS = ("common", "physics", "machines", "data", "methods", "baselines", "mismatch", "bench", "proof")
 FILES = {str(p.relative_to(ROOT)): p.read_text() for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))}
 TREES = {path: ast.parse(text) for path, text in FILES.items()}
 

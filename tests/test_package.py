@@ -48,7 +48,7 @@ def workplace(tmp_path: Path) -> Path:
     """A folder with files and folders of a user's, named as ours are."""
     for name in ("bench", "common", "methods", "mismatch"):
         (tmp_path / f"{name}.py").write_text(OWN)
-    for name in ("data", "physics"):
+    for name in ("data", "machines", "physics"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "__init__.py").write_text(OWN)
     return tmp_path

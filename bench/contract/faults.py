@@ -6,14 +6,14 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import at_most, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import FAULTS, FLOAT64_ROUND_OFF, JUDGED, LONG, Subject, Trace
+from twinbench.bench.contract.subject import FAULTS, FLOAT64_ROUND_OFF, JUDGED_TICKS, LONG_RUN, Subject, Trace
 from twinbench.machines.coordinates import Array
 
 
 def _error(s: Subject, trace: Trace) -> Array:
     """(B,) root mean square error of all estimates where recovery is judged, in typical changes."""
-    gap = (trace.mean - s.ground.truth.estimated[:, :LONG].swapaxes(0, 1)) / s.machine.scales
-    return np.sqrt((gap[-JUDGED:] ** 2).mean(axis=(0, 2)))
+    gap = (trace.mean - s.ground.truth.estimated[:, :LONG_RUN].swapaxes(0, 1)) / s.machine.scales
+    return np.sqrt((gap[-JUDGED_TICKS:] ** 2).mean(axis=(0, 2)))
 
 
 def _recovers(s: Subject, name: str) -> str:

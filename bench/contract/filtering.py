@@ -8,7 +8,7 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import NotOffered, at_most, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import FLOAT64_ROUND_OFF, SHORT, Subject, stacked, ticked
+from twinbench.bench.contract.subject import FLOAT64_ROUND_OFF, SHORT_RUN, Subject, stacked, ticked
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Estimator
 
@@ -20,7 +20,7 @@ def _implementations(s: Subject) -> str:
     first, *others = (_as(s, name) for name in s.kind.implementations)
     # Each tick from the same state: left to themselves, finite differences let round-off grow to 1e-8.
     said: list[list[tuple[Any, ...]]] = [[] for _ in s.kind.implementations]
-    measured = s.recordings["missing"][:, : 2 * SHORT]
+    measured = s.recordings["missing"][:, : 2 * SHORT_RUN]
     state = s.begun(first, len(measured))
     for k in range(measured.shape[1]):
         before = state

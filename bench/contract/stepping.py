@@ -12,7 +12,7 @@ from twinbench.bench.contract.subject import (
     FLOAT32,
     FLOAT32_ROUND_OFF,
     FLOAT64_ROUND_OFF,
-    SHORT,
+    SHORT_RUN,
     SUBJECT_SEED,
     Subject,
     Trace,
@@ -65,7 +65,7 @@ def _step_is_pure(s: Subject) -> str:
         if k not in tried:
             state, _ = s.fitted.step(state, s.ground.sample_at(measured, k))
             continue
-        sample, other = s.ground.sample_at(measured, k), s.ground.sample_at(measured, (k + 200) % SHORT)
+        sample, other = s.ground.sample_at(measured, k), s.ground.sample_at(measured, (k + 200) % SHORT_RUN)
         given = snapshot((state, sample))
         after = s.fitted.step(state, sample)
         kept = snapshot(after)
@@ -79,7 +79,7 @@ def _step_is_pure(s: Subject) -> str:
 
 @promise("a batch gives what single runs give")
 def _batch_equals_loop(s: Subject) -> str:
-    measured = s.recordings["missing"][:, 300 : 300 + SHORT]
+    measured = s.recordings["missing"][:, 300 : 300 + SHORT_RUN]
     together = s.record(s.fitted, measured)
     alone = [s.record(s.fitted, measured[b : b + 1]) for b in range(2)]
     single = Trace(*(np.concatenate(parts, axis=1) for parts in zip(*alone, strict=True)))
@@ -88,7 +88,7 @@ def _batch_equals_loop(s: Subject) -> str:
 
 @promise("machines do not touch each other")
 def _independent(s: Subject) -> str:
-    calm, wild = s.recordings["undisturbed"][:, :SHORT].copy(), s.recordings["absurd"]
+    calm, wild = s.recordings["undisturbed"][:, :SHORT_RUN].copy(), s.recordings["absurd"]
     mixed = calm.copy()
     mixed[0] = wild[0]
     a, b = s.record(s.fitted, calm), s.record(s.fitted, mixed)
@@ -98,7 +98,7 @@ def _independent(s: Subject) -> str:
 
 @promise("the future does not reach the past")
 def _causal(s: Subject) -> str:
-    batch = s.ground.benchmark.test.without_truth().select([0, 1], slice(0, 2 * SHORT))
+    batch = s.ground.benchmark.test.without_truth().select([0, 1], slice(0, 2 * SHORT_RUN))
     cut, period_s = 520, s.machine.sample_period_s
     ahead_s = 20 * period_s
     other = batch.measured.copy()
@@ -122,7 +122,7 @@ def _causal(s: Subject) -> str:
 
 @promise("readings may come as float32")
 def _float32(s: Subject) -> str:
-    rounded = s.recordings["undisturbed"][:, :SHORT].astype(np.float32)
+    rounded = s.recordings["undisturbed"][:, :SHORT_RUN].astype(np.float32)
     narrow = s.record(s.fitted, rounded)  # type: ignore[arg-type]
     for name in ("mean", "low", "high", "cov"):
         need(getattr(narrow, name).dtype == np.float64, f"{name} is {getattr(narrow, name).dtype}, must be float64")

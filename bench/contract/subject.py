@@ -27,11 +27,11 @@ FLOAT32 = 1e-4
 """Deviation allowed where the readings come as float32 and a method goes on in float32."""
 FLOAT64_ROUND_OFF = 1e-9
 """Relative deviation allowed of float64 linear algebra written in another way."""
-SHORT, LONG, JUDGED = 400, 1800, 200
+SHORT_RUN, LONG_RUN, JUDGED_TICKS = 400, 1800, 200
 """Ticks: of a short run, of a long one, and at the end of a long one where recovery is judged."""
 BEGIN = 400
 """The tick at which faults begin."""
-GAP_S, BLACKOUT_S, STUCK_S = 10.0, 2.0, 30.0
+GAP_S, BLACKOUT_S, STANDS_S = 10.0, 2.0, 30.0
 """How long a channel is missing, all are, and one is stuck: seconds as on any plant, and twenty ticks at least."""
 FAULTS = ("undisturbed", "missing", "late", "spiked", "stuck")
 """The recordings that any plant may deliver; the absurd one is for the bounds alone."""
@@ -95,13 +95,13 @@ class Ground:
         channels, inputs = len(self.machine.channels), len(self.machine.inputs)
         first, last = inputs, channels - 1
         moved = self.machine.channels.index((self.machine.commands or self.machine.inputs)[0])
-        clean = self.benchmark.test.measured[:, :LONG]
-        gap, blackout, stood = (max(round(s / self.machine.sample_period_s), 20) for s in (GAP_S, BLACKOUT_S, STUCK_S))
+        clean = self.benchmark.test.measured[:, :LONG_RUN]
+        gap, blackout, stood = (max(round(s / self.machine.sample_period_s), 20) for s in (GAP_S, BLACKOUT_S, STANDS_S))
         spread = np.nanstd(self.benchmark.train.measured.reshape(-1, channels), axis=0)
         missing = clean.copy()
         missing[0, BEGIN : BEGIN + gap, last] = missing[1, BEGIN : BEGIN + gap, first] = np.nan
         missing[:, BEGIN + 400 : BEGIN + 400 + blackout] = np.nan
-        late = clean[:, :SHORT].copy()
+        late = clean[:, :SHORT_RUN].copy()
         late[:, :40] = np.nan
         spiked = clean.copy()
         for i, (tick, c) in enumerate(self.spikes()):
@@ -109,9 +109,9 @@ class Ground:
         stuck = clean.copy()
         stuck[0, BEGIN : BEGIN + stood, first] = np.nanmedian(clean[0, BEGIN - 20 : BEGIN, first])
         stuck[1, BEGIN : BEGIN + stood, moved] = np.nanmedian(clean[1, BEGIN - 20 : BEGIN, moved])
-        absurd = clean[:, :SHORT].copy()
+        absurd = clean[:, :SHORT_RUN].copy()
         rng = np.random.default_rng(SUBJECT_SEED)
-        for tick in range(40, SHORT - 100, 20):  # twenty ticks each: gates let through what lasts
+        for tick in range(40, SHORT_RUN - 100, 20):  # twenty ticks each: gates let through what lasts
             absurd[:, tick : tick + 20] = rng.choice([-1.0, 0.0, 1e-3, 10.0, 1e3, 1e6], (2, 1, channels)) * spread
         return {
             "undisturbed": clean,
