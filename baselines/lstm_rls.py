@@ -144,7 +144,7 @@ class LSTMRecursiveLeastSquares(Estimator):
         self._own_var = layout.gains[range(len(layout.read)), layout.read] ** 2 * cov[layout.read, layout.read]
         self._own_ticks = np.maximum(2.0 * a["error.tau_s"][layout.read] / period_s, 1.0)
         # What the offsets do not take of the network's error stays with the states.
-        left = ~self._offset.any(axis=1)[:n]
+        left = ~np.any(self._offset, axis=1)[:n]
         self._residue = cov[:n, :n] * left[:, None] * left
 
     def init(self, batch: int) -> State:

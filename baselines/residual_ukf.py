@@ -160,7 +160,7 @@ class ResidualUKF(NominalUKF):
         layers = (part for i in (0, 2, 4) for part in (a[f"net.{i}.weight"].T, a[f"net.{i}.bias"]))
         parts = (a["input.mean"], a["input.scale"], *layers, a["rate.scale"])
         columns, _ = actuators(self.machine)
-        self._net = Residual(*(np.ascontiguousarray(part, np.float64) for part in parts), columns)
+        self._net = Residual._make([*(np.ascontiguousarray(part, np.float64) for part in parts), columns])
 
     def tick(
         self,

@@ -43,7 +43,9 @@ def sheet_of(machine: Machine) -> Sheet:
         np.arange(len(machine.inputs), len(machine.channels)),
         np.array([n.relative for n in noise]),
         np.array([machine.channels.index(g.channel) if g else -1 for g in growths]),
-        *(np.array([getattr(g, part) if g else 1.0 for g in growths]) for part in ("reference", "at", "rise")),
+        np.array([g.reference if g else 1.0 for g in growths]),
+        np.array([g.at if g else 1.0 for g in growths]),
+        np.array([g.rise if g else 1.0 for g in growths]),
         np.array([n.white for n in noise]),
         np.array([n.coloured for n in noise]),
     )

@@ -36,7 +36,7 @@ def profile(spec: str, split: Split, iterations: int) -> pd.DataFrame:
     """Columns estimator, function, calls, own_s, share; the costliest first."""
     kind = find(spec)
     settings = {"iterations": iterations} if "iterations" in kind.settings else {}
-    estimator, profiler = kind(**settings), cProfile.Profile()
+    estimator, profiler = kind(split.train.machine, **settings), cProfile.Profile()
     profiler.runcall(estimator.fit, split.train, split.validation, 0)
     found = pstats.Stats(profiler).stats  # type: ignore[attr-defined]
     rows = [(kind.name, _name(*where), calls, own) for where, (_, calls, own, _, _) in found.items()]

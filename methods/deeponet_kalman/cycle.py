@@ -80,7 +80,9 @@ def twin_record(filter_: Model, front: Fitted, query: Scaling, parts: Parts, upd
         parts: of its machine.
         update_every: ticks from correction to correction.
     """
-    settings = Settings(*(float(value) for value in filter_.settings))  # one type, whatever the numbers were given as
+    settings = Settings._make(
+        float(value) for value in filter_.settings
+    )  # one type, whatever the numbers were given as
     values = {"filter": filter_._replace(settings=settings), "front": front, "query": query}
     keep = keep_of(parts)
     kind = record(

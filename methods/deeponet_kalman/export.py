@@ -218,8 +218,9 @@ def _one_of_each(machine: Machine) -> tuple[Growth, float, float]:
             f"the exported filter has one lag and one channel with which noise grows, {machine.name} has {len(lags)}"
             f" and {len(growths)}; its operator's graph can be had by methods.deeponet_kalman.export.operator_graph"
         )
-    theta = machine.reduced.theta()
-    return growths[0], float(theta[machine.reduced.index(lags[0].tau_s)]), lags[0].power
+    theta, (lag,) = machine.plant.theta(), lags
+    power = float(theta[machine.plant.index(lag.exponent)]) if lag.exponent else 0.0
+    return growths[0], float(theta[machine.plant.index(lag.tau_s)]), power
 
 
 def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
