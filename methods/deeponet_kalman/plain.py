@@ -9,24 +9,20 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from twinbench.data.batch import CHANNEL, SAMPLE_PERIOD_S, STATE, Array
-from twinbench.methods.deeponet_kalman.augmented import SHIFTS, SLOW
+from twinbench.machines.coordinates import ZETA_SCALE, Array
 from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, moved, note_way, stepped, suppose
-from twinbench.methods.deeponet_kalman.cycle import KEEP, N_ASKED, N_CHANNELS, N_INPUTS, UNKNOWN_S
+from twinbench.methods.deeponet_kalman.cycle import UNKNOWN_S, keep_of
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-from twinbench.methods.deeponet_kalman.model import BIAS, ERROR, FLOW, GAS, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.model import Model
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
     INFLATION_UPDATES,
     KNOWN,
     LEAST_VARIANCE,
-    N_HEALTH,
-    N_OUTPUTS,
     OUTSIDE,
     REFRESH,
     UPDATES,
-    WIDEST,
     bound_health,
     carry_sensitivity,
     distance,
@@ -57,15 +53,20 @@ from twinbench.methods.estimator import (
 from twinbench.methods.frontend import HAMPEL_WINDOW, Memory, gate_one
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
 from twinbench.methods.noise import output_sd
-from twinbench.methods.operator import N_STATES, N_ZETA, SLOW_TAU_S, Operator
-from twinbench.methods.probe import probe_lag
+from twinbench.methods.operator import SLOW_TAU_S, Operator, slow_channels
 from twinbench.methods.reporting import report
 from twinbench.methods.training import load_weights
-from twinbench.methods.weighing import BACK, LOG_PRIOR, N_CAUSES, log_likelihood
-from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import ZETA_SCALE, theta_and_slope
+from twinbench.methods.weighing import log_likelihood
 
-HEALTH = slice(ZETA, NOISE)
+
+def lagged(model: Model, z: Array) -> tuple[Array, Array]:
+    """Shares (nl,) of their gaps that lags close in a tick, and the slopes (nl,) of these to what quickens them."""
+    lags = model.lags
+    with_one = lags.by >= 0
+    quick = np.where(with_one, np.maximum(z[lags.by], lags.least), 1.0)
+    rate = -lags.keep_log * quick**lags.power
+    keep = np.exp(-rate)
+    return 1.0 - keep, keep * rate * lags.power / quick
 
 
 class PlainTwin:
@@ -75,15 +76,18 @@ class PlainTwin:
         dtype: of the operator. In double precision what differs is the compiled form's round-off alone.
 
     Attributes:
-        rivals: of each cause that is weighed z (19,), P (19, 19) and safety, in the units of z.
+        rivals: of each cause that is weighed z (N,), P (N, N) and safety, in the units of z.
     """
 
     def __init__(self, twin: DeepONetKalman, dtype: torch.dtype = torch.float64) -> None:
-        self.dtype = dtype
+        self.dtype, self.machine, self.parts = dtype, twin.machine, twin.parts
+        parts = twin.parts
+        self.states, self.health = slice(parts.states), slice(parts.zeta, parts.noise)
+        self.noise, self.error = slice(parts.noise, parts.error), slice(parts.error, parts.size)
         self.model, self.front_end, self.scaling = twin.model, twin.front_end, twin.scaling
         self.update_every: int = twin.config["update_every"]
         self.window: int = twin.config["window"]
-        self.operator = Operator(window=self.window)
+        self.operator = Operator(self.machine, window=self.window)
         load_weights(self.operator, twin.arrays)
         self.operator.to(dtype).requires_grad_(False)
         fresh = twin.init(1).memory[0]
@@ -91,70 +95,72 @@ class PlainTwin:
         self.memory = Memory(*(part[0] for part in self.front_end.init(1)))
         self.safety = fresh["safety"][0].copy()
         self.rivals: list[tuple[Array, Array, np.void]] = []
-        self.score, self.left = LOG_PRIOR.copy(), 0
+        self.score, self.left = self.model.causes.log_prior.copy(), 0
         self.ticks = 0
-        self.mask = np.zeros(N_CHANNELS)  # of the last sample, which the window takes in when the next one is there
+        self.mask = np.zeros(parts.channels)  # of the last sample, which the window takes in when the next one is there
 
     def update(self, sample: Sample) -> tuple[State, Info]:
-        """One tick of readings (1, 7)."""
+        """One tick of readings (1, C)."""
         memory, safety, fitted = self.memory, self.safety, self.front_end.fitted
-        lag_s = np.zeros(N_CHANNELS) if sample.lag_s is None else sample.lag_s[0]
-        accepted, spike, confirmed = (np.zeros(N_CHANNELS, np.bool_) for _ in range(3))
-        before = np.empty(N_CHANNELS)
+        channels, nu = self.parts.channels, self.parts.inputs
+        lag_s = np.zeros(channels) if sample.lag_s is None else sample.lag_s[0]
+        accepted, spike, confirmed = (np.zeros(channels, np.bool_) for _ in range(3))
+        before = np.empty(channels)
         gate_one(memory, fitted, sample.measured[0], accepted, spike, confirmed, before, np.empty(HAMPEL_WINDOW))
         if self.ticks > 0:
             self.take_in(before, np.maximum(self.mask, confirmed))
         due = self.ticks % self.update_every == 0
-        outputs = np.where(accepted[N_INPUTS:] & due, memory.filled[N_INPUTS:], np.nan)
+        outputs = np.where(accepted[nu:] & due, memory.filled[nu:], np.nan)
         safety["unknown"] = max(safety["unknown"] - 1, 0)
-        if (memory.age_s[:N_ASKED] > UNKNOWN_S).any():
+        if (memory.age_s[self.scaling.asked] > UNKNOWN_S).any():
             safety["unknown"] = self.window
-        info = self._tick(outputs, lag_s[N_INPUTS:] / SAMPLE_PERIOD_S)
+        info = self._tick(outputs, lag_s[nu:] / self.machine.sample_period_s)
         flags = info.flags | FLAG_SPIKE * spike.any() | FLAG_MISSING * (~accepted & ~spike).any()
         self.mask = accepted.astype(float)
         self.ticks += 1
-        state = report(self.z[None], self.P[None], KEEP, ())
+        state = report(self.machine.coordinates, self.z[None], self.P[None], keep_of(self.parts), ())
         return state, info._replace(flags=flags, age_s=(memory.age_s + lag_s)[None])
 
     def _query(self, readings: Array) -> Array:
-        return (query_of(readings) - self.scaling.mean) / self.scaling.scale
+        return (query_of(self.machine, readings) - self.scaling.mean) / self.scaling.scale
 
     def take_in(self, readings: Array, mask: Array) -> None:
-        """Readings (7,) enter the window, and the whole window goes through the operator.
+        """Readings (C,) enter the window, and the whole window goes through the operator.
 
         Args:
-            readings: (7,) in the channels' units, order CHANNELS, gaps filled.
-            mask: (7,) dimensionless, 1 where accepted.
+            readings: (C,) in the channels' units, inputs first, gaps filled.
+            mask: (C,) dimensionless, 1 where accepted.
         """
         fitted = self.front_end.fitted
         value = np.clip((readings - fitted.mean) / fitted.scale, -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
-        temperature, keep = value[CHANNEL.T_dis_K], np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
+        period_s, slow = self.machine.sample_period_s, value[slow_channels(self.machine)]
+        keep = np.tile(np.exp(-period_s / np.array(SLOW_TAU_S)), len(slow) // len(SLOW_TAU_S))
         if self.ticks == 1:  # the window was always filled with the first sample
             self.values, self.masks = np.tile(value, (self.window + 1, 1)), np.tile(mask, (self.window, 1))
-            self.slow = np.full(len(SLOW_TAU_S), temperature)
+            self.slow = slow
         else:
             self.values, self.masks = np.vstack([self.values[1:], value]), np.vstack([self.masks[1:], mask])
-            self.slow = keep * self.slow + (1 - keep) * temperature
+            self.slow = keep * self.slow + (1 - keep) * slow
         query = np.clip(self._query(readings), -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
-        window = (self.values, self.masks, temperature - self.slow, query, np.float64(SAMPLE_PERIOD_S))
+        window = (self.values, self.masks, slow - self.slow, query, np.float64(period_s))
         self.latent = self.operator.latent(*(torch.as_tensor(part, dtype=self.dtype)[None] for part in window))
 
     def increments(self) -> tuple[Array, Array]:
-        """Scaled increments (5,) and their Jacobian (5, 9) to the heads' condition."""
-        m = self.model
-        states = (self.z[:N_STATES] - m.state_mean) / m.state_scale
-        one = np.concatenate([states, self.z[ZETA : ZETA + N_ZETA] / ZETA_SCALE])
-        condition = torch.tensor(np.tile(one, (N_STATES, 1)), dtype=self.dtype, requires_grad=True)
-        out = self.operator.heads(self.latent.expand(N_STATES, -1), condition)
+        """Scaled increments (n,) and their Jacobian (n, n + na) to the heads' condition."""
+        m, n = self.model, self.parts.states
+        states = (self.z[self.states] - m.state_mean) / m.state_scale
+        one = np.concatenate([states, self.z[self.parts.zeta + m.acting] / ZETA_SCALE])
+        condition = torch.tensor(np.tile(one, (n, 1)), dtype=self.dtype, requires_grad=True)
+        out = self.operator.heads(self.latent.expand(n, -1), condition)
         (jacobian,) = torch.autograd.grad(out.diagonal().sum(), condition)  # row i is the gradient of output i
         return out[0].detach().numpy().astype(float), jacobian.numpy().astype(float)
 
     def _tick(self, outputs: Array, lag: Array) -> Info:
         """Forecast and correct, a piece of the tick at a time where readings are late."""
-        safety, m = self.safety, self.model
+        m, ny = self.model, self.parts.outputs
         away = distance(m.envelope, self._query(self.memory.filled))
-        innovation, accepted = np.full(N_OUTPUTS, np.nan), np.zeros(N_OUTPUTS, np.bool_)
-        S, nis, at = np.zeros((N_OUTPUTS, N_OUTPUTS)), np.nan, 0.0
+        innovation, accepted = np.full(ny, np.nan), np.zeros(ny, np.bool_)
+        S, nis, at = np.zeros((ny, ny)), np.nan, 0.0
         when = np.where(lag > LATE, 1.0 - lag, 1.0)
         outputs = np.where(when >= 0.0, outputs, np.nan)  # older than the last tick
         for to in sorted({*when[~np.isnan(outputs)], 1.0}):
@@ -169,12 +175,12 @@ class PlainTwin:
         self.left = max(self.left - 1, 0)
         safety = self.safety
         gated = (safety["steps"]["out"] > 0) | (~accepted & ~np.isnan(innovation))
-        uninformed = (np.diag(self.P)[HEALTH] > (KNOWN * m.prior_sd) ** 2).any()
+        uninformed = (np.diag(self.P)[self.health] > (KNOWN * m.prior_sd) ** 2).any()
         flags = FLAG_FROZEN * (safety["counts"][FROZEN] > 0) | FLAG_UNINFORMED * uninformed | FLAG_GATED * gated.any()
-        return Info(innovation[None], S[None], np.array([nis]), accepted[None], np.array([flags]), np.empty((1, 7)))
+        return Info(innovation[None], S[None], np.array([nis]), accepted[None], np.array([flags]), lag[None])
 
     def _piece(self, now: Array, away: float, part: float) -> tuple[Array, Array, Array, float]:
-        """A part of the tick and the readings (3,) at its end, alone or as one rival for each cause."""
+        """A part of the tick and the readings (ny,) at its end, alone or as one rival for each cause."""
         if self.left == 0:
             if part > 0.0:
                 self._predict(away, part)
@@ -197,7 +203,7 @@ class PlainTwin:
             seen = self._foresee(now)
             if unknown == 0:
                 out = self.safety["steps"]["out"]
-                self.score[k] += log_likelihood(seen[0], seen[-1], out, np.empty((3, 3)), np.empty(3))
+                self.score[k] += log_likelihood(seen[0], seen[-1], out, np.empty_like(seen[-1]), np.empty_like(now))
             told.append(self._correct(now, seen, False))
             self.rivals[k] = self.z, self.P, self.safety
         self.safety = self.rivals[int(np.argmax(self.score))][2].copy()
@@ -212,69 +218,88 @@ class PlainTwin:
 
     def _begin(self, which: int, innovation: float, slope: Array) -> None:
         """A copy of the filter for every cause why output ``which`` stepped."""
-        settings = self.model.settings
-        self.left = max(round(settings.weighed_s / SAMPLE_PERIOD_S), 1)
-        self.score, self.rivals = LOG_PRIOR.copy(), []
-        for k in range(N_CAUSES):
+        m, settings, at = self.model, self.model.settings, self.parts.zeta
+        self.left = max(round(settings.weighed_s / self.machine.sample_period_s), 1)
+        self.score, self.rivals = m.causes.log_prior.copy(), []
+        for k in range(m.causes.count):
             z, P, safety = self.z.copy(), self.P.copy(), self.safety.copy()
-            if k == BACK and not moved(safety["steps"]["way"], safety["counts"][UPDATES], z, P, ZETA):
+            updates, way = safety["counts"][UPDATES], safety["steps"]["way"]
+            if k == m.causes.back and not moved(m.waits, way, updates, z, P, at):
                 self.score[k] = -np.inf
             safety["counts"][[OUTSIDE, FROZEN, INFLATING]] = 0
-            suppose(k, safety["steps"], safety["counts"][UPDATES], z, P, ZETA, settings.leap)
-            if k == BACK:
-                P[SHIFTS[which], SHIFTS[which]] += (innovation / slope[SHIFTS[which]]) ** 2
-                z[[GAS, PROBE]] += theta_and_slope(self.z[HEALTH])[0][-1] - theta_and_slope(z[HEALTH])[0][-1]
+            suppose(m.causes, m.waits, k, safety["steps"], updates, z, P, at, settings.leap)
+            if k == m.causes.back:
+                entry = m.readings.shifts[which]
+                P[entry, entry] += (innovation / slope[entry]) ** 2
+                self._explain_without(z)
             self.rivals.append((z, P, safety))
+
+    def _explain_without(self, z: Array) -> None:
+        """What the biases of z (N,) do not explain any more is the states' behind the biased readings, in place."""
+        m = self.model
+        more = m.health.to_theta(self.z[self.health]) - m.health.to_theta(z[self.health])
+        for gain, source, bias, _ in zip(*m.readings, strict=True):
+            if bias >= 0:
+                behind = [source] if source < self.parts.states else [source, m.lags.of[source - self.parts.states]]
+                z[behind] += more[bias] / gain
 
     def _predict(self, away: float, part: float) -> None:
         """Eqs. (6) and (7) over a part of the tick."""
-        m, safety, z = self.model, self.safety, self.z
+        m, safety, z, n = self.model, self.safety, self.z, self.parts.states
+        states, noise, error, lag = self.states, self.noise, self.error, slice(n, self.parts.zeta)
         scaled, jacobian = self.increments()
-        share, slope = probe_lag(z[FLOW])
-        D = np.zeros((SIZE, SIZE))  # of what z moves by
-        D[:N_STATES, :N_STATES] = m.increment[:, None] * jacobian[:, :N_STATES] / m.state_scale
-        D[:N_STATES, ZETA : ZETA + N_ZETA] = (
-            trust(m.settings, away) * m.increment[:, None] * jacobian[:, N_STATES:] / ZETA_SCALE
+        share, slope = lagged(m, z)
+        gap, rows = z[m.lags.of] - z[lag], np.arange(n, self.parts.zeta)
+        D = np.zeros_like(self.P)  # of what z moves by
+        D[states, states] = m.increment[:, None] * jacobian[:, :n] / m.state_scale
+        D[states, self.parts.zeta + m.acting] = (
+            trust(m.settings, away) * m.increment[:, None] * jacobian[:, n:] / ZETA_SCALE
         )
-        D[:N_STATES, ERROR:] = np.eye(N_STATES)
-        D[PROBE, [GAS, FLOW, PROBE]] = share, slope * (z[GAS] - z[PROBE]), -share
-        D[NOISE:ERROR, NOISE:ERROR] = np.diag(m.noise_keep - 1.0)
-        D[ERROR:, ERROR:] = (m.error_keep - 1.0) * np.eye(N_STATES)
-        F = np.eye(SIZE) + part * D
+        D[states, error] = np.eye(n)
+        D[rows, m.lags.of] = share
+        D[rows, rows] = -share
+        D[rows, m.lags.by] += slope * gap
+        D[noise, noise] = np.diag(m.noise_keep - 1.0)
+        D[error, error] = (m.error_keep - 1.0) * np.eye(n)
+        F = np.eye(len(z)) + part * D
         Q = m.Q.copy()
-        walk = [walk_factor(m.settings, push) for push in safety["push"]]
-        Q[HEALTH, HEALTH] = np.diag(np.diag(m.Q)[HEALTH] * walk)
-        Q[ERROR:, ERROR:] *= 1.0 + m.settings.extrapolation * away**2
+        walk = [walk_factor(m.settings, m.memories.push, push) for push in safety["push"]]
+        Q[self.health, self.health] = np.diag(np.diag(m.Q)[self.health] * walk)
+        Q[error, error] *= 1.0 + m.settings.extrapolation * away**2
         self.P = F @ self.P @ F.T + part * Q
         if safety["unknown"] > 0:
-            self.P[:N_STATES, :N_STATES] += part * np.diag((WANDERING * m.increment) ** 2)
-        moved = np.zeros(SIZE)
-        moved[:N_STATES] = scaled * m.increment + z[ERROR:]
-        moved[PROBE] = share * (z[GAS] - z[PROBE])
-        moved[NOISE:ERROR] = (m.noise_keep - 1.0) * z[NOISE:ERROR]
-        moved[ERROR:] = (m.error_keep - 1.0) * z[ERROR:]
-        self.z = z + part * moved
+            self.P[states, states] += part * np.diag((WANDERING * m.increment) ** 2)
+        moves = np.zeros_like(z)
+        moves[states] = scaled * m.increment + z[error]
+        moves[lag] = share * gap
+        moves[noise] = (m.noise_keep - 1.0) * z[noise]
+        moves[error] = (m.error_keep - 1.0) * z[error]
+        self.z = z + part * moves
         if m.settings.least_information > 0.0:
-            carry_sensitivity(safety["sensitivity"], F, ZETA, np.empty_like(safety["sensitivity"]))
+            sensitivity = safety["sensitivity"]
+            carry_sensitivity(sensitivity, F, self.parts.zeta, np.empty_like(sensitivity))
 
     def _observe(self, measured: Array) -> tuple[Array, Array, Array]:
-        """Innovation (3,), H (3, 19) and R (3, 3), which Eq. (13) widens."""
-        m, safety, z = self.model, self.safety, self.z
-        white, coloured = (part[0] for part in output_sd(self.memory.filled[None]))
-        bias_K, slope = (part[-1] for part in theta_and_slope(z[HEALTH]))
-        H = np.zeros((N_OUTPUTS, SIZE))
-        H[0, STATE.p_exh_bar] = H[1, PROBE] = 1.0
-        H[1, BIAS], H[2, FLOW] = slope, M_REF_KG_S
-        H[:, NOISE:ERROR] = np.diag(coloured)
+        """Innovation (ny,), H (ny, N) and R (ny, ny), which Eq. (13) widens."""
+        m, safety, z, ny = self.model, self.safety, self.z, self.parts.outputs
+        white, coloured = (part[0] for part in output_sd(m.sheet, self.memory.filled[None]))
+        theta, slope = m.health.theta_and_slope(z[self.health])
+        H = np.zeros((ny, len(z)))
+        H[range(ny), m.readings.source] = m.readings.gain
+        expected = H @ z + coloured * z[self.noise]
+        for i, bias in enumerate(m.readings.bias):
+            if bias >= 0:
+                expected[i] += theta[bias]
+                H[i, self.parts.zeta + bias] = slope[bias]
+        H[:, self.noise] = np.diag(coloured)
         R = np.maximum(white**2, LEAST_VARIANCE)
-        updates = safety["counts"][UPDATES]
-        R *= [noise_factor(m.settings, safety["mismatch"], R[c], updates, c) for c in range(N_OUTPUTS)]
-        expected = np.array([z[STATE.p_exh_bar], z[PROBE] + bias_K, M_REF_KG_S * z[FLOW]]) + coloured * z[NOISE:ERROR]
+        keep, updates = m.memories.mismatch, safety["counts"][UPDATES]
+        R *= [noise_factor(m.settings, keep, safety["mismatch"], R[c], updates, c) for c in range(ny)]
         return measured - expected, H, np.diag(R)
 
     def _gain(self, innovation: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
-        """K (19, 3) with zeros for what is missing, S (3, 3), NIS."""
-        S, K = H @ self.P @ H.T + R, np.zeros((SIZE, N_OUTPUTS))
+        """K (N, ny) with zeros for what is missing, S (ny, ny), NIS."""
+        S, K = H @ self.P @ H.T + R, np.zeros(H.T.shape)
         there = np.flatnonzero(~np.isnan(innovation))
         if not len(there):
             return K, S, np.nan
@@ -283,31 +308,32 @@ class PlainTwin:
         return K, S, float(innovation[there] @ np.linalg.solve(own, innovation[there]))
 
     def _foresee(self, measured: Array) -> tuple[Array, Array, Array, Array]:
-        """Innovation (3,), H (3, 19), R (3, 3) and S (3, 3) of readings (3,), before anything is judged."""
+        """Innovation (ny,), H (ny, N), R and S (ny, ny) of readings (ny,), before anything is judged."""
         counts, settings = self.safety["counts"], self.model.settings
         if counts[INFLATING] > 0:
             if counts[INFLATING] == INFLATION_UPDATES:
-                free_to_return(self.safety["steps"]["way"], self.z, self.P, ZETA)
+                free_to_return(self.safety["steps"]["way"], self.z, self.P, self.parts.zeta)
             counts[INFLATING] -= 1
-            scale_health(self.P, ZETA, np.full(N_HEALTH, settings.inflation ** (1.0 / INFLATION_UPDATES)))
+            factor = settings.inflation ** (1.0 / INFLATION_UPDATES)
+            scale_health(self.P, self.parts.zeta, np.full(self.parts.health, factor))
         innovation, H, R = self._observe(measured)
         return innovation, H, R, H @ self.P @ H.T + R
 
     def _correct(
         self, measured: Array, seen: tuple[Array, Array, Array, Array], alone: bool
     ) -> tuple[Array, Array, Array, float]:
-        """Eqs. (9)-(14) with readings (3,) and what ``_foresee`` says of them: innovation, that used, S, NIS."""
+        """Eqs. (9)-(14) with readings (ny,) and what ``_foresee`` says of them: innovation, that used, S, NIS."""
         m, safety, counts = self.model, self.safety, self.safety["counts"]
         settings = m.settings
         innovation, H, R, S = seen
-        let_in(safety["steps"], innovation, S, H, np.array(SHIFTS), self.P)
+        let_in(m.waits, safety["steps"], innovation, S, H, m.readings.shifts, self.P)
         measured = np.where(safety["steps"]["out"] > 0, np.nan, measured)
         innovation = np.where(safety["steps"]["out"] > 0, np.nan, innovation)
         K, S, nis = self._gain(innovation, H, R)
         present = int((~np.isnan(innovation)).sum())
-        if alone and settings.rollback and safety["unknown"] == 0 and watch(counts, nis, present):
-            self.z[HEALTH] = safety["valid"][0]
-            scale_health(self.P, ZETA, safety["valid"][1] / np.sqrt(np.diag(self.P)[HEALTH]))
+        if alone and settings.rollback and safety["unknown"] == 0 and watch(m.gate, counts, nis, present):
+            self.z[self.health] = safety["valid"][0]
+            scale_health(self.P, self.parts.zeta, safety["valid"][1] / np.sqrt(np.diag(self.P)[self.health]))
             innovation, H, R = self._observe(measured)
             K, S, nis = self._gain(innovation, H, R)
         used = innovation.copy()
@@ -317,16 +343,16 @@ class PlainTwin:
         limit = INNOVATION_CLIP_SD * np.sqrt(np.diag(S))
         bounded = np.clip(used, -limit, limit)
         if counts[FROZEN] == 0 and counts[INFLATING] == 0:
-            note_mismatch(safety["mismatch"], bounded, S - R)
+            note_mismatch(m.memories.mismatch, safety["mismatch"], bounded, S - R)
         bounded = np.nan_to_num(bounded)
         self._hold_back(K, S, bounded)
         self.z = self.z + K @ bounded
-        rest = np.eye(SIZE) - K @ H
+        rest = np.eye(len(self.z)) - K @ H
         self.P = rest @ self.P @ rest.T + K @ R @ K.T
         self.P = 0.5 * (self.P + self.P.T)
-        bound_health(self.P, ZETA, WIDEST, np.empty(SIZE))
-        self.z[FLOW] = max(self.z[FLOW], 0.05)
-        self.z[HEALTH] = np.clip(self.z[HEALTH], m.zeta_low, m.zeta_high)
+        bound_health(self.P, self.parts.zeta, m.widest, np.empty(len(self.z)))
+        self.z[self.states] = np.maximum(self.z[self.states], m.state_low)
+        self.z[self.health] = np.clip(self.z[self.health], m.zeta_low, m.zeta_high)
         self._remember(H, used)
         return innovation, used, S, nis
 
@@ -334,28 +360,30 @@ class PlainTwin:
         """Of K, in place, the rows of what is not to be corrected or only along some directions."""
         safety = self.safety
         if safety["unknown"] > 0:
-            K[list(SLOW)] = 0.0
+            K[self.model.slow] = 0.0
         elif safety["counts"][FROZEN] > 0:
-            K[HEALTH] = 0.0
+            K[self.health] = 0.0
         else:
-            rows = K[HEALTH].copy()
-            note_push(safety["push"], rows @ bounded, np.diag(rows @ S @ rows.T).copy())
+            rows = K[self.health].copy()
+            note_push(self.model.memories.push, safety["push"], rows @ bounded, np.diag(rows @ S @ rows.T).copy())
             if self.model.settings.least_information > 0.0:
-                K[HEALTH] = safety["observable"] @ rows
+                K[self.health] = safety["observable"] @ rows
 
     def _remember(self, H: Array, used: Array) -> None:
         """What the update told about health, and whether its posterior is one to return to."""
         safety, counts, settings = self.safety, self.safety["counts"], self.model.settings
         if settings.least_information > 0.0:
-            white, coloured = (part[0] for part in output_sd(self.memory.filled[None]))
+            white, coloured = (part[0] for part in output_sd(self.model.sheet, self.memory.filled[None]))
             keep = self.model.noise_keep
             accuracy = white**2 + coloured**2 * (1.0 + keep) / (1.0 - keep)
-            gather(safety["information"], safety["sensitivity"], H, ZETA, accuracy, used, np.empty(N_HEALTH))
+            nh, observed = self.parts.health, self.model.memories.observed
+            information, sensitivity = safety["information"], safety["sensitivity"]
+            gather(observed, information, sensitivity, H, self.parts.zeta, accuracy, used, np.empty(nh))
             if counts[UPDATES] % REFRESH == 0:
-                room = np.empty((N_HEALTH, 2 * N_HEALTH), complex)
-                informed(safety["information"], settings.least_information, safety["observable"], room)
-        note_way(safety["steps"]["way"], counts[UPDATES], self.z[HEALTH])
+                room = np.empty((nh, 2 * nh), complex)
+                informed(information, settings.least_information, safety["observable"], room)
+        note_way(self.model.waits, safety["steps"]["way"], counts[UPDATES], self.z[self.health])
         counts[UPDATES] += 1
         if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
-            safety["valid"][0] = self.z[HEALTH]
-            safety["valid"][1] = np.sqrt(np.diag(self.P)[HEALTH])
+            safety["valid"][0] = self.z[self.health]
+            safety["valid"][1] = np.sqrt(np.diag(self.P)[self.health])
