@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter, unscented_transform
 
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 
 
 class _EKF(ExtendedKalmanFilter):
@@ -26,7 +26,7 @@ class _EKF(ExtendedKalmanFilter):
 
 @functools.cache
 def _ekf(size: int) -> _EKF:
-    return _EKF(size, 3)
+    return _EKF(size, 1)  # it takes as many readings as there are
 
 
 def ekf_predict(P: Array, ahead: Array, F: Array, Q: Array) -> tuple[Array, Array]:
@@ -73,7 +73,7 @@ def ekf_update(
 @functools.cache
 def _ukf(size: int, alpha: float) -> UnscentedKalmanFilter:
     points = MerweScaledSigmaPoints(size, alpha, beta=2.0, kappa=0.0)
-    return UnscentedKalmanFilter(size, 3, dt=1.0, hx=None, fx=None, points=points)
+    return UnscentedKalmanFilter(size, 1, dt=1.0, hx=None, fx=None, points=points)
 
 
 def ukf_predict(z: Array, P: Array, Q: Array, alpha: float, move: Callable[[Array], Array]) -> tuple[Array, Array]:

@@ -43,6 +43,7 @@ FARTHEST_SD = 10.0
 """Of the noise states, the drift and the slow errors: absurd readings move them no farther. Ten times as much lets the
 inputs without drift, and the states, become what the equations have no answer to."""
 
+
 @njit(cache=True, error_model="numpy")
 def _tick(rhs, output, model, z, P, started, u_before, u, u_sd, measured, white, coloured, info):  # type: ignore[no-untyped-def]
     innovation, S, nis = info

@@ -30,9 +30,9 @@ class NominalEKF(ModelEKF):
         **ModelEKF.settings,
         "substeps": 1,
         "calibration_minutes": 8.0,
-        "health_walk": 1.0,
-        "state_walk": 25.0,
-        "slow_error": 3.0,
+        "health_walk": 0.6321,
+        "state_walk": 10.22,
+        "slow_error": 3.389,
     }
 
     search_space: ClassVar[dict[str, Sequence[float]]] = {**ModelEKF.search_space, "slow_error": (0.3, 10.0)}
@@ -75,7 +75,8 @@ def recalibrate(simulator: Simulator, train: Batch, minutes: float) -> Array:
     samples = min(round(60.0 * minutes / machine.sample_period_s), train.measured.shape[1])
     filled, accepted, _ = FrontEnd.fit(train).run(train.measured[:, :samples])
     inputs, outputs = np.split(filled, [len(machine.inputs)], axis=-1)
-    known, varying = accepted[..., len(machine.inputs) :], Varying(machine.health_names, train.truth.health[:, :samples])
+    known = accepted[..., len(machine.inputs) :]
+    varying = Varying(machine.health_names, train.truth.health[:, :samples])
     start = train.truth.states[:, 0, : len(simulator.states)]
     sd = np.array([v.scale for v in simulator.outputs])
     every = slice(2 * second, None, second)

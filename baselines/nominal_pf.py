@@ -22,6 +22,7 @@ PARTICLES = 96
 """As many as an update of a third of a millisecond allows. Fewer follow four parameters worse; twice as many cost twice
 the time."""
 
+
 @njit(cache=True, error_model="numpy")
 def _tick(rhs, output, model, z, P, started, w, told, info):  # type: ignore[no-untyped-def]
     before, now, u_sd, measured, white, coloured = told

@@ -21,7 +21,12 @@ class Oracle(JumpAwareEKF):
     name = "oracle"
     says = "jump-aware extended Kalman filter with the exact plant and the data sheet's noise (the reference)"
 
-    settings: ClassVar[dict[str, Any]] = {**JumpAwareEKF.settings, "health_walk": 1.351, "state_walk": 0.2363}
+    settings: ClassVar[dict[str, Any]] = {
+        **JumpAwareEKF.settings,
+        "health_walk": 0.925,
+        "state_walk": 2.666,
+        "leap": 1.05,
+    }
 
     def simulator(self) -> Simulator:
         """The plant itself."""

@@ -45,7 +45,7 @@ class Pass(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _began(sums, since, k):  # type: ignore[no-untyped-def]
-    """Note in ``since`` (2, 2, ny) when each sum was last zero. Returns when the one began that is nearest its limit."""
+    """Note in ``since`` (2, 2, ny) when each sum was last zero. Returns when the one nearest its limit began."""
     first, most = k, 0.0
     for i in range(N_SUMS):
         for side in range(2):
@@ -163,7 +163,8 @@ class OracleSmoother(Oracle):
         inputs, outputs = slice(0, len(self.machine.inputs)), slice(len(self.machine.inputs), None)
         before = np.concatenate([later[:1], later[:-1]])
         measured = np.where(accepted, filled, np.nan)[:, outputs]
-        parts = before[:, inputs], filled[:, inputs], input_sd(self.machine, filled), measured, *output_sd(self._sheet, filled)
+        sds = input_sd(self.machine, filled), *output_sd(self._sheet, filled)
+        parts = before[:, inputs], filled[:, inputs], sds[0], measured, *sds[1:]
         read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
         samples, n = len(filled), self._size
         cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, measured.shape[1]), np.int64)

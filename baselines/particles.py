@@ -55,7 +55,7 @@ def mixture(particles, weights, P):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def follow(cov, sampled):  # type: ignore[no-untyped-def]
-    """How far all states go (n, d) where the sampled ones, at positions (d,), go by one, and the factor (d, d) of these."""
+    """How far all states go (n, d) where the sampled ones, at positions (d,), go by one; the factor (d, d) of these."""
     L = cov[sampled][:, sampled].copy()
     for i in range(len(L)):
         L[i, i] *= 1.0 + TINY

@@ -31,11 +31,11 @@ def error_keep(machine: Machine) -> float:
 
 
 Beyond = Callable[[Array, Array, Array], Array]
-"""Of states (M, nx), inputs (M, nu) and health (M, nh) in their units: what is added to a tick's estimated states (M, n)."""
+"""Of states (M, nx), inputs (M, nu), health (M, nh) in their units: what is added to a tick's first n states (M, n)."""
 
 
 def slow_error_sd(simulator: Simulator, batch: Batch, substeps: int = 1, beyond: Beyond | None = None) -> Array:
-    """Root mean square (n,) of the one-minute means of a model's error in a tick, of the estimated states in their units.
+    """Root mean square (n,) of the one-minute means of a model's error in a tick, in the estimated states' units.
 
     Args:
         simulator: the model; its states are the plant's.

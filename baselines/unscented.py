@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.kalman import cholesky_solve
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
@@ -16,11 +17,14 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.profile import Profile
 from twinbench.bench.registry import find, one_line
 from twinbench.bench.roster import is_ablation
+from twinbench.common.filespec import split_spec
 from twinbench.common.store import CannotWrite, Store, key_of, reading, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import code_version
-from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, OUTPUTS, Batch, Truth
+from twinbench.data.batch import Batch, Truth
 from twinbench.data.benchmark import PARTS, Split, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.load import BUILTIN, machine_at
 from twinbench.methods.estimator import Estimator
 
 
@@ -33,6 +37,7 @@ class Cell:
 
     Attributes:
         spec: its name, or the path of the file it comes from.
+        machine: the machine's name, or the path of the file it comes from.
         data, fit, estimates: keys of the simulated sequences, the trained estimator, its estimates. Where
             only the settings that work online differ, as in many ablations, training is shared; where
             nothing is drawn at random, all seeds share both.
@@ -40,6 +45,7 @@ class Cell:
     """
 
     spec: str
+    machine: str
     estimator: str
     seed: int
     data: str
@@ -74,7 +80,7 @@ def make_cell(spec: str, seed: int, profile: Profile) -> Cell:
     evaluation = asdict(profile.evaluation)
     code = code_version("twinbench.bench.calibrate")
     estimates = key_of(fit=fit, online=_online(kind, own), evaluation=evaluation, code=code)
-    return Cell(spec, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
+    return Cell(spec, profile.machine, kind.name, seed, data, fit, estimates, tuple(sorted(own.items())))
 
 
 def of_first_seed(done: Iterable[Cell], profile: Profile) -> list[Cell]:
@@ -85,13 +91,27 @@ def of_first_seed(done: Iterable[Cell], profile: Profile) -> list[Cell]:
 def data_key(profile: Profile) -> str:
     """What the simulated sequences depend on."""
     code = code_version("twinbench.data.benchmark")
-    return key_of(design=asdict(profile.data), corruption=asdict(profile.corruption), code=code)
+    made = {"design": asdict(profile.data), "corruption": asdict(profile.corruption), "code": code}
+    return key_of(**made, machine=fingerprint_of(profile.machine))
+
+
+@functools.cache
+def fingerprint_of(machine: str) -> str:
+    """What a machine is: of one in a file, that file's contents; of a built-in one its module's code.
+
+    Args:
+        machine: its name, or the path of the file it comes from.
+    """
+    if machine in BUILTIN:
+        return code_version(BUILTIN[machine].partition(":")[0])
+    file, _ = split_spec(machine)
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else machine
 
 
 def ensure_data(store: Store, profile: Profile, key: str) -> None:
     """Simulate the benchmark's sequences unless they are there."""
     if not store.has("data", key):
-        split = simulate_benchmark(profile.data, profile.corruption)
+        split = simulate_benchmark(profile.data, profile.corruption, machine_at(profile.machine))
         store.put("data", key, lambda path: save_split(split, path))
 
 
@@ -99,8 +119,8 @@ def fit(store: Store, profile: Profile, cell: Cell) -> Outcome:
     """Train an estimator unless it is there."""
 
     def train() -> Estimator:
-        split = load_split(store, cell.data)
-        estimator = find(cell.spec)(**dict(cell.settings))
+        split = load_split(store, cell)
+        estimator = find(cell.spec)(machine_at(cell.machine), **dict(cell.settings))
         estimator.fit(split.train, split.validation, cell.seed)
         return estimator
 
@@ -111,7 +131,7 @@ def estimate(store: Store, profile: Profile, cell: Cell) -> Outcome:
     """Run a trained estimator over the test and the calibration split unless that is done."""
 
     def run() -> Estimates:
-        split = load_split(store, cell.data)
+        split = load_split(store, cell)
         test = split.test.without_truth()
         return calibrate.run(load_fit(store, cell), test, split.calibration, profile.evaluation, cell.seed)
 
@@ -122,7 +142,7 @@ def load_fit(store: Store, cell: Cell) -> Estimator:
     """A trained estimator from the store."""
     path = store.path("fit", cell.fit)
     with reading(path):
-        return find(cell.spec).load(path, **online(cell))
+        return find(cell.spec).load(path, machine_at(cell.machine), **online(cell))
 
 
 def online(cell: Cell) -> dict[str, Any]:
@@ -195,36 +215,48 @@ def save_batches(batches: Mapping[str, Batch], path: Path) -> None:
         np.savez(file, allow_pickle=False, **arrays)
 
 
-def load_split(store: Store, key: str) -> Split:
-    """The simulated sequences from the store."""
+def load_split(store: Store, cell: Cell) -> Split:
+    """A cell's simulated sequences from the store."""
+    return split_at(store, cell.data, cell.machine)
+
+
+def split_at(store: Store, key: str, machine: str) -> Split:
+    """Simulated sequences from the store.
+
+    Args:
+        key: theirs.
+        machine: its name, or the path of the file it comes from.
+    """
     path = store.path("data", key)
     with reading(path):
-        return Split(**load_batches(path))
+        return Split(**load_batches(path, machine))
 
 
 @functools.lru_cache(maxsize=1)
-def load_batches(path: Path) -> dict[str, Batch]:
-    """Read what ``save_batches`` wrote; the last ones loaded stay in memory."""
+def load_batches(path: Path, machine: str = COMPRESSOR.name) -> dict[str, Batch]:
+    """Read what ``save_batches`` wrote of a machine; the last ones loaded stay in memory."""
+    of = machine_at(machine)
     with reading(path), open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
         batches = {}
         for part in dict.fromkeys(name.partition(".")[0] for name in stored.files):
             fields = (stored[f"{part}.{name}"] for name in ("states", "health", "outputs", "inputs"))
             names = tuple(str(n) for n in stored[f"{part}.names"])
-            batch = Batch(names, stored[f"{part}.time_s"], stored[f"{part}.measured"], Truth(*fields))
-            batches[part] = _whole(batch)
+            truth = Truth(*fields, machine=of)
+            batches[part] = _whole(Batch(names, stored[f"{part}.time_s"], stored[f"{part}.measured"], truth, of))
     return batches
 
 
 def _whole(batch: Batch) -> Batch:
     """The sequences, if their arrays have the shapes that belong together."""
     assert batch.truth is not None
+    machine = batch.machine
     leading = (len(batch.names), len(batch.time_s))
     shapes = {
-        "measured": (batch.measured, len(CHANNELS)),
-        "health": (batch.truth.health, len(HEALTH)),
-        "outputs": (batch.truth.outputs, len(OUTPUTS)),
-        "inputs": (batch.truth.inputs, len(INPUTS)),
-        "states": (batch.truth.states, batch.truth.states.shape[-1]),
+        "measured": (batch.measured, len(machine.channels)),
+        "health": (batch.truth.health, len(machine.health)),
+        "outputs": (batch.truth.outputs, len(machine.outputs)),
+        "inputs": (batch.truth.inputs, len(machine.inputs)),
+        "states": (batch.truth.states, len(machine.plant.states)),
     }
     for name, (array, width) in shapes.items():
         if array.shape != (*leading, width):

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twinbench.common.store import reading
-from twinbench.data.batch import ESTIMATED, OUTPUTS
 
 
 @dataclass(frozen=True)
@@ -22,19 +21,19 @@ class Estimates:
     Attributes:
         names: B sequence names.
         time_s: (M,) stored ticks, seconds.
-        mean: (B, M, 10) float32, in the quantities' units, order ESTIMATED.
-        low: (B, M, 10) float32, lower bound of the central 95 %, in the quantities' units.
-        high: (B, M, 10) float32, their upper bound, likewise.
+        mean: (B, M, n) float32, in the quantities' units, the machine's states, then its health.
+        low: (B, M, n) float32, lower bound of the central 95 %, in the quantities' units.
+        high: (B, M, n) float32, their upper bound, likewise.
         nis: (B, M) float32, dimensionless: normalised innovation squared over the accepted channels; NaN if none.
         nis_dof: (B, M) int8, dimensionless: accepted channels.
         flags: (B, M) int16, dimensionless: bitwise or of the FLAG_ constants.
         forecast_time_s: (O,) seconds, origins, one a minute.
         leads_s: (L,) seconds.
-        forecast: (B, O, L, 3) in the channels' units, order OUTPUTS: the sensors' noise-free readings predicted open
+        forecast: (B, O, L, ny) in the channels' units: the sensors' noise-free readings predicted open
             loop.
-        mean_at_origin: (B, O, 10) float64, in the quantities' units, order ESTIMATED.
-        cov_at_origin: (B, O, 10, 10) float64, in those units squared.
-        factors: (10,) dimensionless: how much wider each quantity's intervals must be, by the validation recordings, to
+        mean_at_origin: (B, O, n) float64, in the quantities' units, the machine's states, then its health.
+        cov_at_origin: (B, O, n, n) float64, in those units squared.
+        factors: (n,) dimensionless: how much wider each quantity's intervals must be, by the calibration recordings, to
             hold what they promise; NaN where nobody has asked.
     """
 
@@ -53,7 +52,7 @@ class Estimates:
     forecast: NDArray[np.float64]
     mean_at_origin: NDArray[np.float64]
     cov_at_origin: NDArray[np.float64]
-    factors: NDArray[np.float64] = field(default_factory=lambda: np.full(len(ESTIMATED), np.nan))
+    factors: NDArray[np.float64]
 
     def calibrated(self) -> Estimates:
         """The same estimates, with every interval so much wider on either side as ``factors`` says."""
@@ -86,7 +85,7 @@ class Estimates:
         return loaded
 
     def _check_shapes(self) -> None:
-        ticks, n = (len(self.names), len(self.time_s)), len(ESTIMATED)
+        ticks, n = (len(self.names), len(self.time_s)), self.mean.shape[-1]
         origins = (len(self.names), len(self.forecast_time_s))
         shapes = {
             "mean": (*ticks, n),
@@ -95,7 +94,7 @@ class Estimates:
             "nis": ticks,
             "nis_dof": ticks,
             "flags": ticks,
-            "forecast": (*origins, len(self.leads_s), len(OUTPUTS)),
+            "forecast": (*origins, len(self.leads_s), self.forecast.shape[-1]),
             "mean_at_origin": (*origins, n),
             "cov_at_origin": (*origins, n, n),
             "factors": (n,),

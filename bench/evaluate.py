@@ -10,7 +10,8 @@ import numpy as np
 
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.profile import Evaluation
-from twinbench.data.batch import ESTIMATED, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, Sample
 
 
@@ -30,12 +31,13 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     if batch.truth is not None:
         raise ValueError("an estimator is run on recordings without truth; use batch.without_truth()")
     B, N = batch.measured.shape[:2]
+    machine, period_s = batch.machine, batch.machine.sample_period_s
     stored = np.arange(0, N, evaluation.stride)
-    leads = np.round(np.array(evaluation.leads_s) / SAMPLE_PERIOD_S).astype(int)
-    every = round(min(evaluation.origin_every_s / SAMPLE_PERIOD_S, N))
+    leads = np.round(np.array(evaluation.leads_s) / period_s).astype(int)
+    every = round(min(evaluation.origin_every_s / period_s, N))
     origins = _origins(N, every, int(leads.max()))
-    inputs = fill_gaps(batch.measured[..., : len(INPUTS)])
-    kept = _room(B, len(stored), len(origins), len(leads))
+    inputs = fill_gaps(batch.measured[..., : len(machine.inputs)])
+    kept = _room(machine, B, len(stored), len(origins), len(leads))
     said = [kept[name] for name in ("mean", "low", "high")]
     state = estimator.init(B)
     samples = np.ascontiguousarray(batch.measured.transpose(1, 0, 2))
@@ -62,17 +64,18 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     return Estimates(estimator.name, seed, batch.names, leads_s=np.array(evaluation.leads_s), **times, **kept)
 
 
-def _room(machines: int, ticks: int, origins: int, leads: int) -> dict[str, np.ndarray]:
+def _room(machine: Machine, machines: int, ticks: int, origins: int, leads: int) -> dict[str, np.ndarray]:
     """Room for what is kept, by the names that it has in ``Estimates``."""
-    n = len(ESTIMATED)
+    n = len(machine.quantities)
     return {
         **{name: np.empty((machines, ticks, n), np.float32) for name in ("mean", "low", "high")},
         "nis": np.empty((machines, ticks), np.float32),
         "nis_dof": np.empty((machines, ticks), np.int8),
         "flags": np.empty((machines, ticks), np.int16),
-        "forecast": np.empty((machines, origins, leads, len(OUTPUTS))),
+        "forecast": np.empty((machines, origins, leads, len(machine.outputs))),
         "mean_at_origin": np.empty((machines, origins, n)),
         "cov_at_origin": np.empty((machines, origins, n, n)),
+        "factors": np.full(n, np.nan),
     }
 
 

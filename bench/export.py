@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twinbench.bench import cells
-from twinbench.bench.estimate.apply import trained_cells
+from twinbench.bench.estimate.apply import Training, trained_cells
 from twinbench.bench.registry import find
 from twinbench.common.errors import BadInput
 from twinbench.common.store import write_atomically
@@ -32,7 +32,7 @@ def export(name: str, out: Path, profile_name: str, results: Path | None) -> lis
         raise BadInput(f"{name} cannot be exported, only {DeepONetKalman.name} can; leave --estimator out")
     if find_spec("onnx") is None:
         raise BadInput("export needs onnx; install it with: pip install 'twinbench[export]'")
-    store, (cell,) = trained_cells(profile_name, results, [name])
+    store, (cell,) = trained_cells(Training(profile_name, results), [name])
     estimator = cells.load_fit(store, cell)
     assert isinstance(estimator, DeepONetKalman)
     graph, arrays = operator_graph(estimator), filter_arrays(estimator)

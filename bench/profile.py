@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from twinbench.common.errors import BadInput
+from twinbench.common.filespec import split_spec
 from twinbench.common.toml_file import read_toml
 from twinbench.data.benchmark import DesignConfig
 from twinbench.data.corrupt import Corruption
@@ -39,11 +40,13 @@ class Profile:
     """One benchmark configuration.
 
     Attributes:
+        machine: its name, or the path of the file it comes from.
         scenes: run everyone in the scenes of the paper's figures, too.
         settings: overrides the settings of estimators, by name.
     """
 
     name: str
+    machine: str = "compressor"
     seeds: tuple[int, ...] = (0,)
     data: DesignConfig = field(default_factory=DesignConfig)
     corruption: Corruption = field(default_factory=Corruption)
@@ -82,6 +85,32 @@ def load_profile(name: str) -> Profile:
         return cast(Profile, _record(Profile(path.stem), raw, ""))
     except BadInput as error:
         raise BadInput(f"profile {path}: {error}") from error
+
+
+def profile_on(name: str, machine: str) -> Profile:
+    """A profile, on a machine if one is named.
+
+    Args:
+        name: of the profile, or the path of a TOML file.
+        machine: its name, or the path of the file it comes from; empty: the profile's own.
+
+    Raises:
+        BadInput: as ``load_profile``.
+    """
+    profile = load_profile(name)
+    return dataclasses.replace(profile, machine=machine) if machine else profile
+
+
+def folder_of(profile: Profile, machine: str) -> Path:
+    """Where a run goes unless it is told: ``results/<profile>``, and the machine if one was named.
+
+    Args:
+        profile: of the run.
+        machine: its name, or the path of the file it comes from; empty: none was named.
+    """
+    file, name = split_spec(machine)
+    called = name.lower() or Path(file).stem if file else machine.rpartition(":")[2].lower()
+    return Path("results") / (f"{profile.name}_{called}" if machine else profile.name)
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -135,7 +164,7 @@ def _several(value: Any, kind: type, full: str) -> tuple[Any, ...]:
 def _one(value: Any, kind: type, full: str) -> Any:
     if not fits(value, kind):
         raise BadInput(f"{full} is {value!r}, must be {KINDS[kind]}")
-    if kind is str and not re.fullmatch(r"[\w.-]*\w", value):
+    if kind is str and full != "machine" and not re.fullmatch(r"[\w.-]*\w", value):
         raise BadInput(f"{full} is {value!r}, must be a word: results go into a folder of that name")
     low, high = LIMITS.get(full, (-math.inf, math.inf))
     if kind is not str and not low <= value <= high:

@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from twinbench.bench.cells import load_batches, load_split
+from twinbench.bench.cells import load_batches, split_at
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.manifest import read_manifest, unusable
 from twinbench.bench.scenes import KIND, RECORDINGS
+from twinbench.bench.statistics.subject import PAPERS, Subject
+from twinbench.common.errors import BadInput
 from twinbench.common.store import Store
 from twinbench.data.batch import Batch
+from twinbench.machines.compressor import COMPRESSOR
 
 COLUMNS = {
     "scores.csv": ("estimator", "seed", "sequence", "metric", "value"),
@@ -64,7 +67,18 @@ class Results:
     def truth(self) -> Batch | None:
         """The test recordings with their truth; None if they are no longer in the store."""
         store, key = Store(self.out / "store"), self.manifest.get("data_key", "")
-        return load_split(store, key).test if store.has("data", key) else None
+        if not store.has("data", key):
+            return None
+        try:
+            return split_at(store, key, str(self.manifest.get("profile", {}).get("machine", COMPRESSOR.name))).test
+        except BadInput as error:  # the machine's file is no longer where it was
+            raise unusable(self.out / "manifest.json", str(error)) from error
+
+    @property
+    def subject(self) -> Subject:
+        """What the run was about; the compressor where its manifest says nothing."""
+        found = self.manifest.get("subject")
+        return Subject.from_json(found) if found else PAPERS
 
     def scenes(self) -> Iterator[tuple[Batch, Estimates]]:
         """Recordings of each scene with their truth, and each estimator's estimates of them, one at a time."""

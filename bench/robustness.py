@@ -16,29 +16,32 @@ from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Evaluation, Profile
 from twinbench.bench.results import HARDER
 from twinbench.bench.roster import PROPOSED, is_ablation
-from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
+from twinbench.bench.statistics.scores import score
+from twinbench.bench.statistics.subject import PAPERS, Subject, subject_of
 from twinbench.common.store import Store, key_of
 from twinbench.common.versions import code_version
 from twinbench.data.batch import Batch
 from twinbench.data.benchmark import DesignConfig
-from twinbench.data.disturb import CONDITIONS, FAULT_BEGINS_S, UNDISTURBED, Condition, simulate_condition
+from twinbench.data.disturb import FAULT_BEGINS_S, UNDISTURBED, Condition, conditions, simulate_condition
+from twinbench.machines.load import machine_at
 
 COLUMNS = list(HARDER)
-METRICS = (
-    *STATE_ERRORS,
-    *FORECAST_ERRORS,
-    "health_life_pct",
-    "parameter_error_pct",
-    "coverage95_pct",
-    "nis_ratio",
-)
-AFTERWARDS = {
-    "p_nrmse_pct": "p_after_pct",
-    "T_nrmse_pct": "T_after_pct",
-    "m_nrmse_pct": "m_after_pct",
-    "health_life_pct": "health_after_fault_pct",
-}
-"""Scores of the time after a fault, and what they are called."""
+
+
+def metrics_of(subject: Subject) -> tuple[str, ...]:
+    """The scores that are kept of a trial."""
+    rest = ("health_life_pct", "parameter_error_pct", "coverage95_pct", "nis_ratio")
+    return (*subject.state_errors, *subject.forecast_errors, *rest)
+
+
+def afterwards_of(subject: Subject) -> dict[str, str]:
+    """Scores of the time after a fault, and what they are called."""
+    named = {f"{o.key}_nrmse_pct": f"{o.key}_after_pct" for o in subject.outputs}
+    return named | {"health_life_pct": "health_after_fault_pct"}
+
+
+METRICS = metrics_of(PAPERS)
+"""Those of the compressor."""
 RECOVERY_S = 60.0
 """After a fault's end an estimate has so long to be as good again as without the fault."""
 KIND, SUFFIX = "trial", ".csv"
@@ -60,13 +63,14 @@ def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
     """Every condition for every estimator with every seed, once where seeds share what they learnt; for the proposed
     method's other treatments of the envelope, that."""
     found = []
+    tried = conditions(machine_at(profile.machine))
     for cell in done:
         if is_ablation(cell.estimator):
             continue
-        found += [_trial(cell, condition, profile) for condition in (UNDISTURBED, *CONDITIONS)]
+        found += [_trial(cell, condition, profile) for condition in (UNDISTURBED, *tried)]
         if cell.estimator == PROPOSED:
             treated = [cells.make_cell(f"{cell.spec}:{name}", cell.seed, profile) for name in TREATMENTS]
-            beyond = [c for c in CONDITIONS if c.group == "envelope"]
+            beyond = [c for c in tried if c.group == "envelope"]
             found += [_trial(other, condition, profile) for other in treated for condition in beyond]
     return list({t.key: t for t in found[::-1]}.values())[::-1]
 
@@ -82,7 +86,7 @@ def attempt(store: Store, profile: Profile, trial: Trial) -> Outcome:
     """Run a trial unless it is done, and keep its scores."""
 
     def work() -> Callable[[Path], None]:
-        batch = _sequences(profile.data, trial.condition)
+        batch = _sequences(profile.data, trial.condition, trial.cell.machine)
         estimator = cells.load_fit(store, trial.cell)
         estimates = evaluate(estimator, batch.without_truth(), EVALUATION, trial.cell.seed)
         table = scores_under(estimates, batch, trial)
@@ -93,8 +97,8 @@ def attempt(store: Store, profile: Profile, trial: Trial) -> Outcome:
 
 
 @functools.lru_cache(maxsize=1)
-def _sequences(config: DesignConfig, condition: Condition) -> Batch:
-    return simulate_condition(config, condition)
+def _sequences(config: DesignConfig, condition: Condition, machine: str) -> Batch:
+    return simulate_condition(config, condition, machine_at(machine))
 
 
 def finished(store: Store, planned: Sequence[Trial]) -> list[pd.DataFrame]:
@@ -105,7 +109,8 @@ def finished(store: Store, planned: Sequence[Trial]) -> list[pd.DataFrame]:
 def scores_under(estimates: Estimates, batch: Batch, trial: Trial) -> pd.DataFrame:
     """Scores of one trial, sequence by sequence, with those of the time after any fault."""
     table = score(estimates, batch)
-    table = pd.concat([table[table["metric"].isin(METRICS)], _afterwards(estimates, batch)], ignore_index=True)
+    kept = metrics_of(subject_of(batch.machine))
+    table = pd.concat([table[table["metric"].isin(kept)], _afterwards(estimates, batch)], ignore_index=True)
     cell, condition = trial.cell, trial.condition
     table = table.assign(estimator=cell.estimator, seed=cell.seed, group=condition.group, condition=condition.name)
     return table[COLUMNS]
@@ -113,10 +118,11 @@ def scores_under(estimates: Estimates, batch: Batch, trial: Trial) -> pd.DataFra
 
 def _afterwards(estimates: Estimates, batch: Batch) -> pd.DataFrame:
     """Errors from RECOVERY_S after the end of the longest fault on, as ``..._after_pct``."""
-    longest = max(c.fault.seconds for c in CONDITIONS if c.fault is not None)
+    longest = max(c.fault.seconds for c in conditions(batch.machine) if c.fault is not None)
     late = estimates.time_s >= min(FAULT_BEGINS_S, 0.5 * estimates.time_s[-1]) + longest + RECOVERY_S
     if not late.any():
         return pd.DataFrame(columns=["sequence", "metric", "value"])
     ticks = {f: getattr(estimates, f)[:, late] for f in ("mean", "low", "high", "nis", "nis_dof", "flags")}
     table = score(replace(estimates, time_s=estimates.time_s[late], **ticks), batch)
-    return table[table["metric"].isin(AFTERWARDS)].replace({"metric": AFTERWARDS})
+    called = afterwards_of(subject_of(batch.machine))
+    return table[table["metric"].isin(called)].replace({"metric": called})

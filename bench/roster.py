@@ -18,6 +18,8 @@ TRUE_START = "true_start_held"
 UNRANKED = (REFERENCE, HINDSIGHT, *TRIVIAL, TRUE_START)
 """Shown in every table, ranked in none, and never marked as the best."""
 PROPOSED = "deeponet_kalman"
+WITHOUT_EQUATIONS = ("gru_kf", "s5_kf", "lstm_rls", "deeponet", "pinn_ukf", PROPOSED)
+"""Those that learn a machine from recordings and re-simulations, and carry no equations of it."""
 
 LABELS = {
     "oracle": "Oracle (reference)",

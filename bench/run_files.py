@@ -20,9 +20,11 @@ from twinbench.bench.registry import find
 from twinbench.bench.robustness import Trial
 from twinbench.bench.roster import is_ablation, ordered
 from twinbench.bench.scenes import Take
-from twinbench.bench.statistics.scores import METRICS
+from twinbench.bench.statistics.scores import metrics_of
+from twinbench.bench.statistics.subject import subject_of
 from twinbench.common.store import Store, write_csv, write_text
 from twinbench.common.versions import code_version, provenance
+from twinbench.machines.load import machine_at
 
 SCORES = ["estimator", "seed", "sequence", "metric", "value"]
 
@@ -61,8 +63,9 @@ class Ran:
 def write(out: Path, before: Earlier, store: Store, ran: Ran) -> None:
     """All files of a run, the manifest last."""
     stale = {c.estimator for c in ran.todo} - ran.unchanged
-    names = cells.load_split(store, ran.todo[0].data).test.names
-    write_scores(out, before, ran.tables, ran.failed, names)
+    test = cells.load_split(store, ran.todo[0]).test
+    nothing = [(name, m, np.nan) for name in test.names for m in metrics_of(subject_of(test.machine))]
+    write_scores(out, before, ran.tables, ran.failed, nothing)
     write_failures(out, before, ran.failed, ran.todo)
     write_cost(out, before, store, ran)
     robust = write_robustness(out, before, store, ran.trials, stale)
@@ -72,11 +75,14 @@ def write(out: Path, before: Earlier, store: Store, ran: Ran) -> None:
 
 
 def write_scores(
-    out: Path, before: Earlier, tables: list[pd.DataFrame], failed: list[Outcome], names: tuple[str, ...]
+    out: Path,
+    before: Earlier,
+    tables: list[pd.DataFrame],
+    failed: list[Outcome],
+    nothing: list[tuple[str, str, float]],
 ) -> None:
-    """``scores.csv`` in a fixed order; cells that have no estimates as NaN."""
+    """``scores.csv`` in a fixed order; cells that have no estimates as ``nothing``: a NaN for every metric."""
     scored = {(e, seed) for table in tables for e, seed in table[["estimator", "seed"]].to_numpy()[:1].tolist()}
-    nothing = [(s, m, np.nan) for s in names for m in METRICS]
     for outcome in failed:
         if (outcome.cell.estimator, outcome.cell.seed) not in scored:
             frame = pd.DataFrame(nothing, columns=["sequence", "metric", "value"])
@@ -141,6 +147,7 @@ def write_manifest(out: Path, before: Earlier, ran: Ran, robust: bool) -> None:
     manifest = {
         "command": ran.command,
         "profile": asdict(ran.profile),
+        "subject": subject_of(machine_at(ran.profile.machine)).to_json(),
         "seeds": list(ran.profile.seeds),
         "estimators": whole,
         "ablations": sorted(name for name in made if is_ablation(name)),

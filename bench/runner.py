@@ -35,6 +35,8 @@ from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, sweep
 from twinbench.common.workers import side_by_side
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.load import load_machine
 
 log = logging.getLogger(__name__)
 
@@ -96,6 +98,7 @@ def run(
     """
     console = console or Console(stderr=True)
     store = Store(out / "store")
+    load_machine(profile.machine)  # tried before anything is written
     todo = plan(profile, wanted.only, wanted.ablations)
     before = _before(out, profile, todo[0].data, bool(wanted.only), wanted.resume)
     with _workers(backend, len(todo)) as processes:
@@ -155,7 +158,8 @@ def _chain(stages: _Stages, store: Store, profile: Profile, todo: list[Cell], ha
     tables = stages.over("score", _score, store, good)
     if good:
         tables.append(_true_start(store, good[0]))
-    takes = scenes.takes(good, profile) if profile.scenes else []
+    papers = profile.machine == COMPRESSOR.name  # scenes are those of its figures
+    takes = scenes.takes(good, profile) if profile.scenes and papers else []
     if takes:
         stages.over("simulate scenes", scenes.ensure_recordings, store, profile, [takes[0].recordings])
         failed += [o for o in stages.over("scenes", scenes.attempt, store, takes) if o.reason]
@@ -262,14 +266,14 @@ def _without(todo: list[Cell], failed: list[Outcome]) -> list[Cell]:
 
 
 def _score(store: Store, cell: Cell) -> pd.DataFrame:
-    table = score(cells.load_estimates(store, cell), cells.load_split(store, cell.data).test)
+    table = score(cells.load_estimates(store, cell), cells.load_split(store, cell).test)
     return table.assign(estimator=cell.estimator, seed=cell.seed)
 
 
 def _true_start(store: Store, cell: Cell) -> pd.DataFrame:
     """The row that cannot be had, at the ticks of a cell's estimates; all seeds would have the same."""
     time_s = cells.load_estimates(store, cell).time_s
-    table = true_start_held(cells.load_split(store, cell.data).test, time_s)
+    table = true_start_held(cells.load_split(store, cell).test, time_s)
     return table.assign(estimator=TRUE_START, seed=cell.seed)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,25 +23,16 @@ from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Evaluation, Profile
 from twinbench.bench.registry import find
 from twinbench.bench.settings import check_settings, search_space
-from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS, score
+from twinbench.bench.statistics.scores import score
+from twinbench.bench.statistics.subject import Subject, subject_of
 from twinbench.bench.statistics.summary import LIFE
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, write_csv, write_text
 from twinbench.common.versions import provenance
-from twinbench.data.batch import ESTIMATED
+from twinbench.machines.load import load_machine, machine_at
 from twinbench.methods.estimator import Estimator
 
-ERRORS = ((LIFE,), STATE_ERRORS, FORECAST_ERRORS)
-"""What a twin is for: to know a machine's health, to say what it does, and to say what it will do. The three count
-alike; each is the mean of its metrics."""
-COVERAGES = tuple(f"coverage_{name}_pct" for name in ESTIMATED)
-HONEST_PCT = (90.0, 98.0)
-"""Coverage of a quantity that costs nothing: calibration puts the rest right. A narrower band trades errors for widths
-that are calibrated anyway; without one, intervals become so wrong that no factor serves every regime."""
-COVERAGE_PENALTY = 0.05
-"""Of one per cent that the ten quantities' coverage lies outside that band, in their mean: the share by which it makes
-the errors worse. With twice as much some settings are chosen for their intervals alone, with none for their errors."""
 FAILED = 1e6
 """Score of settings with which an estimator fails."""
 MOST_TRIALS = 10_000
@@ -50,19 +41,32 @@ EVALUATION = Evaluation(stride=10)
 TUNE_SEED = 0
 
 
-def merit(means: dict[str, float]) -> float:
-    """Geometric mean of ERRORS, with a penalty for wrong coverage.
+def errors_of(subject: Subject) -> tuple[tuple[str, ...], ...]:
+    """What a twin is for: to know a machine's health, to say what it does, and to say what it will do.
 
-    A geometric mean asks what share of each error is saved, and no unit decides. The penalty is a share of the errors
-    and counts both ways: intervals that hold everything say nothing.
+    The three count alike; each is the mean of its metrics.
+    """
+    return (LIFE,), subject.state_errors, subject.forecast_errors
+
+
+def coverages_of(subject: Subject) -> tuple[str, ...]:
+    """Noted, and not chosen by: every quantity's intervals are calibrated afterwards, on other recordings.
+
+    Settings that err least came out with intervals as narrow, and as even over the regimes, as settings whose own
+    intervals hold.
+    """
+    return tuple(f"coverage_{q.name}_pct" for q in subject.quantities)
+
+
+def merit(subject: Subject, means: Mapping[str, float]) -> float:
+    """Geometric mean of ``errors_of``: it asks what share of each is saved, and no unit decides.
 
     Args:
+        subject: what is estimated.
         means: by metric, over the validation recordings.
     """
-    errors = [np.mean([means[m] for m in metrics]) for metrics in ERRORS]
-    low, high = HONEST_PCT
-    outside = np.mean([max(low - means[m], means[m] - high, 0.0) for m in COVERAGES])
-    return float(np.exp(np.mean(np.log(errors))) * (1.0 + COVERAGE_PENALTY * outside))
+    errors = [np.mean([means[m] for m in metrics]) for metrics in errors_of(subject)]
+    return float(np.exp(np.mean(np.log(errors))))
 
 
 def searched(
@@ -102,6 +106,7 @@ def tune(
     if not 1 <= trials <= MOST_TRIALS:
         raise BadInput(f"--trials is {trials}, must lie in [1, {MOST_TRIALS}]")
     kind, own, spaces = searched(spec, profile, online)
+    subject = subject_of(load_machine(profile.machine))
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
     store = Store(out / "store")
@@ -123,9 +128,9 @@ def tune(
             means = _measure(spec, kind, replace(profile, seeds=(TUNE_SEED,)), chosen, store)
             for name, value in means.items():
                 trial.set_user_attr(name, value)
-            study.tell(trial, means["merit"])
+            study.tell(trial, _merit_of(subject, means))
             going.step(len(_finished(study)) - going.done)
-    return _write(kind, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
+    return _write(kind, subject, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
 
 
 def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
@@ -144,7 +149,7 @@ def _suggest(trial: optuna.Trial, name: str, default: Any, space: Sequence[float
 def _measure(
     spec: str, kind: type[Estimator], profile: Profile, chosen: dict[str, Any], store: Store
 ) -> dict[str, Any]:
-    """Merit of some settings on the validation sequences, and what it is made of."""
+    """What the merit of some settings on the validation sequences is made of, or why they failed."""
     own = {**profile.settings.get(kind.name, {}), **chosen}
     profile = replace(profile, settings={**profile.settings, kind.name: own})
     cell = cells.make_cell(spec, TUNE_SEED, profile)
@@ -152,31 +157,44 @@ def _measure(
     cells.ensure_data(store, profile, cell.data)
     outcome = cells.fit(store, profile, cell)
     if outcome.reason:
-        return {"merit": FAILED, "failed": outcome.reason}
-    validation = cells.load_split(store, cell.data).validation
+        return {"failed": outcome.reason}
+    validation = cells.load_split(store, cell).validation
     try:
         estimates = evaluate(cells.load_fit(store, cell), validation.without_truth(), EVALUATION, TUNE_SEED)
     except FloatingPointError as error:
-        return {"merit": FAILED, "failed": str(error)}
+        return {"failed": str(error)}
     table = score(estimates, validation).groupby("metric")["value"].mean()
-    means = {m: float(table[m]) for m in (*(m for metrics in ERRORS for m in metrics), *COVERAGES)}
-    found = merit(means)
-    if not np.isfinite(found):
-        return {"merit": FAILED, "failed": "an error is no number"}
-    return {"merit": found, **means, "seconds": round(time.perf_counter() - began, 1)}
+    subject = subject_of(machine_at(profile.machine))
+    wanted = (*(m for metrics in errors_of(subject) for m in metrics), *coverages_of(subject))
+    means = {m: float(table[m]) for m in wanted}
+    if not np.isfinite(merit(subject, means)):
+        return {"failed": "an error is no number"}
+    return {**means, "seconds": round(time.perf_counter() - began, 1)}
 
 
-def _write(kind: type[Estimator], study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
+def _write(kind: type[Estimator], subject: Subject, study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
     done = _finished(study)
-    table = pd.DataFrame([{"trial": t.number, **t.params, **t.user_attrs} for t in done])
+    merits = [_merit_of(subject, t.user_attrs) for t in done]
+    rows = zip(done, merits, strict=True)
+    table = pd.DataFrame([{"trial": t.number, **t.params, "merit": value, **_measured(t)} for t, value in rows])
     write_csv(out / f"{kind.name}.csv", table)
-    best = {name: _rounded(value) for name, value in study.best_trial.params.items()}
-    lines = [f"# The best of {len(done)} trials; merit {study.best_value:.4g}.", f"[settings.{kind.name}]"]
+    first = int(np.argmin(merits))
+    best = {name: _rounded(value) for name, value in done[first].params.items()}
+    lines = [f"# The best of {len(done)} trials; merit {merits[first]:.4g}.", f"[settings.{kind.name}]"]
     section = "\n".join([*lines, *(f"{n} = {v!r}" for n, v in best.items())]) + "\n"
     write_text(out / f"{kind.name}.toml", section)
     about = {"estimator": kind.name, "trials": len(done), "seed": TUNE_SEED, **facts, **provenance()}
     write_text(out / f"{kind.name}.json", json.dumps(about, indent=2) + "\n")
     return section
+
+
+def _merit_of(subject: Subject, measured: Mapping[str, Any]) -> float:
+    return FAILED if "failed" in measured else merit(subject, measured)
+
+
+def _measured(trial: optuna.trial.FrozenTrial) -> dict[str, Any]:
+    """What was measured; a journal may hold the merit that counted when it was written."""
+    return {name: value for name, value in trial.user_attrs.items() if name != "merit"}
 
 
 def _rounded(value: Any) -> Any:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import functools
+import os
+from pathlib import Path
+
 from twinbench.common.errors import BadInput
+from twinbench.common.filespec import split_spec
 from twinbench.common.trial import tried
 from twinbench.machines.check import check_machine
 from twinbench.machines.machine import Machine
@@ -35,15 +40,22 @@ def load_machine(spec: str) -> Machine:
 
 
 def machine_at(spec: str) -> Machine:
-    """As ``load_machine``, untried: for a process whose parent has tried it.
+    """As ``load_machine``, untried: for a process whose parent has tried it. One spec is one object.
 
     Raises:
         BadInput: one line; no such machine, or its file fails to import.
     """
+    file, _ = split_spec(spec)
     try:
-        return held(BUILTIN.get(spec, spec), Machine, tuple(BUILTIN))
-    except ValueError as error:
+        return _machine(spec, Path(file).read_bytes() if os.path.isfile(file) else b"")
+    except (OSError, ValueError) as error:
         raise BadInput(str(error)) from error
+
+
+@functools.lru_cache(maxsize=8)
+def _machine(spec: str, content: bytes) -> Machine:
+    """Of each content of its file one: a second one would have its equations compiled again."""
+    return held(BUILTIN.get(spec, spec), Machine, tuple(BUILTIN))
 
 
 def _checked(spec: str) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
 
 INNOVATION_CLIP_SD = 6.0
 """Filters bound innovations to so many standard deviations: larger ones are faults, which must not move health."""

@@ -22,7 +22,7 @@ import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 
 from twinbench.bench.cells import Cell, load_fit, load_split  # noqa: E402
-from twinbench.bench.estimate.apply import trained_cells  # noqa: E402
+from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
 from twinbench.bench.evaluate import run as evaluate  # noqa: E402
 from twinbench.bench.profile import Evaluation, load_profile  # noqa: E402
 from twinbench.common.jobs import cores  # noqa: E402
@@ -36,13 +36,13 @@ FIRST_SAMPLES = 2400
 
 def _part(store: Store, cell: Cell, evaluation: Evaluation, sequences: list[int], samples: int | None) -> None:
     pin_torch()
-    batch = load_split(store, cell.data).test.select(sequences, slice(samples)).without_truth()
+    batch = load_split(store, cell).test.select(sequences, slice(samples)).without_truth()
     evaluate(load_fit(store, cell), batch, evaluation, cell.seed)
 
 
 def measure(store: Store, cells: list[Cell], evaluation: Evaluation) -> pd.DataFrame:
     """Columns estimator, recordings, samples, wall_s."""
-    count, samples = load_split(store, cells[0].data).test.measured.shape[:2]
+    count, samples = load_split(store, cells[0]).test.measured.shape[:2]
     jobs = min(cores(), count)
     shares = [share.tolist() for share in np.array_split(np.arange(count), jobs)]
     rows = []
@@ -62,7 +62,7 @@ def main() -> None:
     parser.add_argument("--results", type=Path, metavar="DIR")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), metavar="DIR")
     a = parser.parse_args()
-    store, cells = trained_cells(a.profile, a.results, [])
+    store, cells = trained_cells(Training(a.profile, a.results), [])
     about = {"processes": cores(), "profile": a.profile, "provenance": provenance()}  # the load before, not our own
     table = measure(store, cells, load_profile(a.profile).evaluation)
     write_csv(a.out / "evaluation.csv", table)

@@ -24,13 +24,13 @@ import numpy as np  # noqa: E402  threads are pinned before NumPy is there
 from numba import njit  # noqa: E402
 
 from twinbench.bench.cells import load_fit, load_split  # noqa: E402
-from twinbench.bench.estimate.apply import trained_cells  # noqa: E402
+from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
 from twinbench.bench.roster import PROPOSED  # noqa: E402
 from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import write_text  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.data.batch import Array  # noqa: E402
-from twinbench.methods.deeponet_kalman.cycle import SAID, scratch, update  # noqa: E402
+from twinbench.methods.deeponet_kalman.cycle import said_type, scratch, update  # noqa: E402
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman  # noqa: E402
 
 BLOCK_UPDATES = 10_000
@@ -114,7 +114,11 @@ def run(twin: DeepONetKalman, recordings: Array, updates: int, seed: int) -> dic
     """
     rng = np.random.default_rng(seed)
     spread = np.nanstd(recordings.reshape(-1, recordings.shape[-1]), axis=0)
-    memory, said, room = twin.init(1).memory[0].copy(), np.zeros(1, SAID), scratch(twin.weights)
+    memory, said, room = (
+        twin.init(1).memory[0].copy(),
+        np.zeros(1, said_type(twin.parts)),
+        scratch(twin.weights, twin.parts),
+    )
     C, unsound, least, resident, took = np.zeros((19, 19)), 0, np.inf, [], 0.0
     blocks = [
         b
@@ -167,10 +171,10 @@ def main() -> None:
     parser.add_argument("--updates", type=int, default=10_000_000, metavar="N")
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"), metavar="DIR")
     a = parser.parse_args()
-    store, (cell,) = trained_cells(a.profile, a.results, [PROPOSED])
+    store, (cell,) = trained_cells(Training(a.profile, a.results), [PROPOSED])
     twin = load_fit(store, cell)
     assert isinstance(twin, DeepONetKalman)
-    found = run(twin, load_split(store, cell.data).test.measured, a.updates, seed=5)
+    found = run(twin, load_split(store, cell).test.measured, a.updates, seed=5)
     write_text(a.out / "soak.json", json.dumps(found | {"provenance": provenance()}, indent=2) + "\n")
     print((a.out / "soak.json").read_text())
 

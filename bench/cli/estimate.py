@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import tell
-from twinbench.bench.cli.parser import add_map, add_recordings, add_training
+from twinbench.bench.cli.parser import add_machine, add_map, add_recordings, add_training
 
-ESTIMATE = """columns, one reading each 0.05 s (20 Hz, as in training), an empty cell where one is missing:
+ESTIMATE = """columns of the compressor, one reading each 0.05 s (20 Hz, as in training), a cell empty where missing:
   time_s       s      time, increasing
   p_suc_bar    bar    suction pressure, absolute
   T_suc_K      K      suction temperature
@@ -17,6 +17,7 @@ ESTIMATE = """columns, one reading each 0.05 s (20 Hz, as in training), an empty
   p_dis_bar    bar    discharge pressure, absolute
   T_dis_K      K      discharge temperature
   m_flow_kg_s  kg/s   mass flow
+of another machine: time_s, its inputs and its outputs by their names, each in its unit, at its sample period.
 --map 'COLUMN[UNIT]=channel' converts other units: kPa, psi, degC, Hz, percent, kg/h, ...
 barg, mbarg, kPag, MPag, psig are gauge: 1.01325 bar is added to them.
 Each estimator refuses recordings that are sampled more slowly than it can use, and names its limit.
@@ -28,7 +29,7 @@ exit status:
     2  bad input
     3  not usable, and not written without --force"""
 
-SAYS = "run a trained estimator over your recordings of a compressor like the built-in one"
+SAYS = "run a trained estimator over your recordings of the machine it was trained for"
 EXAMPLE = "twinbench estimate deeponet_kalman plant.csv --out estimates --map 'PT101[psig]=p_dis_bar'\n\n" + ESTIMATE
 
 
@@ -38,6 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder for the estimates and their figures"
     )
+    add_machine(parser, default="")
     add_training(parser)
     add_map(parser)
     parser.add_argument(
@@ -47,9 +49,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """The exit status."""
-    from twinbench.bench.estimate.apply import apply
+    from twinbench.bench.estimate.apply import Training, apply
 
-    summaries = apply(a.estimator, a.recordings, a.out, a.profile, a.results, a.map, a.force)
+    where = Training(a.profile, a.results, a.machine)
+    summaries = apply(a.estimator, a.recordings, a.out, where, a.map, a.force)
     if a.json:
         tell(a, summaries)
     else:

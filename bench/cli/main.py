@@ -8,12 +8,14 @@ from collections.abc import Sequence
 
 from twinbench.bench.cli import (
     check,
+    compare,
     complete,
     estimate,
     export,
     flagship,
     latency,
     listing,
+    machines,
     mismatch,
     prove,
     report,
@@ -34,6 +36,8 @@ COMMANDS = {
     "tune": tune,
     "simulate": simulate,
     "estimate": estimate,
+    "compare": compare,
+    "machines": machines,
     "export": export,
     "mismatch": mismatch,
     "prove": prove,
@@ -42,7 +46,7 @@ COMMANDS = {
     "latency": latency,
     "completion": complete,
 }
-PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check")
+PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
 EPILOG = """examples:
   twinbench run --profile quick                    every estimator, in minutes
   twinbench run --only oracle nominal_ekf          two of them

@@ -19,13 +19,13 @@ def add_training(parser: argparse.ArgumentParser) -> None:
         "--results",
         type=Path,
         metavar="DIR",
-        help="use what the run in this folder trained (default: results/<profile>)",
+        help="use what the run in this folder trained (default: results/<profile>, and the machine)",
     )
 
 
-def add_machine(parser: argparse.ArgumentParser) -> None:
-    """Of which machine: ``--machine``."""
-    parser.add_argument("--machine", default="compressor", metavar="MACHINE", help=MACHINE_HELP)
+def add_machine(parser: argparse.ArgumentParser, default: str = "compressor") -> None:
+    """Of which machine: ``--machine``. With an empty default a profile may say it."""
+    parser.add_argument("--machine", default=default, metavar="MACHINE", help=MACHINE_HELP)
 
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, failed_cells, rows_of, tell
+from twinbench.bench.cli.parser import add_machine
 
 SAYS = "run the benchmark: simulate, train, evaluate, compare, report"
 EXAMPLE = "twinbench run --only oracle gru_kf"
@@ -13,6 +14,7 @@ EXAMPLE = "twinbench run --only oracle gru_kf"
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--profile", default="quick", help="quick, paper, or the path of a .toml file (default: quick)")
+    add_machine(parser, default="")
     parser.add_argument(
         "--only",
         nargs="+",
@@ -30,7 +32,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also test under more noise and dropout, faster wear, loads beyond the envelope and sensor faults",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the results (default: results/<profile>)")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the results (default: results/<profile>, and the machine)"
+    )
     parser.add_argument(
         "--resume",
         action=argparse.BooleanOptionalAction,
@@ -52,12 +56,12 @@ def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from shutil import get_terminal_size
 
-    from twinbench.bench.profile import load_profile
+    from twinbench.bench.profile import folder_of, profile_on
     from twinbench.bench.report.table_formats import to_text
     from twinbench.bench.runner import Backend, Wanted, run
 
-    profile = load_profile(a.profile)
-    out = a.out or Path("results") / profile.name
+    profile = profile_on(a.profile, a.machine)
+    out = a.out or folder_of(profile, a.machine)
     command = command_line()
     wanted = Wanted(tuple(a.only), a.ablations, a.robustness, a.resume)
     finished = run(profile, out, wanted, Backend(a.backend, a.scheduler), command)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import command_line, tell
+from twinbench.bench.cli.parser import add_machine
 
 SAYS = "choose an estimator's settings on the validation sequences"
 EXAMPLE = "twinbench tune gru_kf --trials 20"
@@ -13,6 +14,7 @@ EXAMPLE = "twinbench tune gru_kf --trials 20"
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("estimators", nargs="+", metavar="NAME", help="estimators' names, or path/to/file.py[:Class]")
+    add_machine(parser, default="")
     parser.add_argument("--profile", default="tuning", help="profile of the data and the training (default: tuning)")
     parser.add_argument(
         "--trials", type=int, default=20, metavar="N", help="trials in all, earlier ones included (default: 20)"
@@ -29,11 +31,11 @@ def run(a: argparse.Namespace) -> int:
 
     from rich.console import Console
 
-    from twinbench.bench.profile import load_profile
+    from twinbench.bench.profile import profile_on
     from twinbench.bench.tune import searched, tune
 
     command = command_line()
-    profile = load_profile(a.profile)
+    profile = profile_on(a.profile, a.machine)
     console = Console(stderr=True)
     for spec in a.estimators:  # all that is wrong is said before the first takes its hours
         searched(spec, profile, a.online)

@@ -64,8 +64,8 @@ def says(scores: pd.DataFrame) -> list[str]:
     row = mean.loc[best]
     within = f" (95 % interval {span(row['low'], row['high'], to=True)})" if np.isfinite(row["low"]) else ""
     sentences = [
-        f"{label(best)} has the least error a minute ahead: {number(row['mean'])} times{within} that of holding the last "
-        "reading."
+        f"{label(best)} has the least error a minute ahead: {number(row['mean'])} times{within} that of holding the "
+        "last reading."
     ]
     if not row["high"] < 1.0:
         sentences.append("Its interval does not show it to be better than holding the last reading.")

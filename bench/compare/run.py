@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,17 +16,18 @@ from twinbench.bench.compare.watched import LEADS_S, lead_ticks, watch
 from twinbench.bench.estimate.apply import trained_cells
 from twinbench.bench.profile import Profile
 from twinbench.bench.registry import one_line
+from twinbench.bench.report.provenance import bullets, write_tables
 from twinbench.bench.report.table_formats import Table
 from twinbench.common.errors import BadInput
 from twinbench.common.jobs import cores
 from twinbench.common.progress import each
-from twinbench.common.store import Store
+from twinbench.common.store import Store, check_writable, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.workers import side_by_side
 from twinbench.data.batch import Batch
 from twinbench.data.recording import read_recording
 from twinbench.data.units import limits_of, units_of
-from twinbench.machines.load import load_machine
+from twinbench.machines.load import load_machine, machine_at
 from twinbench.machines.machine import Machine
 
 FEWEST_ORIGINS = 10
@@ -64,24 +65,44 @@ def compare(
     Raises:
         BadInput: one line; a recording that cannot be used, or an estimator that is not trained.
     """
-    machine = load_machine(profile.machine)
-    batches = [_read(machine, path, mapping) for path in paths]
-    repeated = {b.names[0] for b in batches if sum(o.names[0] == b.names[0] for o in batches) > 1}
-    if repeated:
-        raise BadInput(f"two recordings are named {repeated.pop()}; rename one of the files")
+    load_machine(profile.machine)
+    batches = read(profile.machine, paths, mapping)
     store, found = trained_cells(profile, results, names)
-    ran = side_by_side(_one, [(store, cell, batches) for cell in found], cores())
-    outcomes = [outcome for outcome in _shown(ran, len(found))]
+    ran = side_by_side(_one, [(store, cell, tuple(paths), tuple(mapping)) for cell in found], cores())
+    outcomes = [next(ran) for _ in each("compare", [cell.estimator for cell in found])]
     failed = {name: reason for name, reason, _ in outcomes if reason}
     good = [scores for _, reason, scores in outcomes if not reason]
     if not good:
         raise BadInput("no estimator could be run: " + "; ".join(f"{n}: {why}" for n, why in failed.items()))
     scores = pd.concat(good, ignore_index=True)
-    return Compared(scores, failed, table(scores, machine.name), says(scores))
+    return Compared(scores, failed, table(scores, batches[0].machine.name), says(scores))
 
 
-def _shown(ran: Iterator[tuple[str, str, pd.DataFrame]], count: int) -> Iterator[tuple[str, str, pd.DataFrame]]:
-    yield from (next(ran) for _ in each("compare", range(count)))
+def write(out: Path, found: Compared) -> None:
+    """Scores, the table in every format, and the sentences."""
+    check_writable(out)
+    write_csv(out / "scores.csv", found.scores)
+    write_tables(out, [found.table])
+    write_text(out / "answer.md", bullets(*found.sentences))
+
+
+def read(machine: str, paths: Sequence[Path], mapping: Sequence[str]) -> list[Batch]:
+    """Every recording as a batch of one.
+
+    Args:
+        machine: its name, or the path of the file it comes from.
+        paths: of the recordings.
+        mapping: ``COLUMN[unit]=channel``.
+
+    Raises:
+        BadInput: one line; a recording that cannot be used, or two of one name.
+    """
+    batches = [_read(machine_at(machine), path, mapping) for path in paths]
+    names = [batch.names[0] for batch in batches]
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise BadInput(f"two recordings are named {repeated[0]}; rename one of the files")
+    return batches
 
 
 def _read(machine: Machine, path: Path, mapping: Sequence[str]) -> Batch:
@@ -98,13 +119,13 @@ def _read(machine: Machine, path: Path, mapping: Sequence[str]) -> Batch:
     return batch
 
 
-def _one(store: Store, cell: Cell, batches: list[Batch]) -> tuple[str, str, pd.DataFrame]:
+def _one(store: Store, cell: Cell, paths: tuple[Path, ...], mapping: tuple[str, ...]) -> tuple[str, str, pd.DataFrame]:
     """An estimator's scores of every recording; or why it failed."""
     pin_torch()
     try:
         estimator = cells.load_fit(store, cell)
-        calibration = cells.load_split(store, cell).calibration
-        sd = promised(watch(estimator, calibration.without_truth()))
+        sd = promised(watch(estimator, cells.load_split(store, cell).calibration.without_truth()))
+        batches = read(cell.machine, paths, mapping)
         parts = [score(batch.names[0], watch(estimator, batch), sd) for batch in batches]
     except Exception as error:
         return cell.estimator, one_line(error), pd.DataFrame()

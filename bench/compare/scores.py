@@ -1,4 +1,4 @@
-"""Scores of recordings without truth: forecasts against what was read later, and innovations against what they should be.
+"""Scores of recordings without truth: forecasts against what was read later, innovations against what they should be.
 
 A reading's noise is in every score, for all estimators alike: one tick ahead nobody errs less than the sensor.
 """
@@ -18,17 +18,17 @@ LEAST_SD = 1e-9
 HEADLINE = "open60_ratio"
 DEFINITIONS = {
     **{
-        f"open{lead:g}_ratio": f"RMSE of the readings foretold {lead:g} s ahead (as many ticks, where a tick lasts longer "
-        "than a second), over that of holding the last reading; geometric mean of the outputs. Less than 1 is worth "
-        "something."
+        f"open{lead:g}_ratio": f"RMSE of the readings foretold {lead:g} s ahead (as many ticks, where a tick lasts "
+        "longer than a second), over that of holding the last reading; geometric mean of the outputs. Less than 1 is "
+        "worth something."
         for lead in LEADS_S
     },
     "log_score": "Mean log density of the readings under the forecasts' own intervals, less that of holding the last "
     "reading; mean of outputs and leads. More is better, below 0 is worth nothing.",
     "inside_pct": "Share of readings inside the forecasts' 95 % intervals, mean of outputs and leads; 95 is right.",
     "nis_ratio": "Mean normalised innovation squared over its degrees of freedom; 1 is right.",
-    "autocorrelation": "Correlation of neighbouring innovations over their expected sd, mean of the outputs; 0 is right: "
-    "what is left over would help to foretell the next.",
+    "autocorrelation": "Correlation of neighbouring innovations over their expected sd, mean of the outputs; 0 is "
+    "right: what is left over would help to foretell the next.",
 }
 """Every score in one sentence to print under a table. The forecasts' intervals are those that fit the calibration
 recordings of the simulated machine: what an estimator promises before it sees the real one."""
@@ -83,5 +83,7 @@ def _autocorrelation(off: Array) -> float:
     """Lag-one correlation of (N, ny), over the neighbours that are both there; mean of the outputs."""
     first, second = off[:-1], off[1:]
     both = np.isfinite(first) & np.isfinite(second)
-    found = [np.mean(a[m] * b[m]) / np.mean(a[m] ** 2) for a, b, m in zip(first.T, second.T, both.T) if m.any()]
+    found = [
+        np.mean(a[m] * b[m]) / np.mean(a[m] ** 2) for a, b, m in zip(first.T, second.T, both.T, strict=True) if m.any()
+    ]
     return float(np.mean(found)) if found else np.nan

@@ -31,6 +31,8 @@ SHORT, LONG, JUDGED = 400, 1800, 200
 """Ticks: of a short run, of a long one, and at the end of a long one where recovery is judged."""
 BEGIN = 400
 """The tick at which faults begin."""
+GAP_S, BLACKOUT_S, STUCK_S = 10.0, 2.0, 30.0
+"""How long a channel is missing, all are, and one is stuck: seconds as on any plant, and twenty ticks at least."""
 FAULTS = ("undisturbed", "missing", "late", "spiked", "stuck")
 """The recordings that any plant may deliver; the absurd one is for the bounds alone."""
 
@@ -94,18 +96,19 @@ class Ground:
         first, last = inputs, channels - 1
         moved = self.machine.channels.index((self.machine.commands or self.machine.inputs)[0])
         clean = self.benchmark.test.measured[:, :LONG]
+        gap, blackout, stood = (max(round(s / self.machine.sample_period_s), 20) for s in (GAP_S, BLACKOUT_S, STUCK_S))
         spread = np.nanstd(self.benchmark.train.measured.reshape(-1, channels), axis=0)
         missing = clean.copy()
-        missing[0, BEGIN : BEGIN + 200, last] = missing[1, BEGIN : BEGIN + 200, first] = np.nan
-        missing[:, BEGIN + 400 : BEGIN + 440] = np.nan
+        missing[0, BEGIN : BEGIN + gap, last] = missing[1, BEGIN : BEGIN + gap, first] = np.nan
+        missing[:, BEGIN + 400 : BEGIN + 400 + blackout] = np.nan
         late = clean[:, :SHORT].copy()
         late[:, :40] = np.nan
         spiked = clean.copy()
         for i, (tick, c) in enumerate(self.spikes()):
             spiked[:, tick, c] = np.nan_to_num(clean[:, tick, c]) + (50.0 if i % 2 else -50.0) * spread[c]
         stuck = clean.copy()
-        stuck[0, BEGIN : BEGIN + 600, first] = np.nanmedian(clean[0, BEGIN - 20 : BEGIN, first])
-        stuck[1, BEGIN : BEGIN + 600, moved] = np.nanmedian(clean[1, BEGIN - 20 : BEGIN, moved])
+        stuck[0, BEGIN : BEGIN + stood, first] = np.nanmedian(clean[0, BEGIN - 20 : BEGIN, first])
+        stuck[1, BEGIN : BEGIN + stood, moved] = np.nanmedian(clean[1, BEGIN - 20 : BEGIN, moved])
         absurd = clean[:, :SHORT].copy()
         rng = np.random.default_rng(SUBJECT_SEED)
         for tick in range(40, SHORT - 100, 20):  # twenty ticks each: gates let through what lasts

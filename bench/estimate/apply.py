@@ -20,36 +20,52 @@ from twinbench.bench.estimate.sampling import joined, manner_of
 from twinbench.bench.estimate.witness import watch
 from twinbench.bench.estimate.words import told
 from twinbench.bench.estimates import Estimates
-from twinbench.bench.profile import Profile, flattened, load_profile
+from twinbench.bench.profile import Profile, flattened, folder_of, profile_on
 from twinbench.bench.registry import discover, find
 from twinbench.bench.results import load_results
-from twinbench.bench.roster import axis_label, label, ordered
+from twinbench.bench.roster import label, ordered
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import each
 from twinbench.common.store import Store, write_atomically, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import code_version
-from twinbench.data.batch import ESTIMATED, HEALTH
 from twinbench.data.recording import Recording, check_overlap, read_recording
+from twinbench.data.units import limits_of, units_of
+from twinbench.machines.load import load_machine
+from twinbench.machines.machine import Machine
 
 SHORTEST_S = 10.0
 MOST_ROWS = 30_000
 BOUNDS = {"value": "mean", "low": "low", "high": "high"}
 
 
-def trained_cells(profile_name: str, results: Path | None, names: Sequence[str]) -> tuple[Store, list[Cell]]:
-    """A run's store, and the first-seed cells of the named estimators, or of all that are trained there.
+@dataclass(frozen=True)
+class Training:
+    """Where estimators were trained.
 
-    Args:
-        results: the run they were trained in; None: where ``twinbench run`` puts it.
+    Attributes:
+        profile: name or path of the profile.
+        results: the run's folder; None: where ``twinbench run`` puts it.
+        machine: its name, or the path of the file it comes from; empty: the profile's own.
+    """
+
+    profile: str
+    results: Path | None = None
+    machine: str = ""
+
+
+def trained_cells(where: Training, names: Sequence[str]) -> tuple[Store, list[Cell]]:
+    """A run's store, and the first-seed cells of the named estimators, or of all that are trained there.
 
     Raises:
         BadInput: one is not trained in that run, or none is.
     """
-    profile = load_profile(profile_name)
-    results = results or Path("results") / profile.name
+    profile = profile_on(where.profile, where.machine)
+    results = where.results or folder_of(profile, where.machine)
+    named = f" --machine {where.machine}" if where.machine else ""
     store = Store(results / "store")
     found = []
+    load_machine(profile.machine)  # refuses what is none
     for name in names or ordered(discover()):
         cell = cells.make_cell(name, profile.seeds[0], profile)
         if store.has("fit", cell.fit):
@@ -58,12 +74,12 @@ def trained_cells(profile_name: str, results: Path | None, names: Sequence[str])
             raise BadInput(
                 f"{name} is not trained in {results} with this code and profile {profile.name!r}"
                 f"{_what_differs(results, name, profile)}; "
-                f"train it with: twinbench run --profile {profile_name} --only {name} --out {results}"
+                f"train it with: twinbench run --profile {where.profile}{named} --only {name} --out {results}"
             )
     if not found:
         raise BadInput(
             f"nothing is trained in {results} with this code and profile {profile.name!r}; "
-            f"train with: twinbench run --profile {profile_name} --out {results}"
+            f"train with: twinbench run --profile {where.profile}{named} --out {results}"
         )
     return store, found
 
@@ -76,7 +92,9 @@ def _what_differs(results: Path, name: str, profile: Profile) -> str:
         return ""
     kind = find(name)
     now, then = (flattened(p) for p in (json.loads(json.dumps(asdict(profile))), manifest.get("profile", {})))
-    trained = [key for key in now if key.startswith(("seeds", "data.", "corruption.", f"settings.{kind.name}."))]
+    trained = [
+        key for key in now if key.startswith(("machine", "seeds", "data.", "corruption.", f"settings.{kind.name}."))
+    ]
     for key in trained:
         if then.get(key) != now[key]:
             return f" (there {key} was {then.get(key)}, now it is {now[key]})"
@@ -99,8 +117,7 @@ def apply(
     name: str,
     paths: Sequence[Path],
     out: Path,
-    profile_name: str,
-    results: Path | None,
+    where: Training,
     mapping: Sequence[str],
     force: bool = False,
 ) -> list[dict[str, Any]]:
@@ -116,8 +133,9 @@ def apply(
         One summary per recording: what the estimate rests on, whether it is ``usable``, where it ended, with 95 %
         intervals, and in words.
     """
-    recordings = _read(paths, mapping)
-    store, (cell,) = trained_cells(profile_name, results, [name])
+    profile = profile_on(where.profile, where.machine)
+    recordings = _read(paths, mapping, load_machine(profile.machine))
+    store, (cell,) = trained_cells(where, [name])
     pin_torch()
     references = References(store, cell, cells.load_fit(store, cell))
     answers = [_answer(recording, references, label(cell.estimator)) for recording in each("estimate", recordings)]
@@ -128,19 +146,22 @@ def apply(
 
 
 def _answer(recording: Recording, references: References, who: str) -> _Answer:
-    batch = recording.to_batch()
+    batch = recording.to_batch(references.machine)
     manner = manner_of(batch.measured[0])
     every = max(1, batch.measured.shape[1] // MOST_ROWS)
-    filled = replace(batch, measured=joined(batch.measured, manner))
+    filled = replace(batch, measured=joined(batch.measured, manner, len(batch.machine.inputs)))
     estimates, seen = watch(references.estimator, filled, every, references.cell.seed)
     quality = judge(batch.measured[0], manner, estimates, seen, references, who)
     warning = "" if quality.usable else f"not usable: {quality.verdict}"
-    readings = Readings(batch.time_s, batch.measured[0], seen.accepted[0], manner, *references.envelope, warning)
-    return _Answer(estimates, readings, quality, _summarise(recording, who, estimates, quality))
+    readings = Readings(
+        batch.machine, batch.time_s, batch.measured[0], seen.accepted[0], manner, *references.envelope, warning
+    )
+    return _Answer(estimates, readings, quality, _summarise(recording, references.machine, who, estimates, quality))
 
 
-def _read(paths: Sequence[Path], mapping: Sequence[str]) -> list[Recording]:
-    recordings = [read_recording(path, mapping) for path in paths]
+def _read(paths: Sequence[Path], mapping: Sequence[str], machine: Machine) -> list[Recording]:
+    units, limits, period_s = units_of(machine), limits_of(machine), machine.sample_period_s
+    recordings = [read_recording(path, mapping, units, limits, period_s=period_s) for path in paths]
     check_overlap(recordings)
     names = [recording.name for recording in recordings]
     for recording in recordings:
@@ -152,15 +173,15 @@ def _read(paths: Sequence[Path], mapping: Sequence[str]) -> list[Recording]:
     return recordings
 
 
-def _summarise(recording: Recording, who: str, estimates: Estimates, quality: Quality) -> dict[str, Any]:
+def _summarise(
+    recording: Recording, machine: Machine, who: str, estimates: Estimates, quality: Quality
+) -> dict[str, Any]:
     final = {
         q: {key: float(getattr(estimates, field)[0, -1, i]) for key, field in BOUNDS.items()}
-        for i, q in enumerate(ESTIMATED)
+        for i, q in enumerate(machine.quantities)
     }
-    words = "; ".join(
-        f"{axis_label(q).removesuffix(', –')} {final[q]['value']:.4g} ({final[q]['low']:.4g} to {final[q]['high']:.4g})"
-        for q in HEALTH
-    )
+    said = {q: (machine.axis_label(q).removesuffix(", –"), final[q]) for q in machine.health_names}
+    words = "; ".join(f"{w} {f['value']:.4g} ({f['low']:.4g} to {f['high']:.4g})" for w, f in said.values())
     seconds = float(recording.time_s[-1] - recording.time_s[0])
     return {
         "recording": recording.name,
@@ -179,7 +200,7 @@ def _write(out: Path, answer: _Answer) -> None:
     name, time_s = estimates.names[0], estimates.time_s
     mean, low, high = estimates.mean[0], estimates.low[0], estimates.high[0]
     columns = {"time_s": time_s}
-    for i, q in enumerate(ESTIMATED):
+    for i, q in enumerate(answer.readings.machine.quantities):
         columns |= {q: mean[:, i], f"{q}_low": low[:, i], f"{q}_high": high[:, i]}
     table = pd.DataFrame(columns)
     drawn = (time_s, mean, low, high, answer.readings)

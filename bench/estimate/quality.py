@@ -12,10 +12,10 @@ from twinbench.bench.estimate.reference import Envelope, Reference, References, 
 from twinbench.bench.estimate.sampling import Manner
 from twinbench.bench.estimate.witness import Witnessed
 from twinbench.bench.estimates import Estimates
-from twinbench.data.batch import CHANNELS, HEALTH, INPUTS, OUTPUTS, SAMPLE_PERIOD_S, Array
-from twinbench.data.units import UNITS, likely_units
+from twinbench.data.units import likely_units, short_unit
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED
-from twinbench.methods.observe import observe
 
 FLAGS = {
     "spike": FLAG_SPIKE,
@@ -102,29 +102,29 @@ def judge(
     """Facts and verdict of one recording.
 
     Args:
-        measured: (N, 7) readings in the channels' units, order CHANNELS, as recorded, on the 20 Hz grid, nothing
-            joined.
+        measured: (N, nu + ny) readings in the channels' units as recorded, one row a tick, nothing joined.
         estimates: of this recording alone, B = 1.
         seen: likewise.
         who: the estimator's printed name.
     """
-    narrowest = narrowing(estimates, references.estimator.init(1))[0]
-    residual = _residual(measured, estimates)
+    machine = references.machine
+    narrowest = narrowing(estimates, references.estimator.init(1), machine)[0]
     reference = references.of(manner)
-    channels = _channels(measured, manner, seen.accepted[0], references.envelope, reference)
+    read = Read(machine, measured, manner, estimates)
+    channels = _channels(read, seen.accepted[0], references.envelope, reference)
     ratio = nis_ratio(seen)[0]
     median = float(np.nanmedian(ratio)) if np.isfinite(ratio).any() else np.nan
     low, high = reference.nis_range(len(measured))
     verdict, because = (
         _unlike(channels)
         or _unsound(manner, references, who)
-        or _rejected(channels, reference, residual)
-        or _unlearnt(seen, narrowest, reference)
-        or _inconsistent((median, low, high), channels, seen, reference, residual)
+        or _rejected(channels, reference, read)
+        or _unlearnt(seen, narrowest, reference, machine)
+        or _inconsistent((median, low, high), channels, seen, reference, read)
         or (USABLE, "")
     )
     there = np.asarray(~np.isnan(measured).all(axis=1))
-    gaps = _gaps(there, min((m for m in manner if m), default=1))
+    gaps = _gaps(there, min((m for m in manner if m), default=1), machine.sample_period_s)
     return Quality(
         verdict,
         because,
@@ -136,7 +136,7 @@ def judge(
         max(gaps, default=0.0),
         sum(gaps),
         {name: float((seen.flags[0][there] & flag > 0).mean()) for name, flag in FLAGS.items()},
-        dict(zip(HEALTH, map(float, narrowest), strict=True)),
+        dict(zip(machine.health_names, map(float, narrowest), strict=True)),
     )
 
 
@@ -144,29 +144,45 @@ def _number(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _residual(measured: Array, estimates: Estimates) -> Array:
-    """(3,) typical readings of the outputs less what the estimate says that they read; NaN where there are none."""
-    every = -(-len(measured) // len(estimates.time_s))
-    apart = measured[::every, len(INPUTS) :] - observe(estimates.mean[0].astype(float))
-    return np.array([np.median(a[~np.isnan(a)]) if np.isfinite(a).any() else np.nan for a in apart.T])
+@dataclass(frozen=True)
+class Read:
+    """A recording and what was made of it.
+
+    Attributes:
+        machine: of which it is.
+        measured: (N, nu + ny) readings in the channels' units; NaN means missing.
+        manner: how often each channel was read.
+        estimates: of it alone.
+    """
+
+    machine: Machine
+    measured: Array
+    manner: Manner
+    estimates: Estimates
+
+    def off(self, output: str) -> float:
+        """How far an output typically is from what the estimate says that it reads, in its unit; NaN if unread."""
+        machine, i = self.machine, self.machine.outputs.index(output)
+        every = -(-len(self.measured) // len(self.estimates.time_s))
+        said = machine.observe(self.estimates.mean[0].astype(float))[:, i]
+        apart = self.measured[::every, len(machine.inputs) + i] - said
+        return float(np.median(apart[~np.isnan(apart)])) if np.isfinite(apart).any() else np.nan
 
 
-def _channels(
-    measured: Array, manner: Manner, accepted: np.ndarray, envelope: Envelope, reference: Reference
-) -> dict[str, ChannelUse]:
-    told = reference.accepted.any()
+def _channels(read: Read, used: np.ndarray, envelope: Envelope, reference: Reference) -> dict[str, ChannelUse]:
+    told, manner, period_s = reference.accepted.any(), read.manner, read.machine.sample_period_s
     found = {}
-    for c, name in enumerate(CHANNELS):
-        read = ~np.isnan(measured[:, c])
-        values, low, high = measured[read, c], envelope.low[c], envelope.high[c]
+    for c, name in enumerate(read.machine.channels):
+        there = ~np.isnan(read.measured[:, c])
+        values, low, high = read.measured[there, c], envelope.low[c], envelope.high[c]
         period = manner[c] or max(manner) or 1
         found[name] = ChannelUse(
-            UNITS[name],
-            min(float(read.sum()) / -(-len(read) // period), 1.0),
-            float(accepted[read, c].mean()) if told and len(values) else None,
+            read.machine.variables[name].unit,
+            min(float(there.sum()) / -(-len(there) // period), 1.0),
+            float(used[there, c].mean()) if told and len(values) else None,
             float(((values < low) | (values > high)).mean()) if len(values) else 0.0,
-            manner[c] * SAMPLE_PERIOD_S if manner[c] else None,
-            max(_gaps(read, period), default=0.0),
+            manner[c] * period_s if manner[c] else None,
+            max(_gaps(there, period, period_s), default=0.0),
             float(np.median(values)) if len(values) else None,
             float(low),
             float(high),
@@ -174,11 +190,11 @@ def _channels(
     return found
 
 
-def _gaps(read: np.ndarray, period: int) -> list[float]:
+def _gaps(read: np.ndarray, period: int, period_s: float) -> list[float]:
     """Seconds of each stretch without a reading that lasts longer than a period does."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], read, [True]]).astype(np.int8)))
     lengths = edges[1::2] - edges[::2]
-    return [float(n * SAMPLE_PERIOD_S) for n in lengths if n >= 2 * period]
+    return [float(n * period_s) for n in lengths if n >= 2 * period]
 
 
 def _unlike(channels: dict[str, ChannelUse]) -> tuple[str, str] | None:
@@ -216,19 +232,20 @@ def _within(one: ChannelUse, other: ChannelUse) -> bool:
 
 def _unsound(manner: Manner, references: References, who: str) -> tuple[str, str] | None:
     """Recordings read like this one, of which the estimator could not be trusted where the truth is known."""
+    names, period_s = references.machine.channels, references.machine.sample_period_s
     reference = references.of(manner)
     trained = references.of(tuple(min(m, 1) for m in manner))
     every = references.of((1,) * len(manner))
     if sound(reference, every) or not sound(every, every):  # who never learns anything says so by the next rule
         return None
-    lacks = [name for name, ticks in zip(CHANNELS, manner, strict=True) if not ticks]
+    lacks = [name for name, ticks in zip(names, manner, strict=True) if not ticks]
     if not sound(trained, every):
         return LACKS, f"{' and '.join(lacks)}; {_held(trained, every, who)}"
-    seldom = [n for n, ticks in zip(CHANNELS, manner, strict=True) if ticks == max(manner)]
-    what = "it was" if len(seldom) == len(CHANNELS) - len(lacks) else f"{' and '.join(seldom)} were"
+    seldom = [n for n, ticks in zip(names, manner, strict=True) if ticks == max(manner)]
+    what = "it was" if len(seldom) == len(names) - len(lacks) else f"{' and '.join(seldom)} were"
     limit = references.slowest(manner)
     return SELDOM, (
-        f"{what} read every {max(manner) * SAMPLE_PERIOD_S:g} s, {who} is trained for every {SAMPLE_PERIOD_S:g} s and "
+        f"{what} read every {max(manner) * period_s:g} s, {who} is trained for every {period_s:g} s and "
         f"goes down to every {limit:g} s; {_held(reference, every, who)}"
     )
 
@@ -243,31 +260,31 @@ def _held(reference: Reference, every: Reference, who: str) -> str:
     )
 
 
-def _rejected(channels: dict[str, ChannelUse], reference: Reference, residual: Array) -> tuple[str, str] | None:
+def _rejected(channels: dict[str, ChannelUse], reference: Reference, read: Read) -> tuple[str, str] | None:
     """Channels of which the estimator left most readings out, as it does not on sound recordings."""
-    usual = dict(zip(CHANNELS, reference.accepted.mean(axis=0), strict=True))
+    usual = dict(zip(channels, reference.accepted.mean(axis=0), strict=True))
     said = [
         f"{name} was rejected in {100 * (1.0 - c.accepted):.0f} % of its readings, on the validation recordings in "
-        f"{100 * (1.0 - usual[name]):.1f} %{_typically(name, c, residual)}"
+        f"{100 * (1.0 - usual[name]):.1f} %{_typically(name, c, read)}"
         for name, c in channels.items()
         if c.accepted is not None and c.accepted < MOST_UNUSED * usual[name]
     ]
     return (UNLIKE, "; ".join(said)) if said else None
 
 
-def _typically(name: str, use: ChannelUse, residual: Array) -> str:
+def _typically(name: str, use: ChannelUse, read: Read) -> str:
     """How far the readings of an output are from the estimate; empty for an input."""
-    if name not in OUTPUTS or use.median is None:
+    if name not in read.machine.outputs or use.median is None:
         return ""
-    off = float(residual[OUTPUTS.index(name)])
+    off = read.off(name)
     near = (0.9 * (use.median - off), 1.1 * (use.median - off))  # where a wrong unit moves it by less, none is guessed
     way = "above" if off > 0.0 else "below"
     asks = "" if near[0] <= use.median <= near[1] else _asks(name, use, *near)
     return f"; typically it is {abs(off):.3g} {short_unit(use.unit)} {way} the estimate{asks}"
 
 
-def _unlearnt(seen: Witnessed, narrowest: Array, reference: Reference) -> tuple[str, str] | None:
-    outputs = seen.accepted[0][:, len(INPUTS) :]
+def _unlearnt(seen: Witnessed, narrowest: Array, reference: Reference, machine: Machine) -> tuple[str, str] | None:
+    outputs = seen.accepted[0][:, len(machine.inputs) :]
     if reference.accepted.any() and not outputs.any():
         return PRIOR, "the estimate is the prior: no reading of an output was used"
     if not learns(narrowest):
@@ -280,23 +297,19 @@ def _inconsistent(
     channels: dict[str, ChannelUse],
     seen: Witnessed,
     reference: Reference,
-    residual: Array,
+    read: Read,
 ) -> tuple[str, str] | None:
     """Innovations larger than the estimator's own on sound recordings."""
     median, low, high = nis
     if not median > high:
         return None
-    read = [i for i, name in enumerate(OUTPUTS) if channels[name].accepted]
+    outputs = read.machine.outputs
+    used = [i for i, name in enumerate(outputs) if channels[name].accepted]
     ticks = seen.off.shape[1]
-    usual = np.nanmedian(reference.off[:, :ticks, read].astype(np.float32), axis=(0, 1))
-    worst = OUTPUTS[read[int(np.argmax(np.nanmedian(np.abs(seen.off[0][:, read]), axis=0) / usual))]]
+    usual = np.nanmedian(reference.off[:, :ticks, used].astype(np.float32), axis=(0, 1))
+    worst = outputs[used[int(np.argmax(np.nanmedian(np.abs(seen.off[0][:, used]), axis=0) / usual))]]
     return UNLIKE, (
         f"the readings contradict each other, median NIS {median:.3g} of its chi-square's, expected {low:.3g} to "
-        f"{high:.3g}; {worst} is farthest off{_typically(worst, channels[worst], residual)}; "
+        f"{high:.3g}; {worst} is farthest off{_typically(worst, channels[worst], read)}; "
         "look at units (gauge or absolute pressure?), column names and sensors"
     )
-
-
-def short_unit(unit: str) -> str:
-    """As people write it."""
-    return {"kelvin": "K", "dimensionless": "(no unit)"}.get(unit, unit)

@@ -25,12 +25,12 @@ from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.coverage import inside
 from twinbench.common.store import CannotWrite, Store, key_of, reading
 from twinbench.common.versions import code_version
-from twinbench.data.batch import CHANNELS, HEALTH, OUTPUTS, SAMPLE_PERIOD_S, Array, Batch
+from twinbench.data.batch import Batch
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, State
 
 KIND = "reference"
-EVERY_TICK: Manner = (1,) * len(CHANNELS)
-"""As the estimators are trained."""
 STRIDE = 19
 """Ticks between those at which coverage is counted, a second. A prime, so as not to keep step with seldom readings."""
 ENVELOPE = (0.001, 0.999)
@@ -50,8 +50,8 @@ class Envelope(NamedTuple):
     """Where the training recordings were read.
 
     Attributes:
-        low: (7,) lower ends in the channels' units, order CHANNELS.
-        high: (7,) upper ends in the channels' units, order CHANNELS.
+        low: (nu + ny,) lower ends in the channels' units.
+        high: (nu + ny,) upper ends in the channels' units.
     """
 
     low: Array
@@ -70,10 +70,10 @@ class Reference:
 
     Attributes:
         nis: (B, N) float32, dimensionless, each over the median of its chi-square; NaN where no channel was accepted.
-        off: (B, N, 3) float16, dimensionless, absolute innovation over its expected sd, order OUTPUTS.
-        accepted: (B, 7) dimensionless, share of the readings that were used, order CHANNELS.
-        covered: share of the truths, five states and five health parameters, that lay in their 95 % intervals.
-        narrowest: (5,) dimensionless, typical width of the health intervals over that at the start, order HEALTH.
+        off: (B, N, ny) float16, dimensionless, absolute innovation over its expected sd.
+        accepted: (B, nu + ny) dimensionless, share of the readings that were used.
+        covered: share of the truths, states and health, that lay in their 95 % intervals.
+        narrowest: (nh,) dimensionless, typical width of the health intervals over that at the start.
     """
 
     nis: np.ndarray
@@ -88,8 +88,8 @@ class Reference:
             np.savez_compressed(file, allow_pickle=False, **{f.name: getattr(self, f.name) for f in fields(self)})
 
     @classmethod
-    def load(cls, path: Path) -> Reference:
-        """Read what ``save`` wrote.
+    def load(cls, path: Path, machine: Machine) -> Reference:
+        """Read what ``save`` wrote of an estimator of a machine.
 
         Raises:
             BadInput: it is not.
@@ -97,7 +97,12 @@ class Reference:
         with reading(path), open(path, "rb") as file, np.load(file, allow_pickle=False) as stored:
             arrays = {f.name: stored[f.name] for f in fields(cls)}
             nis, narrowest = arrays["nis"], arrays["narrowest"]
-            shapes = {"off": (*nis.shape[:2], 3), "accepted": (len(nis), 7), "covered": (), "narrowest": (5,)}
+            shapes = {
+                "off": (*nis.shape[:2], len(machine.outputs)),
+                "accepted": (len(nis), len(machine.channels)),
+                "covered": (),
+                "narrowest": (len(machine.health),),
+            }
             for name, shape in shapes.items():
                 if arrays[name].shape != shape:
                     raise ValueError(f"{name} has shape {arrays[name].shape}, must have {shape}")
@@ -123,8 +128,9 @@ class References:
     """Of one trained estimator, for any manner of reading."""
 
     def __init__(self, store: Store, cell: Cell, estimator: Estimator) -> None:
-        self.store, self.cell, self.estimator = store, cell, estimator
-        split = cells.load_split(store, cell.data)
+        self.store, self.cell, self.estimator, self.machine = store, cell, estimator, estimator.machine
+        self.every_tick: Manner = (1,) * len(self.machine.channels)  # as the estimators are trained
+        split = cells.load_split(store, cell)
         self.validation, self.envelope = split.validation, Envelope.of(split.train)
 
     def of(self, manner: Manner) -> Reference:
@@ -138,8 +144,8 @@ class References:
         )
         path = self.store.path(KIND, key)
         if self.store.has(KIND, key):
-            return Reference.load(path)
-        measured = joined(read_as(self.validation.measured, manner), manner)
+            return Reference.load(path, self.machine)
+        measured = joined(read_as(self.validation.measured, manner), manner, len(self.machine.inputs))
         batch = replace(self.validation, measured=measured, truth=None)
         estimates, seen = watch(self.estimator, batch, STRIDE, cell.seed)
         found = _summed_up(estimates, seen, self.validation, manner, self.estimator.init(1))
@@ -152,8 +158,8 @@ class References:
     def slowest(self, manner: Manner) -> float | None:
         """Seconds between readings, the slowest that is sound for channels of ``manner``; None if none is."""
         for slower in _faster(manner):
-            if sound(self.of(slower), self.of(EVERY_TICK)):
-                return max(slower) * SAMPLE_PERIOD_S
+            if sound(self.of(slower), self.of(self.every_tick)):
+                return max(slower) * self.machine.sample_period_s
         return None
 
 
@@ -166,14 +172,14 @@ def learns(narrowest: Array) -> bool:
     """Is any health parameter's interval narrower than at the start?
 
     Args:
-        narrowest: (5,) dimensionless, widths of the health intervals over those at the start, order HEALTH.
+        narrowest: (nh,) dimensionless, widths of the health intervals over those at the start.
     """
     return bool((narrowest < NARROWER).any())
 
 
-def narrowing(estimates: Estimates, start: State) -> Array:
-    """(B, 5) widths of the health intervals over those at the start: their median over the second half."""
-    health = slice(-len(HEALTH), None)
+def narrowing(estimates: Estimates, start: State, machine: Machine) -> Array:
+    """(B, nh) widths of the health intervals over those at the start: their median over the second half."""
+    health = slice(len(machine.estimated), None)
     at_first = (start.high - start.low)[:, None, health]
     late = slice(estimates.low.shape[1] // 2, None)
     width = (estimates.high - estimates.low)[:, late, health].astype(float)
@@ -182,7 +188,7 @@ def narrowing(estimates: Estimates, start: State) -> Array:
 
 def nis_ratio(seen: Witnessed) -> np.ndarray:
     """(B, N) NIS, each over the median of the chi-square of the channels that were accepted."""
-    medians = np.array([np.nan, *chi2.median(np.arange(1, len(OUTPUTS) + 1))], dtype=np.float32)
+    medians = np.array([np.nan, *chi2.median(np.arange(1, seen.off.shape[-1] + 1))], dtype=np.float32)
     return seen.nis / medians[seen.dof]
 
 
@@ -191,7 +197,8 @@ def _summed_up(estimates: Estimates, seen: Witnessed, validation: Batch, manner:
     accepted = (seen.accepted & offered).sum(axis=1) / np.maximum(offered.sum(axis=1), 1)
     covered = float(np.nanmean(inside(estimates, truth_at(validation, estimates.names, estimates.time_s))))
     off = np.minimum(np.abs(seen.off), np.finfo(np.float16).max).astype(np.float16)
-    return Reference(nis_ratio(seen), off, accepted, covered, np.median(narrowing(estimates, start), axis=0))
+    narrowest = np.median(narrowing(estimates, start, validation.machine), axis=0)
+    return Reference(nis_ratio(seen), off, accepted, covered, narrowest)
 
 
 def _faster(manner: Manner) -> Iterator[Manner]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from twinbench.data.batch import INPUTS, SAMPLE_PERIOD_S, Array
+from twinbench.machines.coordinates import Array
 
 Manner = tuple[int, ...]
-"""(7,) ticks between readings of each channel, order CHANNELS; 0: it lacks, all of it or more than half."""
+"""(nu + ny,) ticks between readings of each channel; 0: it lacks, all of it or more than half."""
 LONGEST_JOIN = 1.5
-"""Of a channel's usual spacing: a longer gap is a gap, and is not bridged. Dropped samples at 20 Hz stay missing."""
+"""Of a channel's usual spacing: a longer gap is one, and is not bridged. What drops out at every tick stays missing."""
 
 
 def manner_of(measured: Array) -> Manner:
@@ -31,20 +31,16 @@ def manner_of(measured: Array) -> Manner:
     return tuple(spacings)
 
 
-def period_s(manner: Manner) -> float:
-    """Of the channel that is read most seldom."""
-    return max(manner) * SAMPLE_PERIOD_S
-
-
-def joined(measured: Array, manner: Manner) -> Array:
-    """Readings (B, N, 7) with inputs on every tick, by straight lines between two readings of one channel.
+def joined(measured: Array, manner: Manner, inputs: int) -> Array:
+    """Readings (B, N, nu + ny) with inputs on every tick, by straight lines between two readings of one channel.
 
     Args:
-        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        measured: (B, N, nu + ny) readings in the channels' units; NaN means missing.
         manner: of these readings.
+        inputs: how many there are, nu.
     """
     filled = measured.copy()
-    for c in range(len(INPUTS)):
+    for c in range(inputs):
         if manner[c] > 1:
             for row in filled:
                 _join(row[:, c], LONGEST_JOIN * manner[c])
@@ -63,10 +59,10 @@ def _join(values: Array, longest: float) -> None:
 
 
 def read_as(measured: Array, manner: Manner) -> Array:
-    """Other readings (B, N, 7), of every tick, as seldom as ``manner`` says.
+    """Other readings (B, N, nu + ny), of every tick, as seldom as ``manner`` says.
 
     Args:
-        measured: (B, N, 7) readings in the channels' units, order CHANNELS; NaN means missing.
+        measured: (B, N, nu + ny) readings in the channels' units; NaN means missing.
         manner: to be read in.
     """
     thinned = np.full_like(measured, np.nan)

@@ -10,7 +10,7 @@ import numpy as np
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Evaluation
-from twinbench.data.batch import CHANNELS, INPUTS, SAMPLE_PERIOD_S, Batch
+from twinbench.data.batch import Batch
 from twinbench.methods.estimator import Estimator, Info, Sample, State
 
 NO_FORECASTS = 1e9
@@ -21,11 +21,11 @@ class Witnessed(NamedTuple):
     """Diagnostics of every tick. B sequences of N ticks.
 
     Attributes:
-        accepted: (B, N, 7) bool, order CHANNELS: read at this tick, and used.
+        accepted: (B, N, nu + ny) bool: read at this tick, and used.
         nis: (B, N) float32, dimensionless, over the accepted channels; NaN if none.
         dof: (B, N) int8, dimensionless, channels it is of.
-        off: (B, N, 3) float32, dimensionless, innovation over its expected sd, order OUTPUTS; NaN where missing.
-        innovation: (B, N, 3) float32, in the outputs' units, order OUTPUTS.
+        off: (B, N, ny) float32, dimensionless, innovation over its expected sd; NaN where missing.
+        innovation: (B, N, ny) float32, in the outputs' units.
         flags: (B, N) int16, dimensionless: bitwise or of the FLAG_ constants.
     """
 
@@ -50,9 +50,9 @@ class _Witness:
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         state, info = self.estimator.step(state, sample)
-        seen, k = self.seen, self.tick
-        used = info.age_s < 0.5 * SAMPLE_PERIOD_S
-        used[:, len(INPUTS) :] = info.accepted
+        seen, k, machine = self.seen, self.tick, self.estimator.machine
+        used = info.age_s < 0.5 * machine.sample_period_s
+        used[:, len(machine.inputs) :] = info.accepted
         seen.accepted[:, k] = used
         seen.nis[:, k], seen.dof[:, k], seen.flags[:, k] = info.nis, info.accepted.sum(axis=1), info.flags
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -68,13 +68,13 @@ def watch(estimator: Estimator, batch: Batch, stride: int, seed: int) -> tuple[E
     Args:
         stride: estimates are kept every so many ticks, diagnostics at each.
     """
-    shape = batch.measured.shape[:2]
+    shape, outputs = batch.measured.shape[:2], len(batch.machine.outputs)
     seen = Witnessed(
-        np.zeros((*shape, len(CHANNELS)), bool),
+        np.zeros(batch.measured.shape, bool),
         np.full(shape, np.nan, np.float32),
         np.zeros(shape, np.int8),
-        np.full((*shape, 3), np.nan, np.float32),
-        np.full((*shape, 3), np.nan, np.float32),
+        np.full((*shape, outputs), np.nan, np.float32),
+        np.full((*shape, outputs), np.nan, np.float32),
         np.zeros(shape, np.int16),
     )
     evaluation = Evaluation(stride=stride, origin_every_s=NO_FORECASTS, leads_s=(1.0,))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from twinbench.bench.estimate.quality import USABLE, ChannelUse, Quality, short_unit
+from twinbench.bench.estimate.quality import USABLE, ChannelUse, Quality
+from twinbench.data.units import short_unit
 
 SMALL = 0.001
 """A share of less is not worth a word."""

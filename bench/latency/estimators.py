@@ -15,7 +15,9 @@ from twinbench.bench.roster import TRIVIAL
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, key_of, write_csv
 from twinbench.common.threads import pin_torch
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.machines.coordinates import Array
+from twinbench.machines.load import machine_at
+from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, Sample
 
 MODE = "back_to_back"
@@ -46,28 +48,29 @@ def weights_kB(estimator: Estimator) -> float:
 
 
 def recording(store: Store, todo: list[Cell]) -> Array:
-    """Readings (N, 7) of the first test recording, NaN where missing."""
-    return np.ascontiguousarray(cells.load_split(store, todo[0].data).test.measured[0])
+    """Readings (N, nu + ny) of the first test recording, NaN where missing."""
+    return np.ascontiguousarray(cells.load_split(store, todo[0]).test.measured[0])
 
 
-def samples(readings: Array) -> list[Sample]:
+def samples(readings: Array, machine: Machine) -> list[Sample]:
     """One machine's ticks.
 
     Args:
-        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        readings: (N, nu + ny) in the channels' units; NaN means missing.
+        machine: of which kind.
     """
-    return [Sample(SAMPLE_PERIOD_S * k, row[None]) for k, row in enumerate(readings)]
+    return [Sample(machine.sample_period_s * k, row[None]) for k, row in enumerate(readings)]
 
 
 def runners(store: Store, todo: list[Cell], readings: Array) -> tuple[dict[Name, tuple[Timed, Stepped]], list[Outcome]]:
     """Warm runners of every implementation, and who fails before it is warm; the trivial rows do nothing worth timing.
 
     Args:
-        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        readings: (N, nu + ny) in the channels' units; NaN means missing.
     """
     ready: dict[Name, tuple[Timed, Stepped]] = {}
     failed = []
-    ticks = samples(readings)
+    ticks = samples(readings, machine_at(todo[0].machine)) if todo else []
     for cell in (c for c in todo if c.estimator not in TRIVIAL):
         kind = find(cell.spec)
         for implementation in () if kind.two_sided else kind.implementations:

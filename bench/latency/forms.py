@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 import torch
@@ -11,7 +12,7 @@ from numba import njit
 
 from twinbench.bench.latency.estimators import samples
 from twinbench.bench.latency.timing import Name, Timed
-from twinbench.data.batch import CHANNELS, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.deeponet_kalman.cycle import scratch, take_in
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
@@ -25,7 +26,7 @@ IN_PLACE, PLAIN, OPERATOR = "in place", "plain torch", "operator"
 
 def with_window(twin: DeepONetKalman, window: int) -> DeepONetKalman:
     """The same weights on another window, which time does not tell from weights trained on it."""
-    other = DeepONetKalman(**{**twin.config, "window": window})
+    other = DeepONetKalman(twin.machine, **{**twin.config, "window": window})
     other.arrays = {**twin.arrays, "net.branch.position": np.zeros(window // KERNEL**2, np.float32)}
     other.restore()
     return other
@@ -35,13 +36,13 @@ def whole_updates(twin: DeepONetKalman, readings: Array) -> Iterator[Timed]:
     """One machine in place, for each window, and the plain form in single precision.
 
     Args:
-        readings: (N, 7) in the channels' units, order CHANNELS; NaN means missing.
+        readings: (N, nu + ny) in the channels' units; NaN means missing.
     """
     rows = list(readings)
     for window in WINDOWS:
         yield Timed(Name(twin.name, IN_PLACE, window), Online(with_window(twin, window)).update, rows)
     plain = PlainTwin(twin, torch.float32)
-    yield Timed(Name(twin.name, PLAIN, twin.config["window"]), plain.update, samples(readings))
+    yield Timed(Name(twin.name, PLAIN, twin.config["window"]), plain.update, samples(readings, twin.machine))
 
 
 def operators(twin: DeepONetKalman, filled: Array) -> Iterator[Timed]:
@@ -50,7 +51,7 @@ def operators(twin: DeepONetKalman, filled: Array) -> Iterator[Timed]:
     As ONNX only where onnx and onnxruntime are installed.
 
     Args:
-        filled: (N, 7) in the channels' units, order CHANNELS, none missing.
+        filled: (N, nu + ny) in the channels' units, none missing.
     """
     window = twin.config["window"]
     forms = {"compiled": _compiled, "ONNX": _onnx, "torch": _torch}
@@ -68,7 +69,7 @@ def _advance(weights, twin, memory, t, readings):  # type: ignore[no-untyped-def
 
 
 def _compiled(twin: DeepONetKalman) -> Callable[[Array], object]:
-    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights)
+    memory, room = twin.init(1).memory[0].copy(), scratch(twin.weights, twin.parts)
     room["mask"] = 1.0
     return lambda readings: _advance(twin.weights, twin.twin, memory, room, readings)
 
@@ -82,14 +83,9 @@ def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     session = onnxruntime.InferenceSession(operator_graph(twin), options)
     single, window = np.float32, twin.config["window"]
-    feed = {
-        "mask": np.ones(len(CHANNELS), single),
-        "x": single(twin.model.state_mean),
-        "zeta": np.zeros(5, single),
-        "window": np.tile(single(twin.front_end.mean), (window, 1)),
-        "masks": np.ones((window, 7), single),
-        "slow": np.zeros(2, single),
-    }
+    feed: dict[str, Any] = {i.name: np.zeros(i.shape, single) for i in session.get_inputs()}
+    feed["x"], feed["window"] = single(twin.model.state_mean), np.tile(single(twin.front_end.mean), (window, 1))
+    feed["mask"][:], feed["masks"][:] = 1.0, 1.0
 
     def update(readings: Array) -> None:
         feed["values"] = readings.astype(single)
@@ -99,7 +95,7 @@ def _onnx(twin: DeepONetKalman) -> Callable[[Array], object]:
 
 
 def _torch(twin: DeepONetKalman) -> Callable[[Array], object]:
-    plain, everything = PlainTwin(twin, torch.float32), np.ones(len(CHANNELS))
+    plain, everything = PlainTwin(twin, torch.float32), np.ones(len(twin.machine.channels))
 
     def update(readings: Array) -> None:
         plain.ticks += 1

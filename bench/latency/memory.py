@@ -15,13 +15,12 @@ import pandas as pd
 
 from twinbench.bench.latency.estimators import Stepped, weights_kB
 from twinbench.bench.latency.forms import IN_PLACE
+from twinbench.machines.load import machine_at
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.estimator import Sample
 
 STEPPED_UPDATES = 100
-TYPICAL = np.array([0.95, 298.0, 1350.0, 0.6, 3.3, 430.0, 0.117])
-"""Readings, order CHANNELS."""
 COLUMNS = ("estimator", "implementation", "weights_kB", "buffers_kB", "besides_kB", "process_MB")
 
 
@@ -65,10 +64,18 @@ def _besides_kB(update: Callable[[Any], object], ticks: Sequence[Any]) -> float:
     return most / 1e3
 
 
-def process_MB(spec: str, fitted: Path, implementation: str = "") -> float:
+class Stored(NamedTuple):
+    """A trained estimator: its name or file, its machine's, and where it was written."""
+
+    spec: str
+    machine: str
+    fitted: Path
+
+
+def process_MB(stored: Stored, implementation: str = "") -> float:
     """The most that a process of its own held, interpreter and libraries included, after some updates; NaN: it died."""
     done = subprocess.run(
-        [sys.executable, "-m", __name__, spec, str(fitted), implementation], capture_output=True, text=True, check=False
+        [sys.executable, "-m", __name__, *map(str, stored), implementation], capture_output=True, text=True, check=False
     )
     return float(done.stdout) if done.returncode == 0 else float("nan")
 
@@ -79,19 +86,21 @@ def table(rows: Sequence[Held], processes: Sequence[float]) -> pd.DataFrame:
     return frame.assign(process_MB=[round(mb, 1) for mb in processes])[list(COLUMNS)]
 
 
-def _main(spec: str, fitted: str, implementation: str) -> None:
+def _main(spec: str, machine: str, fitted: str, implementation: str) -> None:
     from twinbench.bench.registry import find
 
-    estimator = find(spec).load(Path(fitted))
+    estimator = find(spec).load(Path(fitted), machine_at(machine))
+    plant = estimator.machine.plant
+    typical = np.array([v.nominal for v in (*plant.inputs, *plant.outputs)])
     if implementation == IN_PLACE:
         assert isinstance(estimator, DeepONetKalman)
         online = Online(estimator)
         for _ in range(STEPPED_UPDATES):
-            online.update(TYPICAL)
+            online.update(typical)
     else:
         stepped = Stepped(estimator)
         for _ in range(STEPPED_UPDATES):
-            stepped(Sample(0.0, TYPICAL[None]))
+            stepped(Sample(0.0, typical[None]))
     # Not getrusage: there a child begins with its parent's peak.
     (peak_kB,) = re.findall(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())
     print(int(peak_kB) / 1e3)

@@ -1,142 +1,197 @@
-"""Peers: filterpy's EKF and UKF on the same machine, ten states, with the nominal model in NumPy and in numba.
+"""Peers: filterpy's EKF and UKF on the same machine, with its reduced model in NumPy and in numba.
 
-z = [five states, five health coordinates zeta]. The model is the reduced-order compressor, one Runge-Kutta step a
-tick; its probe follows the gas at once, its valve stands where it is told, its head has the gas's temperature.
-Noise is the data sheet's and the baselines'. The filters are filterpy's own ``predict`` and ``update``, the EKF's
-Jacobians forward differences of the same model.
+z = [the estimated states, coordinates zeta of health]. The model is the machine's reduced one, one Runge-Kutta step a
+tick. What lags is where it follows to; other states behind the estimated ones stay at their nominal values. Noise is
+the data sheet's and the baselines'. The filters are filterpy's own ``predict`` and ``update``, the EKF's Jacobians
+forward differences of the same model.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numba import njit
 
-from twinbench.baselines.model_ekf import STATE_WALK
-from twinbench.data.batch import CHANNEL, HEALTH, SAMPLE_PERIOD_S, STATE, STATES, Array
-from twinbench.methods.noise import health_walk_var, output_sd
+from twinbench.machines.coordinates import Array, Coordinates, map_one
+from twinbench.machines.machine import Machine
+from twinbench.methods.noise import health_walk_var, output_sd, sheet_of
 from twinbench.physics.compile import compiled
-from twinbench.physics.compressor import X, balance, flux
-from twinbench.physics.health import map_health, to_theta
 from twinbench.physics.integrate import rk4
-from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.simulator import Equation, Simulator
 
-N_STATES, N_HEALTH = len(STATES), len(HEALTH)
-SIZE = N_STATES + N_HEALTH
 ALPHA = 0.5
 """Spread of the sigma points, as ``baselines.pinn_ukf`` has it."""
-DIFFERENCE_STEP = np.concatenate(
-    [1e-4 * np.array([v.scale for v in NOMINAL.states[:N_STATES]]), np.full(len(HEALTH), 1e-3)]
-)
-"""Of the forward differences."""
-Q = np.diag(np.concatenate([STATE_WALK[:N_STATES] ** 2 * SAMPLE_PERIOD_S, health_walk_var(1.0)]))
-CONSTANTS = NOMINAL.theta()
+STATE_STEP, ZETA_STEP = 1e-4, 1e-3
+"""Of the forward differences: of a state's scale, and in the coordinates of health."""
 
 Move = Callable[[Array, Array], Array]
-"""z (10,) one tick on under inputs (4,)."""
+"""z (n + nh,) one tick on under inputs (nu,)."""
 Observe = Callable[[Array, Array], Array]
-"""Readings (3,) of z (10,) under inputs (4,)."""
+"""Readings (ny,) of z (n + nh,) under inputs (nu,)."""
 
 
-def start(readings: Array) -> tuple[Array, Array]:
-    """z (10,) and P (10, 10) of a healthy machine at its first readings (7,).
+class Model(NamedTuple):
+    """A machine's reduced model as the peers take it.
 
-    Args:
-        readings: (7,) in the channels' units, order CHANNELS, none missing.
+    Attributes:
+        machine: of which.
+        Q: (n + nh, n + nh) covariance of a tick's process noise, in the states' units and coordinates, squared.
+        difference: (n + nh,) steps of the forward differences, in the states' units and coordinates.
+        written: move and observe in Python and NumPy, as they are written.
+        numba: the same, compiled.
     """
-    z = np.zeros(SIZE)
-    z[:N_STATES] = NOMINAL.initial(readings[:4], readings[4:], CONSTANTS)[:N_STATES]  # type: ignore[misc]
-    return z, np.diag(np.concatenate([np.array([0.01, 0.05, 5.0, 10.0, 0.02]) ** 2, np.ones(len(HEALTH))]))
+
+    machine: Machine
+    Q: Array
+    difference: Array
+    written: tuple[Move, Observe]
+    numba: tuple[Move, Observe]
+
+    def start(self, readings: Array) -> tuple[Array, Array]:
+        """z (n + nh,) and P (n + nh, n + nh) of a healthy machine at its first readings.
+
+        Args:
+            readings: (nu + ny,) in the channels' units, none missing.
+        """
+        machine, nu, n = self.machine, len(self.machine.inputs), len(self.machine.estimated)
+        reduced = machine.reduced
+        z = np.zeros(len(machine.quantities))
+        z[:n] = reduced.initial(readings[:nu], readings[nu:], reduced.theta())[:n]
+        return z, np.diag(np.concatenate([machine.states_spread**2, np.ones(len(z) - n)]))
+
+    def variance(self, readings: Array) -> Array:
+        """R (ny, ny) of the outputs at readings.
+
+        Args:
+            readings: (nu + ny,) in the channels' units, none missing.
+        """
+        white, coloured = output_sd(sheet_of(self.machine), readings[None])
+        return np.diag(white[0] ** 2 + coloured[0] ** 2)
 
 
-def variance(readings: Array) -> Array:
-    """R (3, 3) of the outputs at readings (7,).
+@functools.cache
+def model_of(machine: Machine) -> Model:
+    """One for each machine: compiling it takes seconds."""
+    n, nh = len(machine.estimated), len(machine.health)
+    scale = np.array([v.scale for v in machine.reduced.states[:n]])
+    walk = machine.states_walk[:n] ** 2 * machine.sample_period_s
+    return Model(
+        machine,
+        np.diag(np.concatenate([walk, health_walk_var(machine, 1.0)])),
+        np.concatenate([STATE_STEP * scale, np.full(nh, ZETA_STEP)]),
+        _written(machine),
+        _compiled(machine),
+    )
 
-    Args:
-        readings: (7,) in the channels' units, order CHANNELS, none missing.
+
+class _Places(NamedTuple):
+    """Where things stand in the reduced model.
+
+    Attributes:
+        health: (nh,) in theta.
+        lags: (n_lags,) among the states.
+        follow: (n_lags,) what each follows, among the estimated states and then the inputs.
     """
-    white, coloured = output_sd(readings[None])
-    return np.diag(white[0] ** 2 + coloured[0] ** 2)
+
+    health: np.ndarray
+    lags: np.ndarray
+    follow: np.ndarray
 
 
-def _numpy_rhs(x: Array, u: Array, theta: Array) -> Array:
-    return balance.py_func(x, u, theta, flux.py_func(x, u, theta))
+def _places(machine: Machine) -> _Places:
+    states = [v.name for v in machine.reduced.states]
+    followed = [*machine.estimated, *machine.inputs]
+    return _Places(
+        np.array([machine.reduced.index(name) for name in machine.health_names]),
+        np.array([states.index(lag.state) for lag in machine.lags], dtype=np.int64),
+        np.array([followed.index(lag.follows) for lag in machine.lags], dtype=np.int64),
+    )
 
 
-def _all_states(z: Array, u: Array) -> Array:
-    """The nominal model's state (8,) at z (10,): the probe and the head have the gas's temperature."""
-    T_gas_K = z[STATE.T_gas_K]
-    return np.concatenate([z[:N_STATES], [T_gas_K, u[CHANNEL.valve], T_gas_K]])
+def _written(machine: Machine) -> tuple[Move, Observe]:
+    """The equations as they are written, in Python and NumPy."""
+    reduced, places, n = machine.reduced, _places(machine), len(machine.estimated)
+    rhs, output, h = _plain_rhs(reduced), _plain(reduced.output), machine.sample_period_s
+
+    def whole(z: Array, u: Array) -> tuple[Array, Array]:
+        theta = reduced.theta()
+        theta[places.health] = machine.coordinates.to_theta(z[n:])
+        x = np.array([v.nominal for v in reduced.states])
+        x[:n] = z[:n]
+        x[places.lags] = np.concatenate([z[:n], u])[places.follow]
+        return x, theta
+
+    def move(z: Array, u: Array) -> Array:
+        x, theta = whole(z, u)
+        k1 = rhs(x, u, theta)
+        k2 = rhs(x + 0.5 * h * k1, u, theta)
+        k3 = rhs(x + 0.5 * h * k2, u, theta)
+        k4 = rhs(x + h * k3, u, theta)
+        return np.concatenate([(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4))[:n], z[n:]])
+
+    def observe(z: Array, u: Array) -> Array:
+        x, theta = whole(z, u)
+        return np.asarray(output(x, u, theta))
+
+    return move, observe
 
 
-def numpy_move(z: Array, u: Array) -> Array:
-    """One Runge-Kutta step of the equations as they are written, in Python and NumPy.
-
-    Args:
-        z: (10,) states in their units, then dimensionless coordinates of health.
-        u: (4,) inputs in their units, order INPUTS.
-    """
-    theta = np.concatenate([to_theta(z[N_STATES:]), CONSTANTS[len(HEALTH) :]])
-    x, h = _all_states(z, u), SAMPLE_PERIOD_S
-    k1 = _numpy_rhs(x, u, theta)
-    k2 = _numpy_rhs(x + 0.5 * h * k1, u, theta)
-    k3 = _numpy_rhs(x + 0.5 * h * k2, u, theta)
-    k4 = _numpy_rhs(x + h * k3, u, theta)
-    return np.concatenate([(x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4))[:N_STATES], z[N_STATES:]])
+def _plain_rhs(simulator: Simulator) -> Equation:
+    if simulator.flux is None or simulator.balance is None:
+        assert simulator.rhs is not None
+        return _plain(simulator.rhs)
+    flux, balance = _plain(simulator.flux), _plain(simulator.balance)
+    return lambda x, u, theta: balance(x, u, theta, flux(x, u, theta))
 
 
-def numpy_observe(z: Array, u: Array) -> Array:
-    """What the sensors read, in Python and NumPy.
-
-    Args:
-        z: (10,) states in their units, then dimensionless coordinates of health.
-        u: (4,) inputs in their units, order INPUTS.
-    """
-    theta = np.concatenate([to_theta(z[N_STATES:]), CONSTANTS[len(HEALTH) :]])
-    return np.asarray(NOMINAL.output(_all_states(z, u), u, theta))
+def _plain(function: Callable[..., Array]) -> Callable[..., Array]:
+    """What a compiled function was written as."""
+    return getattr(function, "py_func", function)  # type: ignore[no-any-return]
 
 
-# Bound here, not passed: as an argument an equation costs some 15 us at every call from Python.
-_rhs, _output = compiled(NOMINAL).rhs, compiled(NOMINAL).output
+def _compiled(machine: Machine) -> tuple[Move, Observe]:
+    # Bound here, not passed: as an argument an equation costs some 15 us at every call from Python.
+    rhs, output, _ = compiled(machine.reduced)
+    n, nh, period_s = len(machine.estimated), len(machine.health), machine.sample_period_s
+    healthy, low, high, exponential, slope, offset = machine.coordinates
+    health, lags, follow = _places(machine)
+    constants, nominal = machine.reduced.theta(), np.array([v.nominal for v in machine.reduced.states])
+
+    @njit(error_model="numpy")
+    def whole(z, u):  # type: ignore[no-untyped-def]
+        theta, x = constants.copy(), nominal.copy()
+        own = Coordinates(healthy, low, high, exponential, slope, offset)
+        for j in range(nh):
+            theta[health[j]] = map_one(own, j, z[n + j])[0]
+        x[:n] = z[:n]
+        for i in range(lags.size):
+            x[lags[i]] = z[follow[i]] if follow[i] < n else u[follow[i] - n]
+        return x, theta
+
+    @njit(error_model="numpy")
+    def move(z, u):  # type: ignore[no-untyped-def]
+        x, theta = whole(z, u)
+        out = z.copy()
+        out[:n] = rk4(rhs, x, u, theta, period_s, 1)[:n]
+        return out
+
+    @njit(error_model="numpy")
+    def observe(z, u):  # type: ignore[no-untyped-def]
+        x, theta = whole(z, u)
+        return output(x, u, theta)
+
+    return move, observe
 
 
-@njit(error_model="numpy")
-def _whole(z, u):  # type: ignore[no-untyped-def]
-    """State (8,) and parameters of the nominal model at z (10,)."""
-    theta, x = CONSTANTS.copy(), np.empty(len(X))
-    zeta, values, slope = z[N_STATES:].copy().reshape(1, N_HEALTH), np.empty((1, N_HEALTH)), np.empty((1, N_HEALTH))
-    map_health(zeta, values, slope)
-    theta[:N_HEALTH] = values[0]
-    x[:N_STATES] = z[:N_STATES]
-    x[X.T_probe_K], x[X.valve_pos], x[X.T_head_K] = z[STATE.T_gas_K], u[CHANNEL.valve], z[STATE.T_gas_K]
-    return x, theta
-
-
-@njit(error_model="numpy")
-def numba_move(z, u):  # type: ignore[no-untyped-def]
-    """``numpy_move``, compiled."""
-    x, theta = _whole(z, u)
-    out = z.copy()
-    out[:N_STATES] = rk4(_rhs, x, u, theta, SAMPLE_PERIOD_S, 1)[:N_STATES]
-    return out
-
-
-@njit(error_model="numpy")
-def numba_observe(z, u):  # type: ignore[no-untyped-def]
-    """``numpy_observe``, compiled."""
-    x, theta = _whole(z, u)
-    return _output(x, u, theta)
-
-
-def _differences(function: Callable[[Array, Array], Array], z: Array, u: Array) -> Array:
+def _differences(function: Callable[[Array, Array], Array], z: Array, u: Array, steps: Array) -> Array:
     """Jacobian by forward differences."""
     base = function(z, u)
-    return np.stack(
-        [(function(z + DIFFERENCE_STEP * one, u) - base) / DIFFERENCE_STEP[j] for j, one in enumerate(np.eye(SIZE))],
-        axis=1,
-    )
+    ones = np.eye(len(z))
+    return np.stack([(function(z + steps * one, u) - base) / steps[j] for j, one in enumerate(ones)], axis=1)
 
 
 class _EKF(ExtendedKalmanFilter):
@@ -150,77 +205,85 @@ class _EKF(ExtendedKalmanFilter):
 
 
 class FilterpyEKF:
-    """filterpy's extended Kalman filter on readings (7,), none missing.
+    """filterpy's extended Kalman filter on readings, none missing.
 
     Args:
-        first: (7,) in the channels' units, order CHANNELS, none missing.
-        move: z one tick on.
-        observe: what the sensors read of z.
+        first: (nu + ny,) in the channels' units, none missing.
+        model: of the machine.
+        functions: its ``written`` or ``numba`` ones.
     """
 
-    def __init__(self, first: Array, move: Move, observe: Observe) -> None:
-        self._filter, self._move, self._observe, self._u = _EKF(SIZE, 3), move, observe, first[:4]
-        self._filter.x, self._filter.P = start(first)
-        self._filter.Q, self._filter.move = Q, move
+    def __init__(self, first: Array, model: Model, functions: tuple[Move, Observe]) -> None:
+        machine = model.machine
+        self._model, (self._move, self._observe), self._inputs = model, functions, len(machine.inputs)
+        self._filter, self._u = _EKF(len(machine.quantities), len(machine.outputs)), first[: self._inputs]
+        self._filter.x, self._filter.P = model.start(first)
+        self._filter.Q, self._filter.move = model.Q, self._move
 
     def update(self, readings: Array) -> None:
         """One tick.
 
         Args:
-            readings: (7,) in the channels' units, order CHANNELS, none missing.
+            readings: (nu + ny,) in the channels' units, none missing.
         """
-        ekf, u = self._filter, readings[:4]
-        ekf.F = _differences(self._move, ekf.x, self._u)
+        ekf, u, steps = self._filter, readings[: self._inputs], self._model.difference
+        ekf.F = _differences(self._move, ekf.x, self._u, steps)
         ekf.predict(self._u)
         ekf.update(
-            readings[4:], lambda z: _differences(self._observe, z, u), lambda z: self._observe(z, u), variance(readings)
+            readings[self._inputs :],
+            lambda z: _differences(self._observe, z, u, steps),
+            lambda z: self._observe(z, u),
+            self._model.variance(readings),
         )
         self._u = u
 
     @property
     def mean(self) -> Array:
-        """z (10,)."""
+        """z (n + nh,)."""
         return np.asarray(self._filter.x)
 
     @property
     def cov(self) -> Array:
-        """P (10, 10)."""
+        """P (n + nh, n + nh)."""
         return np.asarray(self._filter.P)
 
 
 class FilterpyUKF:
-    """filterpy's unscented Kalman filter on readings (7,), none missing.
+    """filterpy's unscented Kalman filter on readings, none missing; arguments as of ``FilterpyEKF``.
 
     Args:
-        first: (7,) in the channels' units, order CHANNELS, none missing.
-        move: z one tick on.
-        observe: what the sensors read of z.
+        first: (nu + ny,) in the channels' units, none missing.
+        model: of the machine.
+        functions: its ``written`` or ``numba`` ones.
     """
 
-    def __init__(self, first: Array, move: Move, observe: Observe) -> None:
-        points = MerweScaledSigmaPoints(SIZE, ALPHA, beta=2.0, kappa=0.0)
-        self._filter = UnscentedKalmanFilter(SIZE, 3, dt=1.0, hx=None, fx=None, points=points)
-        self._filter.x, self._filter.P = start(first)
-        self._filter.Q = Q
-        self._move, self._observe, self._u = move, observe, first[:4]
+    def __init__(self, first: Array, model: Model, functions: tuple[Move, Observe]) -> None:
+        machine = model.machine
+        self._model, (self._move, self._observe), self._inputs = model, functions, len(machine.inputs)
+        size = len(machine.quantities)
+        points = MerweScaledSigmaPoints(size, ALPHA, beta=2.0, kappa=0.0)
+        self._filter = UnscentedKalmanFilter(size, len(machine.outputs), dt=1.0, hx=None, fx=None, points=points)
+        self._filter.x, self._filter.P = model.start(first)
+        self._filter.Q, self._u = model.Q, first[: self._inputs]
 
     def update(self, readings: Array) -> None:
         """One tick.
 
         Args:
-            readings: (7,) in the channels' units, order CHANNELS, none missing.
+            readings: (nu + ny,) in the channels' units, none missing.
         """
-        before, u = self._u, readings[:4]
+        before, u = self._u, readings[: self._inputs]
         self._filter.predict(fx=lambda z, _: self._move(z, before))
-        self._filter.update(readings[4:], R=variance(readings), hx=lambda z: self._observe(z, u))
+        R = self._model.variance(readings)
+        self._filter.update(readings[self._inputs :], R=R, hx=lambda z: self._observe(z, u))
         self._u = u
 
     @property
     def mean(self) -> Array:
-        """z (10,)."""
+        """z (n + nh,)."""
         return np.asarray(self._filter.x)
 
     @property
     def cov(self) -> Array:
-        """P (10, 10)."""
+        """P (n + nh, n + nh)."""
         return np.asarray(self._filter.P)

@@ -16,11 +16,10 @@ import numpy as np
 from numba import njit
 
 from twinbench.bench.latency.timing import ROUNDS
-from twinbench.data.batch import CHANNELS, Array
+from twinbench.machines.coordinates import Array
 from twinbench.methods.deeponet_kalman.cycle import (
     INNOVATION_CLIP_SD,
-    KEEP,
-    SAID,
+    said_type,
     scratch,
     standardise,
     take_in,
@@ -50,7 +49,7 @@ def _preprocessing(weights, twin, memory, said, t, readings, lag):  # type: igno
     m, own, room = memory[0], twin[0], t[0]
     for k in range(readings.shape[0]):
         gate_one(m, own.front, readings[k], room.accepted, room.spike, room.confirmed, room.before, room.kept)
-        output_sd_of(m.filled, room.white, room.coloured)
+        output_sd_of(own.filter.sheet, m.filled, room.white, room.coloured)
         standardise(own, m.filled, room)
 
 
@@ -70,9 +69,10 @@ def _sensitivity(weights, twin, memory, said, t, readings, lag):  # type: ignore
 @njit(cache=True, error_model="numpy")
 def _filter_and_sensitivity(weights, twin, memory, said, t, readings, lag):  # type: ignore[no-untyped-def]
     m, own, room, out = memory[0], twin[0], t[0], said[0]
+    inputs = readings.shape[1] - room.measured.size
     for k in range(readings.shape[0]):
         for c in range(room.measured.size):
-            room.measured[c], room.lag[c] = readings[k, 4 + c], 0.0
+            room.measured[c], room.lag[c] = readings[k, inputs + c], 0.0
         tick(
             weights[0],
             own.filter,
@@ -86,14 +86,14 @@ def _filter_and_sensitivity(weights, twin, memory, said, t, readings, lag):  # t
             out,
             room.filter,
         )
-        report_one(m.z, m.P, KEEP, out.mean, out.cov, out.low, out.high)
+        report_one(own.filter.health, m.z, m.P, own.keep, out.mean, out.cov, out.low, out.high)
 
 
 def stages(twin: DeepONetKalman, filled: Array) -> dict[str, float]:
     """Microseconds of each of STAGES, medians over interleaved rounds.
 
     Args:
-        filled: (N, 7) in the channels' units, order CHANNELS, none missing, N at least 2 TICKS.
+        filled: (N, C) in the channels' units, inputs first, none missing, N at least 2 TICKS.
     """
     kernels = (_whole, _preprocessing, _operator, _sensitivity, _filter_and_sensitivity)
     loops: list[_Loop | _Calls] = [*(_Loop(kernel, twin, filled) for kernel in kernels), _Calls(twin, filled)]
@@ -124,8 +124,9 @@ class _Loop:
     """One kernel over a recording, on a machine of its own that has run for a while."""
 
     def __init__(self, kernel: Callable[..., None], twin: DeepONetKalman, filled: Array) -> None:
-        self._kernel, lag = kernel, np.zeros((1, len(CHANNELS)))
-        machine = (twin.weights, twin.twin, twin.init(1).memory[0].copy(), np.zeros(1, SAID), scratch(twin.weights))
+        self._kernel, lag = kernel, np.zeros((1, twin.parts.channels))
+        said, room = np.zeros(1, said_type(twin.parts)), scratch(twin.weights, twin.parts)
+        machine = (twin.weights, twin.twin, twin.init(1).memory[0].copy(), said, room)
         before, during = filled[:TICKS].copy(), filled[TICKS : 2 * TICKS].copy()
         _whole(*machine, before, lag)
         self._arguments = (*machine, during, lag)

@@ -12,34 +12,27 @@ from rich.console import Console
 
 from twinbench.bench import cells
 from twinbench.bench.cells import Cell, Outcome
-from twinbench.bench.estimate.apply import trained_cells
+from twinbench.bench.estimate.apply import Training, trained_cells
 from twinbench.bench.latency import memory
 from twinbench.bench.latency.compiled_peers import CompiledPeer, ekf, ukf
 from twinbench.bench.latency.estimators import recording, runners, samples, save_samples
 from twinbench.bench.latency.forms import IN_PLACE, operators, whole_updates
-from twinbench.bench.latency.peers import (
-    FilterpyEKF,
-    FilterpyUKF,
-    Move,
-    Observe,
-    numba_move,
-    numba_observe,
-    numpy_move,
-    numpy_observe,
-)
+from twinbench.bench.latency.peers import FilterpyEKF, FilterpyUKF, model_of
 from twinbench.bench.latency.stages import stages
-from twinbench.bench.latency.tables import BACK_TO_BACK, PACED, latency_table, memory_table
+from twinbench.bench.latency.tables import BACK_TO_BACK, latency_table, memory_table, paced_at
 from twinbench.bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
 from twinbench.bench.report.figures.latency import decomposition, latency_percentiles, window_lengths
+from twinbench.bench.report.provenance import FORMATS
 from twinbench.bench.report.table_formats import Table
-from twinbench.bench.report.write import FORMATS
 from twinbench.bench.roster import PROPOSED
 from twinbench.common.page import Drawing, write_figures
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, write_atomically, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import provenance
-from twinbench.data.batch import Array
+from twinbench.machines.coordinates import Array
+from twinbench.machines.load import machine_at
+from twinbench.machines.machine import Machine
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.frontend import FrontEnd
 
@@ -48,7 +41,7 @@ class Counts(NamedTuple):
     """How often each is timed."""
 
     updates: int  # back to back
-    ticks: int  # at 20 Hz; 0 leaves that out
+    ticks: int  # at the machine's pace; 0 leaves that out
 
 
 class _Measured(NamedTuple):
@@ -62,7 +55,7 @@ class _Measured(NamedTuple):
 
 
 def run(
-    profile: str, results: Path | None, only: list[str], counts: Counts, out: Path, command: str, console: Console
+    where: Training, only: list[str], counts: Counts, out: Path, command: str, console: Console
 ) -> tuple[Table, list[Outcome]]:
     """Time the trained estimators and their peers, and write ``out``.
 
@@ -70,12 +63,13 @@ def run(
     ``manifest.json``.
 
     Args:
+        where: they were trained.
         only: the estimators; all that are trained if empty.
 
     Raises:
-        BadInput: nothing is trained in ``results``, or ``out`` cannot be written to.
+        BadInput: nothing is trained there, or ``out`` cannot be written to.
     """
-    store, todo = trained_cells(profile, results, only)
+    store, todo = trained_cells(where, only)
     check_writable(out)
     measured, failed = _measure(store, todo, counts, console)
     shown = latency_table(measured.table, measured.about)
@@ -83,6 +77,7 @@ def run(
     manifest = {
         "command": command,
         **counts._asdict(),
+        "machine": todo[0].machine,
         "seed": todo[0].seed,
         "fits": {c.estimator: c.fit for c in todo},
         "measured": measured.about,
@@ -95,8 +90,8 @@ def run(
 def _measure(store: Store, todo: list[Cell], counts: Counts, console: Console) -> tuple[_Measured, list[Outcome]]:
     """All that is timed, on one core, and then the memory; and who failed."""
     pin_torch()
-    readings = recording(store, todo)
-    filled = FrontEnd.fit(cells.load_split(store, todo[0].data).train).run(readings[None])[0][0]
+    machine, readings = machine_at(todo[0].machine), recording(store, todo)
+    filled = FrontEnd.fit(cells.load_split(store, todo[0]).train).run(readings[None])[0][0]
     proposed = _proposed(store, todo)
     took, parts = {}, {}
     with Progress(console) as progress, one_core() as core:
@@ -105,13 +100,14 @@ def _measure(store: Store, todo: list[Cell], counts: Counts, console: Console) -
         timed = [one for one, _ in ready.values()]
         if proposed is not None:
             timed += [*whole_updates(proposed, readings), *operators(proposed, filled)]
-        timed += _peers(filled)
+        timed += _peers(machine, filled)
         took[BACK_TO_BACK] = back_to_back(timed, counts.updates, progress)
         if counts.ticks:
-            took[PACED] = paced(timed, counts.ticks, progress)
+            period_s = machine.sample_period_s
+            took[paced_at(period_s)] = paced(timed, counts.ticks, period_s, progress)
         if proposed is not None:
             parts = stages(proposed, filled)
-        about = {"core": core, **watch.told()}
+        about = {"core": core, "period_s": machine.sample_period_s, **watch.told()}
     table = pd.DataFrame(
         [{**name._asdict(), "mode": mode, **percentiles(us)} for mode, by in took.items() for name, us in by.items()]
     )
@@ -126,7 +122,7 @@ def _write(out: Path, measured: _Measured, shown: Table) -> None:
     write_atomically(out / "samples.npz", lambda path: save_samples(measured.took, path))
     for name, written in (("latency", shown), ("memory", memory_table(measured.held))):
         write_text(out / f"{name}.md", FORMATS["md"](written))
-    write_figures(out / "figures", _drawings(measured.table, measured.parts))
+    write_figures(out / "figures", _drawings(measured))
 
 
 def _proposed(store: Store, todo: list[Cell]) -> DeepONetKalman | None:
@@ -138,37 +134,34 @@ def _proposed(store: Store, todo: list[Cell]) -> DeepONetKalman | None:
     return None
 
 
-def _peers(filled: Array) -> Iterator[Timed]:
-    rows, first = list(filled), filled[0]
-    models: dict[str, tuple[Move, Observe]] = {
-        "NumPy model": (numpy_move, numpy_observe),
-        "numba model": (numba_move, numba_observe),
-    }
-    for model, functions in models.items():
-        yield Timed(Name("filterpy_ekf", model, 1), FilterpyEKF(first, *functions).update, rows)
-        yield Timed(Name("filterpy_ukf", model, 1), FilterpyUKF(first, *functions).update, rows)
-    yield Timed(Name("numba_ekf", "all compiled", 1), CompiledPeer(first, ekf).update, rows)
-    yield Timed(Name("numba_ukf", "all compiled", 1), CompiledPeer(first, ukf).update, rows)
+def _peers(machine: Machine, filled: Array) -> Iterator[Timed]:
+    rows, first, model = list(filled), filled[0], model_of(machine)
+    for form, functions in (("NumPy model", model.written), ("numba model", model.numba)):
+        yield Timed(Name("filterpy_ekf", form, 1), FilterpyEKF(first, model, functions).update, rows)
+        yield Timed(Name("filterpy_ukf", form, 1), FilterpyUKF(first, model, functions).update, rows)
+    yield Timed(Name("numba_ekf", "all compiled", 1), CompiledPeer(first, model, ekf).update, rows)
+    yield Timed(Name("numba_ukf", "all compiled", 1), CompiledPeer(first, model, ukf).update, rows)
 
 
 def _memory(
     store: Store, todo: list[Cell], ready: dict[Name, Any], proposed: DeepONetKalman | None, readings: Array
 ) -> pd.DataFrame:
     """After the timing, in loops and processes of its own."""
-    ticks, rows, processes = samples(readings), [], []
-    specs = {c.estimator: (c.spec, store.path("fit", c.fit)) for c in todo}
+    ticks, rows, processes = samples(readings, machine_at(todo[0].machine)), [], []
+    specs = {c.estimator: memory.Stored(c.spec, c.machine, store.path("fit", c.fit)) for c in todo}
     for name, (_, stepped) in ready.items():
         rows.append(memory.of_stepped(stepped, name.implementation, ticks))
-        processes.append(memory.process_MB(*specs[name.estimator], name.implementation))
+        processes.append(memory.process_MB(specs[name.estimator], name.implementation))
     if proposed is not None:
         rows.append(memory.in_place(proposed, list(readings)))
-        processes.append(memory.process_MB(*specs[PROPOSED], IN_PLACE))
+        processes.append(memory.process_MB(specs[PROPOSED], IN_PLACE))
     return memory.table(rows, processes)
 
 
-def _drawings(table: pd.DataFrame, parts: dict[str, float]) -> Iterator[Drawing]:
+def _drawings(measured: _Measured) -> Iterator[Drawing]:
+    table, parts = measured.table, measured.parts
     hot = table[table["mode"] == BACK_TO_BACK]
-    yield Drawing("latency", "", latency_percentiles(hot), "")
+    yield Drawing("latency", "", latency_percentiles(hot, measured.about["period_s"]), "")
     if parts:
         yield Drawing("fig7a_stages", "", decomposition(parts), "")
         yield Drawing("fig7b_windows", "", window_lengths(hot[hot["implementation"] == IN_PLACE]), "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,21 @@ from twinbench.bench.latency.timing import Name
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
 from twinbench.bench.roster import label, ordered
 
-BACK_TO_BACK, PACED = "back_to_back", "paced_20_hz"
-HEADS = {BACK_TO_BACK: "back to back", PACED: "at 20 Hz"}
+BACK_TO_BACK = "back_to_back"
+_PACED = re.compile(r"paced_(.*)_hz")
 REFERENCE = Name("filterpy_ukf", "NumPy model", 1)
 """What ratios refer to: the median of its own mode."""
 TIMES = ("p50_us", "p95_us", "p99_us", "max_us", "jitter_us")
+
+
+def paced_at(period_s: float) -> str:
+    """The mode of updates at a machine's pace: ``paced_20_hz``."""
+    return f"paced_{1.0 / period_s:g}_hz"
+
+
+def _head(mode: str) -> str:
+    found = _PACED.fullmatch(mode)
+    return f"at {found[1]} Hz" if found else mode.replace("_", " ")
 
 
 def latency_table(latency: pd.DataFrame, about: dict[str, Any]) -> Table:
@@ -23,9 +34,9 @@ def latency_table(latency: pd.DataFrame, about: dict[str, Any]) -> Table:
 
     Args:
         latency: columns of Name, mode and TIMES.
-        about: as ``timing.Watch.told`` says it, and the core.
+        about: as ``timing.Watch.told`` says it, the core and the sample period, ``period_s``.
     """
-    modes = [mode for mode in HEADS if (latency["mode"] == mode).any()]
+    modes = sorted(latency["mode"].unique())  # back to back first
     by = {(*map(row.get, Name._fields), row["mode"]): row for row in latency.to_dict("records")}
     names = list(dict.fromkeys(Name(*row) for row in latency[list(Name._fields)].itertuples(index=False)))
     place = ordered(n.estimator for n in names)
@@ -33,8 +44,8 @@ def latency_table(latency: pd.DataFrame, about: dict[str, Any]) -> Table:
     forms = [(n.estimator, n.implementation) for n in names]
     columns = [Column("update")]
     for mode in modes:
-        columns += [Column(time.removesuffix("_us"), f"{HEADS[mode]}, µs") for time in TIMES]
-        columns.append(Column("× UKF", HEADS[mode]))
+        columns += [Column(time.removesuffix("_us"), f"{_head(mode)}, µs") for time in TIMES]
+        columns.append(Column("× UKF", _head(mode)))
     rows = []
     for name in names:
         window = f", window {name.window}" if forms.count((name.estimator, name.implementation)) > 1 else ""
@@ -59,9 +70,11 @@ def notes(about: dict[str, Any]) -> tuple[str, ...]:
             f"after {about['load_1min_after']:g}."
         )
     pinned = "" if about.get("core") is None else f", pinned to core {about['core']}"
+    period_s = about["period_s"]
+    pace = f"{1.0 / period_s:g} Hz"
     return (
-        f"One process, one thread{pinned}; the budget at 20 Hz is 50,000 µs. Back to back: interleaved rounds. "
-        "At 20 Hz: one update, then sleep until the next tick.",
+        f"One process, one thread{pinned}; the budget at {pace} is {1e6 * period_s:,.0f} µs. Back to back: interleaved "
+        f"rounds. At {pace}: one update, then sleep until the next tick.",
         "× UKF: median over that of filterpy's UKF with the model in NumPy, in the same mode of the same run. "
         "Jitter: mean change from one update to the next.",
         quiet,

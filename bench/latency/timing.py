@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twinbench.common.progress import Progress
-from twinbench.data.batch import SAMPLE_PERIOD_S, Array
+from twinbench.machines.coordinates import Array
 
 ROUNDS = 10
 WARM_UP = 60
@@ -58,15 +58,15 @@ def back_to_back(several: Sequence[Timed], updates: int, progress: Progress) -> 
     return {name: np.array(us) for name, us in blocks.items()}
 
 
-def paced(several: Sequence[Timed], ticks: int, progress: Progress) -> dict[Name, Array]:
-    """The same, one update each 50 ms with nothing in between: caches and clock have gone cold, as on a machine."""
+def paced(several: Sequence[Timed], ticks: int, period_s: float, progress: Progress) -> dict[Name, Array]:
+    """The same, one update each period with nothing in between: caches and clock have gone cold, as on a machine."""
     took: dict[Name, Array] = {}
-    with _swept(), progress.stage("at 20 Hz", len(several)) as going:
+    with _swept(), progress.stage(f"at {1.0 / period_s:g} Hz", len(several)) as going:
         for one in several:
             gc.collect()
             us, due = np.empty(ticks), time.perf_counter()
             for i in range(ticks):
-                due += SAMPLE_PERIOD_S
+                due += period_s
                 time.sleep(max(due - time.perf_counter(), 0.0))
                 us[i] = one.once()
             took[one.name] = us

@@ -23,6 +23,7 @@ from twinbench.bench.statistics.tracking import effective_delay, health_change, 
 from twinbench.data.batch import ESTIMATED, HEALTH, STATES
 from twinbench.data.disturb import CONDITIONS
 from twinbench.data.scenes import RAMP_BEGINS_S, RAMP_NAMES, RAMP_S
+from twinbench.machines.compressor import COMPRESSOR
 
 SETTLED_S = 30.0
 """After a scene begins: what a filter finds out in this time is not what the paper's figures show."""
@@ -152,7 +153,7 @@ def _tracking(example: Example, parameter: str, estimator: str) -> dict[str, flo
     i = ESTIMATED.index(parameter)
     track, true = example.tracks[estimator], example.truth[:, i]
     estimate = track.mean[:, i].astype(np.float64)
-    change = health_change(example.time_s, example.truth[:, len(STATES) : len(STATES) + len(HEALTH)])
+    change = health_change(COMPRESSOR, example.time_s, example.truth[:, len(STATES) : len(STATES) + len(HEALTH)])
     assert change is not None, "every scene of Fig. 4 has a change"
     last = example.time_s > example.time_s[-1] - TERMINAL_S
     settled = example.time_s >= SETTLED_S

@@ -18,7 +18,7 @@ from twinbench.bench.statistics.strata import in_stratum, select
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
 from twinbench.data.scenes import ONSET_S
-from twinbench.methods.observe import observe
+from twinbench.machines.compressor import COMPRESSOR
 
 SHOWN = ("capacity", "leakage", "heat_transfer", "T_bias_K")
 """The health parameters that degrade in the benchmark, as in the paper's Fig. 4."""
@@ -146,7 +146,9 @@ def _flow(estimates: Estimates, truth: Batch) -> Array:
     """(2, n): true and estimated flow, kg/s, at points spread evenly over all sequences."""
     at = truth_at(truth, estimates.names, estimates.time_s)
     i = OUTPUTS.index("m_flow_kg_s")
-    both = np.stack([observe(of)[..., i].ravel() for of in (at.estimated, estimates.mean.astype(np.float64))])
+    both = np.stack(
+        [COMPRESSOR.observe(of)[..., i].ravel() for of in (at.estimated, estimates.mean.astype(np.float64))]
+    )
     return both[:, np.linspace(0, both.shape[1] - 1, min(PARITY_POINTS, both.shape[1])).astype(int)]
 
 
@@ -160,7 +162,7 @@ def _examples(truth: Batch) -> dict[str, str]:
     for name, health in zip(truth.names, truth.truth.health, strict=True):
         if not in_stratum(name, "worn"):
             continue
-        change = health_change(truth.time_s, health)
+        change = health_change(COMPRESSOR, truth.time_s, health)
         if change is not None and change.size > largest.get(HEALTH[change.parameter], 0.0):
             largest[HEALTH[change.parameter]] = change.size
             wanted[HEALTH[change.parameter]] = name

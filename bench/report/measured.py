@@ -11,7 +11,8 @@ import pandas as pd
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import UNRANKED, label
 from twinbench.bench.statistics.censored import CENSORED
-from twinbench.bench.statistics.scores import DEFINITIONS
+from twinbench.bench.statistics.scores import definitions_of
+from twinbench.bench.statistics.subject import PAPERS, Subject
 from twinbench.bench.statistics.summary import FORECAST, Summary, Value
 
 
@@ -37,7 +38,7 @@ CENSORING = (
     "seen at all. One after which it was not counts as one that takes longer than was watched. Seeds that repeat one "
     "another count once."
 )
-KNOWN = {**DEFINITIONS, FORECAST: "Mean of the three errors forecast 60 s ahead, as the table of forecasts has them."}
+OF_FORECASTS = "Mean of the outputs' errors forecast 60 s ahead, as the table of forecasts has them."
 
 
 def measured(name: str, title: str, measures: Sequence[Measure], summary: Summary) -> Table:
@@ -50,7 +51,13 @@ def measured(name: str, title: str, measures: Sequence[Measure], summary: Summar
     notes = [INTERVALS, *([TIMES] if any(c.times.startswith("×") for c in cells) else []), MARKS]
     notes += [CENSORING] if any(m.metric in CENSORED for m in measures) else []
     return Table(
-        name, title, full(measures, summary), columns, rows, (*notes, *references(summary)), definitions(measures)
+        name,
+        title,
+        full(measures, summary),
+        columns,
+        rows,
+        (*notes, *references(summary)),
+        definitions(measures, summary.subject),
     )
 
 
@@ -103,10 +110,11 @@ def _against(summary: Summary, metric: str) -> str:
     return next((s.against for (_, m), s in summary.skills.items() if m == metric), "")
 
 
-def definitions(measures: Sequence[Measure]) -> tuple[str, ...]:
-    """One line per metric; that of the mean coverage stands for the ten quantities'."""
+def definitions(measures: Sequence[Measure], subject: Subject = PAPERS) -> tuple[str, ...]:
+    """One line per metric; that of the mean coverage stands for all quantities'."""
+    known = definitions_of(subject) | {FORECAST: OF_FORECASTS}
     return tuple(
-        f"{m.group} {m.head}: {KNOWN[m.metric]}".strip()
+        f"{m.group} {m.head}: {known[m.metric]}".strip()
         for m in measures
-        if m.metric in KNOWN and "coverage_" not in m.metric
+        if m.metric in known and "coverage_" not in m.metric
     )

@@ -11,7 +11,7 @@ import pandas as pd
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
-from twinbench.bench.statistics.scores import DEFINITIONS, IDEAL
+from twinbench.bench.statistics.scores import DEFINITIONS, ideal
 from twinbench.bench.statistics.summary import PARAMETERS
 
 METRICS = {
@@ -97,5 +97,5 @@ def _cell(line: Mapping[str, Any], metric: str) -> Cell:
     value, low, high = line[metric], line[f"{metric}_low"], line[f"{metric}_high"]
     if not np.isfinite(value):
         return Cell("failed" if line["failed"] else "–")
-    sure = metric not in IDEAL and bool(low > 0.0 or high < 0.0)
+    sure = ideal(metric) is None and bool(low > 0.0 or high < 0.0)
     return Cell(f"{'+' if value > 0 else ''}{number(value)}", span(low, high), best=sure)

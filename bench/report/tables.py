@@ -10,7 +10,7 @@ from twinbench.bench.report.main_table import comparison, quickest
 from twinbench.bench.report.measured import Measure, measured, value_cell
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
-from twinbench.bench.statistics.coverage import REGIMES
+from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
 from twinbench.data.batch import ESTIMATED, HEALTH
 

@@ -13,20 +13,21 @@ from twinbench.bench.report.claims import claims, claims_table
 from twinbench.bench.report.evidence import Evidence, add_scenes, gather
 from twinbench.bench.report.figures import FROM_ESTIMATES, draw
 from twinbench.bench.report.health_tables import single_table
+from twinbench.bench.report.other import write_other
 from twinbench.bench.report.paired import ablation_table, rivals_table
 from twinbench.bench.report.paper import paper_says
+from twinbench.bench.report.provenance import bullets, profile_of, provenance_of, write_tables
 from twinbench.bench.report.robustness_tables import robustness_tables
-from twinbench.bench.report.table_formats import Table, to_csv, to_markdown, to_tex
+from twinbench.bench.report.table_formats import Table
 from twinbench.bench.report.tables import build_tables
 from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.report.words import answer, certainty, headline
 from twinbench.bench.results import Results, load_results
-from twinbench.bench.roster import PROPOSED, UNRANKED, is_ablation, label, ordered
+from twinbench.bench.roster import PROPOSED, UNRANKED, is_ablation, label
 from twinbench.bench.statistics.strata import of_stratum
+from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.summary import Summary, summarise
 from twinbench.common.page import render, write_bytes, write_figures
-
-FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
 
 
 def write_report(out: Path) -> Table:
@@ -40,6 +41,8 @@ def write_report(out: Path) -> Table:
         BadInput: the folder holds no run, or cannot be written to.
     """
     results = load_results(out)
+    if results.subject.machine != PAPERS.machine:
+        return write_other(results)
     whole = ~results.scores["estimator"].map(is_ablation)
     failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
     summary = summarise(results.scores[whole], failures)
@@ -63,19 +66,12 @@ def write_report(out: Path) -> Table:
     of_paper = paper_says(single, scores, results.failures, results.robustness)
     write_bytes(out / "answer.md", bullets(f"**{headline(summary)}.**", *said).encode())
     write_bytes(out / "paper_says.md", bullets(*of_paper).encode())
-    for table in tables:
-        for suffix, text in FORMATS.items():
-            write_bytes(out / "tables" / f"{table.name}.{suffix}", text(table).encode())
+    write_tables(out, tables)
     lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
     earlier = dict.fromkeys(FROM_ESTIMATES, lacks) if gone else {}
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
     write_bytes(out / "report.html", _html(results, summary, tables, figures, [*said, *of_paper]).encode())
     return tables[0]
-
-
-def bullets(*paragraphs: str) -> str:
-    """Paragraphs as a Markdown list."""
-    return "".join(f"- {paragraph}\n" for paragraph in paragraphs)
 
 
 def _of_the_paper(results: Results, failures: dict[str, str]) -> tuple[pd.DataFrame, Summary | None]:
@@ -84,11 +80,6 @@ def _of_the_paper(results: Results, failures: dict[str, str]) -> tuple[pd.DataFr
     if scores.empty:
         return scores, None
     return scores, summarise(scores[~scores["estimator"].map(is_ablation)], failures, "single")
-
-
-def profile_of(results: Results) -> str:
-    """The name of the profile that was run."""
-    return str((results.manifest.get("profile") or {}).get("name", "without a name"))
 
 
 def _evidence(results: Results) -> Evidence:
@@ -112,47 +103,5 @@ def _html(
         tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
         figures=figures,
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
-        provenance=_provenance(results.manifest),
+        provenance=provenance_of(results.manifest),
     )
-
-
-def _provenance(manifest: dict[str, Any]) -> list[tuple[str, str]]:
-    """What made these numbers, as pairs to read; what the manifest does not say is left out."""
-    commit = manifest.get("commit")
-    if commit and manifest.get("uncommitted_changes"):
-        commit = f"{commit}, with uncommitted changes"
-    machine, walls = manifest.get("machine") or {}, manifest.get("wall_s") or {}
-    pairs = [
-        ("command", manifest.get("command")),
-        *_makers(manifest),
-        ("profile", (manifest.get("profile") or {}).get("name")),
-        ("commit", commit),
-        ("seeds", _joined(manifest.get("seeds"))),
-        ("python", manifest.get("python")),
-        ("versions", _joined(f"{name} {version}" for name, version in (manifest.get("versions") or {}).items())),
-        ("machine", _joined(f"{key} {value}" for key, value in machine.items() if value is not None)),
-        ("wall time", _joined(f"{stage} {seconds:.0f} s" for stage, seconds in walls.items())),
-    ]
-    return [(name, str(value)) for name, value in pairs if value]
-
-
-def _makers(manifest: dict[str, Any]) -> list[tuple[str, str]]:
-    """Whose rows another command, commit or processor made than the last run's, as pairs to read."""
-    made: dict[tuple[Any, ...], list[str]] = {}
-    for name, by in manifest.get("made", {}).items():
-        made.setdefault((by["command"], by["commit"], by["processor"]), []).append(name)
-    if len(made) < 2:
-        return []
-    return [
-        (
-            f"rows of {_joined(map(label, whole))}{f' and {parts} ablations' if parts else ''}",
-            f"{command}; commit {commit}; on {processor}",
-        )
-        for (command, commit, processor), names in made.items()
-        for whole in [[name for name in ordered(names) if not is_ablation(name)]]
-        for parts in [len(names) - len(whole)]
-    ]
-
-
-def _joined(values: Any) -> str:
-    return ", ".join(str(value) for value in values or ())

@@ -31,7 +31,7 @@ def truth_at(truth: Batch, names: Sequence[str], time_s: Array) -> Truth:
     if off.any():
         raise ValueError(f"no truth at {time_s[off][0]:g} s; it spans {truth.time_s[0]:g} to {truth.time_s[-1]:g} s")
     fields = (truth.truth.states, truth.truth.health, truth.truth.outputs, truth.truth.inputs)
-    return Truth(*(field[rows][:, ticks] for field in fields))
+    return Truth(*(field[rows][:, ticks] for field in fields), machine=truth.machine)
 
 
 def _nearest(grid: Array, values: Array) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy import stats
 from twinbench.bench.roster import UNRANKED
 from twinbench.bench.statistics.bootstrap import SequenceScores
 from twinbench.bench.statistics.ranks import holm, rank_biserial, wilcoxon_p
-from twinbench.bench.statistics.scores import IDEAL
+from twinbench.bench.statistics.scores import ideal
 from twinbench.data.batch import Array
 
 FAMILY_LEVEL = 0.05
@@ -28,7 +28,7 @@ def complete(table: SequenceScores) -> list[str]:
 
 def distance(table: SequenceScores, name: str) -> Array:
     """(S,) what counts against an estimator: its score, or how far a calibration metric is from what is right."""
-    return np.abs(table.row(name) - IDEAL.get(table.metric, 0.0))
+    return np.abs(table.row(name) - (ideal(table.metric) or 0.0))
 
 
 def adjusted(table: SequenceScores, pairs: Sequence[tuple[str, str]]) -> dict[frozenset[str], float]:

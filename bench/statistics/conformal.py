@@ -19,7 +19,7 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.bootstrap import INTERVAL_LEVEL
 from twinbench.bench.statistics.ranked import cut_to, ranked_from
-from twinbench.data.batch import ESTIMATED, Array, Batch
+from twinbench.data.batch import Array, Batch
 
 FACTORS = np.geomspace(0.02, 50.0, 2_000)
 """Factors that are tried, .4 % apart, in units of the median score. Beyond them an interval says nothing; a finer grid
@@ -27,7 +27,7 @@ moves coverage by less than a hundredth of a per cent."""
 
 
 def factors(estimates: Estimates, truth: Batch) -> Array:
-    """(10,) dimensionless: by how much each quantity's intervals are to be stretched about their estimates.
+    """(n,) dimensionless: by how much each quantity's intervals are to be stretched about their estimates.
 
     Args:
         estimates: of the calibration recordings.
@@ -37,7 +37,7 @@ def factors(estimates: Estimates, truth: Batch) -> Array:
     at = truth_at(truth, ranked.names, ranked.time_s)
     mean, low, high = (values.astype(np.float64) for values in (ranked.mean, ranked.low, ranked.high))
     misses = nonconformity(mean, low, high, at.estimated)
-    return np.array([stretch(misses[..., q]) for q in range(len(ESTIMATED))])
+    return np.array([stretch(misses[..., q]) for q in range(misses.shape[-1])])
 
 
 def nonconformity(mean: Array, low: Array, high: Array, true: Array) -> Array:

@@ -15,15 +15,15 @@ from twinbench.bench.roster import ordered
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.bootstrap import INTERVAL_LEVEL, interval, resample_weights
 from twinbench.bench.statistics.ranked import ranked_from
-from twinbench.bench.statistics.regimes import REGIMES, changes_of, regimes
-from twinbench.data.batch import ESTIMATED, Array, Batch, Truth
+from twinbench.bench.statistics.regimes import changes_of, regimes
+from twinbench.data.batch import Array, Batch, Truth
 
 SHARES = ("inside_pct", "calibrated_pct")
 """Columns of ``coverage_by_regime``: of the intervals as they are, and as the calibration recordings stretch them."""
 
 
 def inside(estimates: Estimates, truth: Truth) -> Array:
-    """(B, M, 10): 1 where the truth lies in the interval, 0 where not, NaN where there is none.
+    """(B, M, n): 1 where the truth lies in the interval, 0 where not, NaN where there is none.
 
     Args:
         truth: at the stored ticks, as ``truth_at`` gives it.
@@ -37,7 +37,7 @@ def coverage_by_regime(estimates: Estimates, truth: Batch) -> pd.DataFrame:
     """Share of ranked samples whose 95 % interval holds the truth, by sequence, regime and quantity.
 
     Returns:
-        Columns ``sequence, regime, quantity, inside_pct, calibrated_pct, ticks``; quantities as in ESTIMATED. A
+        Columns ``sequence, regime, quantity, inside_pct, calibrated_pct, ticks``; quantities as the machine has them. A
         sequence that never enters a regime has no row there; NaN where an interval is not finite, and in
         ``calibrated_pct`` where nobody has calibrated them.
     """
@@ -45,11 +45,11 @@ def coverage_by_regime(estimates: Estimates, truth: Batch) -> pd.DataFrame:
     hits = inside(estimates, at), inside(estimates.calibrated(), at)
     ranked = estimates.time_s >= ranked_from(estimates.time_s)
     rows = []
-    for regime, mask in regimes(estimates.time_s, at, changes_of(truth, estimates.names)).items():
+    for regime, mask in regimes(truth.machine, estimates.time_s, at, changes_of(truth, estimates.names)).items():
         mask &= ranked
         for b in np.flatnonzero(mask.any(axis=1)):
             shares = [100.0 * hit[b, mask[b]].mean(axis=0) for hit in hits]
-            for quantity, *both in zip(ESTIMATED, *shares, strict=True):
+            for quantity, *both in zip(truth.machine.quantities, *shares, strict=True):
                 rows.append((estimates.names[b], regime, quantity, *map(float, both), int(mask[b].sum())))
     return pd.DataFrame(rows, columns=["sequence", "regime", "quantity", *SHARES, "ticks"])
 
@@ -71,17 +71,18 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
         failed: estimators with a failed cell and its reason; one without rows gets a NaN ``mean`` of ``all``.
 
     Returns:
-        Columns COLUMNS; quantity ``mean`` is the mean of all ten, and ``calibrated_pct`` the coverage of the
+        Columns COLUMNS; quantity ``mean`` is the mean of all, and ``calibrated_pct`` the coverage of the
         calibrated intervals. Where an interval is not finite the coverage is NaN and ``reason`` says in which
         sequences.
     """
     failed = failed or {}
     table: list[tuple[Any, ...]] = []
     wide = _wide(rows)
-    for estimator, regime in product(ordered(rows["estimator"].unique()), REGIMES):
+    quantities = [*rows["quantity"].unique(), "mean"]
+    for estimator, regime in product(ordered(rows["estimator"].unique()), rows["regime"].unique()):
         group = wide.query("estimator == @estimator and regime == @regime")
         if len(group):
-            table += [(estimator, regime, *row) for row in _by_quantity(group, failed.get(estimator))]
+            table += [(estimator, regime, *row) for row in _by_quantity(group, quantities, failed.get(estimator))]
     missing = [name for name in failed if name not in set(rows["estimator"])]
     nothing = (np.nan, np.nan, np.nan, 0, 100 * INTERVAL_LEVEL, np.nan, np.nan)
     table += [(name, "all", "mean", *nothing, failed[name], *nothing[:3]) for name in ordered(missing)]
@@ -97,12 +98,12 @@ def _wide(rows: pd.DataFrame) -> pd.DataFrame:
     return wide.groupby(level=cell).mean().mask(wide.isna().groupby(level=cell).any())
 
 
-def _by_quantity(group: pd.DataFrame, failed: str | None) -> Iterator[tuple[Any, ...]]:
+def _by_quantity(group: pd.DataFrame, quantities: list[str], failed: str | None) -> Iterator[tuple[Any, ...]]:
     """Rows of one estimator in one regime, COLUMNS from ``quantity`` on; ``group`` has a row for each sequence."""
     n, ticks = len(group), group["ticks"].to_numpy(dtype=float).ravel()
     weights = resample_weights(n) * ticks
     weights /= weights.sum(axis=1, keepdims=True)
-    for quantity in (*ESTIMATED, "mean"):
+    for quantity in quantities:
         found = []
         for share in SHARES:
             shares = group[share, quantity].to_numpy(dtype=float)

@@ -7,7 +7,7 @@ from itertools import combinations
 from twinbench.bench.roster import UNRANKED
 from twinbench.bench.statistics.apart import FAMILY_LEVEL, adjusted, complete
 from twinbench.bench.statistics.bootstrap import SequenceScores
-from twinbench.bench.statistics.scores import IDEAL
+from twinbench.bench.statistics.scores import ideal
 
 
 def marked(table: SequenceScores, alpha: float = FAMILY_LEVEL) -> tuple[str, ...]:
@@ -21,7 +21,7 @@ def marked(table: SequenceScores, alpha: float = FAMILY_LEVEL) -> tuple[str, ...
     if len(names) < 2 or len(table.sequences) < 2:
         return ()
     # As the column shows it: a calibration metric's mean may be right where no sequence's is.
-    best = min(names, key=lambda n: abs(float(table.row(n).mean()) - IDEAL.get(table.metric, 0.0)))
+    best = min(names, key=lambda n: abs(float(table.row(n).mean()) - (ideal(table.metric) or 0.0)))
     apart = {pair for pair, p in adjusted(table, list(combinations(names, 2))).items() if p < alpha}
     group = (best, *(n for n in names if n != best and frozenset((best, n)) not in apart))
     return group if len(group) < len(names) else ()

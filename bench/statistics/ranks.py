@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.optimize import brentq
 
 from twinbench.bench.statistics.bootstrap import SequenceScores
-from twinbench.bench.statistics.scores import IDEAL
+from twinbench.bench.statistics.scores import ideal
 from twinbench.data.batch import Array
 
 POWER = 0.8
@@ -89,7 +89,8 @@ def rank(table: SequenceScores, alpha: float = 0.05) -> Ranking:
             f"a ranking by {table.metric} takes two complete estimators and two sequences; there are "
             f"{len(kept)} and {len(table.sequences)}" + "".join(f"; {name}: {why}" for name, why in dropped.items())
         )
-    scores = np.abs(table.values[kept] - IDEAL[table.metric]) if table.metric in IDEAL else table.values[kept]
+    right = ideal(table.metric)
+    scores = table.values[kept] if right is None else np.abs(table.values[kept] - right)
     ranks = stats.rankdata(scores, axis=0)
     order = np.argsort(ranks.mean(axis=1), kind="stable")
     names = tuple(table.estimators[kept[i]] for i in order)

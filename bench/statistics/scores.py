@@ -12,75 +12,79 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.censored import CENSORED
 from twinbench.bench.statistics.coverage import inside, nees, nis_scores
-from twinbench.bench.statistics.health import HEALTH_DEFINITIONS, health_scores, relative_errors
+from twinbench.bench.statistics.health import health_definitions, health_scores, in_words, relative_errors
 from twinbench.bench.statistics.ranked import cut_to, ranked_from
+from twinbench.bench.statistics.subject import LEADS_S, PAPERS, Subject, subject_of
 from twinbench.bench.statistics.tracking import LONGEST_DELAY_S, RECOVERED, change_scores
-from twinbench.data.batch import ESTIMATED, STATES, Array, Batch, Truth
+from twinbench.data.batch import Array, Batch, Truth
+from twinbench.machines.machine import Machine
 
-ZERO_C_IN_K = 273.15
-LEADS_S = (1, 10, 60)
-STATE_ERRORS = ("p_nrmse_pct", "T_nrmse_pct", "m_nrmse_pct")
-"""Errors of the filtered pressure, temperature and mass flow."""
-FORECAST_ERRORS = ("p_open60_pct", "T_open60_pct", "m_open60_pct")
-"""Errors of the same three, forecast a minute ahead."""
-
-_CLEAN = {"p": "exhaust pressure", "T": "gas temperature in degC", "m": "mass flow"}
-_READ = {"p": "discharge pressure", "T": "discharge temperature in degC", "m": "mass flow"}
+STATE_ERRORS, FORECAST_ERRORS = PAPERS.state_errors, PAPERS.forecast_errors
+"""The compressor's errors of filtered pressure, temperature and mass flow, and of the same forecast a minute ahead."""
 _WIDENED = "once every interval is made wider or narrower by the factor that fits the calibration recordings"
 
-DEFINITIONS = {
-    **{
-        f"{key}_nrmse_pct": f"RMSE of the filtered {name} against clean truth, in % of its mean value."
-        for key, name in _CLEAN.items()
-    },
-    **{
-        f"{key}_mape_pct": f"Mean absolute error of the filtered {name}, in % of the true value at that time."
-        for key, name in _CLEAN.items()
-    },
-    **{
-        f"{key}_open{lead}_pct": f"RMSE of the {name} forecast {lead} s ahead with frozen parameters, one "
-        "origin a minute, against the sensor's noise-free reading, in % of its mean value."
-        for lead in LEADS_S
-        for key, name in _READ.items()
-    },
-    **HEALTH_DEFINITIONS,
-    "delay_s": "Effective delay after a change of health: the lag at which the estimate of that parameter fits its "
-    f"truth best (least RMSE around the change; 0 to {LONGEST_DELAY_S:g} s); none if a constant fits no worse.",
-    "recovery_s": "Time from the end of a change of health until the error of that parameter stays below "
-    f"{100 * RECOVERED:g} % of the change, to its next change or the recording's end; none if it never does.",
-    "coverage95_pct": "Share of samples whose 95 % interval holds the truth, mean of the five states and the "
-    "five health parameters; 95 is right.",
-    **{
-        f"coverage_{name}_pct": f"Share of samples whose 95 % interval holds the true {name}; 95 is right."
-        for name in ESTIMATED
-    },
-    "calibrated_coverage95_pct": f"The mean coverage of the ten quantities, {_WIDENED}; 95 is right.",
-    **{
-        f"calibrated_coverage_{name}_pct": f"Share of samples whose interval holds the true {name}, {_WIDENED}; 95 is "
-        "right."
-        for name in ESTIMATED
-    },
-    "nis_ratio": "Mean normalised innovation squared over its mean degrees of freedom; 1 is right, but says "
-    "nothing about the error of the state.",
-    "nis_median_ratio": "Median normalised innovation squared, each over the median of its chi-square; 1 is right.",
-    "nis_inside_pct": "Share of updates whose normalised innovation squared lies in its central 95 % "
-    "chi-square band; 95 is right.",
-    "nees_ratio": "Mean normalised estimation error squared of all ten quantities at the forecast origins, "
-    "over 10; 1 is right, more is overconfident.",
-}
-"""Every metric that ``score`` returns, in one sentence to print under a table; of the times that CENSORED names it
-returns one for each change of health, as ``bench.statistics.tracking.change_scores`` names them."""
-METRICS = tuple(metric for metric in DEFINITIONS if metric not in CENSORED)
-"""Those that every recording has one of."""
 
-IDEAL = {
-    **{metric: 95.0 for metric in DEFINITIONS if "coverage" in metric},
-    "nis_inside_pct": 95.0,
-    "nis_ratio": 1.0,
-    "nis_median_ratio": 1.0,
-    "nees_ratio": 1.0,
-}
-"""What a calibration metric should be. Of every other metric less is better."""
+def definitions_of(subject: Subject) -> dict[str, str]:
+    """Every metric that ``score`` returns, in one sentence to print under a table; of the times that CENSORED names it
+    returns one for each change of health, as ``bench.statistics.tracking.change_scores`` names them."""
+    names = [q.name for q in subject.quantities]
+    states, health, all_of = (in_words(n) for n in (len(names) - len(subject.health), len(subject.health), len(names)))
+    return {
+        **{
+            f"{o.key}_nrmse_pct": f"RMSE of the filtered {o.says} against clean truth, in % of {o.share_of}."
+            for o in subject.outputs
+        },
+        **{
+            f"{o.key}_mape_pct": f"Mean absolute error of the filtered {o.says}, in % of the true value at that time."
+            for o in subject.outputs
+        },
+        **{
+            f"{o.key}_open{lead}_pct": f"RMSE of the {o.reads} forecast {lead} s ahead with frozen parameters, one "
+            f"origin a minute, against the sensor's noise-free reading, in % of {o.share_of}."
+            for lead in LEADS_S
+            for o in subject.outputs
+        },
+        **health_definitions(subject),
+        "delay_s": "Effective delay after a change of health: the lag at which the estimate of that parameter fits its "
+        f"truth best (least RMSE around the change; 0 to {LONGEST_DELAY_S:g} s); none if a constant fits no worse.",
+        "recovery_s": "Time from the end of a change of health until the error of that parameter stays below "
+        f"{100 * RECOVERED:g} % of the change, to its next change or the recording's end; none if it never does.",
+        "coverage95_pct": f"Share of samples whose 95 % interval holds the truth, mean of the {states} states and the "
+        f"{health} health parameters; 95 is right.",
+        **{
+            f"coverage_{name}_pct": f"Share of samples whose 95 % interval holds the true {name}; 95 is right."
+            for name in names
+        },
+        "calibrated_coverage95_pct": f"The mean coverage of the {all_of} quantities, {_WIDENED}; 95 is right.",
+        **{
+            f"calibrated_coverage_{name}_pct": f"Share of samples whose interval holds the true {name}, {_WIDENED}; 95 "
+            "is right."
+            for name in names
+        },
+        "nis_ratio": "Mean normalised innovation squared over its mean degrees of freedom; 1 is right, but says "
+        "nothing about the error of the state.",
+        "nis_median_ratio": "Median normalised innovation squared, each over the median of its chi-square; 1 is right.",
+        "nis_inside_pct": "Share of updates whose normalised innovation squared lies in its central 95 % "
+        "chi-square band; 95 is right.",
+        "nees_ratio": f"Mean normalised estimation error squared of all {all_of} quantities at the forecast origins, "
+        f"over {len(names)}; 1 is right, more is overconfident.",
+    }
+
+
+def metrics_of(subject: Subject) -> tuple[str, ...]:
+    """The metrics that every recording has one of."""
+    return tuple(metric for metric in definitions_of(subject) if metric not in CENSORED)
+
+
+DEFINITIONS = definitions_of(PAPERS)
+METRICS = metrics_of(PAPERS)
+"""Those of the compressor."""
+CONSISTENCY = {"nis_inside_pct": 95.0, "nis_ratio": 1.0, "nis_median_ratio": 1.0, "nees_ratio": 1.0}
+
+
+def ideal(metric: str) -> float | None:
+    """What a calibration metric should be; None of every other, of which less is better."""
+    return 95.0 if "coverage" in metric else CONSISTENCY.get(metric)
 
 
 def score(estimates: Estimates, truth: Batch, since_s: float | None = None) -> pd.DataFrame:
@@ -91,7 +95,7 @@ def score(estimates: Estimates, truth: Batch, since_s: float | None = None) -> p
         since_s: the end of commissioning, before which nothing is ranked; that of the population if left out.
 
     Returns:
-        Columns ``sequence, metric, value``, metrics as in METRICS and, for each change of health, its times; NaN
+        Columns ``sequence, metric, value``, metrics as in ``metrics_of`` and, for each change of health, its times; NaN
         where there is no value: an estimate or interval that is not finite, nothing that moves.
 
     Raises:
@@ -101,11 +105,12 @@ def score(estimates: Estimates, truth: Batch, since_s: float | None = None) -> p
     first_s = ranked_from(estimates.time_s, since_s)
     ranked = cut_to(estimates, first_s)
     at = truth_at(truth, ranked.names, ranked.time_s)
-    health = _finite(estimates.mean[..., len(STATES) :])
-    columns = _state_scores(ranked, at) | _open_loop_scores(ranked, truth, first_s)
-    columns |= health_scores(estimates.time_s, health, everything.health, since_s)
+    machine = truth.machine
+    health = _finite(estimates.mean[..., len(machine.estimated) :])
+    columns = _state_scores(machine, ranked, at) | _open_loop_scores(ranked, truth, first_s)
+    columns |= health_scores(machine, estimates.time_s, health, everything.health, since_s)
     columns |= _calibration_scores(ranked, truth, at)
-    frame = pd.DataFrame({metric: columns[metric] for metric in METRICS})
+    frame = pd.DataFrame({metric: columns[metric] for metric in metrics_of(subject_of(machine))})
     frame = frame.where(np.isfinite(frame)).assign(sequence=estimates.names)
     long = frame.melt("sequence", var_name="metric", value_name="value")
     times = change_scores(estimates.names, estimates.time_s, health, truth)
@@ -113,10 +118,11 @@ def score(estimates: Estimates, truth: Batch, since_s: float | None = None) -> p
 
 
 def parameter_error_series(estimates: Estimates, truth: Batch) -> Array:
-    """(B, M) per cent: at each ranked tick the mean relative error of the four parameters."""
+    """(B, M) per cent: at each ranked tick the mean relative error of the parameters that have one."""
     ranked = cut_to(estimates, ranked_from(estimates.time_s))
     at = truth_at(truth, ranked.names, ranked.time_s)
-    return relative_errors(_finite(ranked.mean[..., len(STATES) :]), at.health).mean(axis=-1)
+    health = _finite(ranked.mean[..., len(truth.machine.estimated) :])
+    return relative_errors(subject_of(truth.machine), health, at.health).mean(axis=-1)
 
 
 def _finite(values: np.ndarray) -> Array:
@@ -129,22 +135,26 @@ def _rms(error: Array) -> Array:
     return np.sqrt(np.mean(error**2, axis=1))
 
 
-def _state_scores(estimates: Estimates, at: Truth) -> dict[str, Array]:
+def _state_scores(machine: Machine, estimates: Estimates, at: Truth) -> dict[str, Array]:
     mean = _finite(estimates.mean)
-    scores: dict[str, Array] = {}
-    for key, state, zero in (("p", "p_exh_bar", 0), ("T", "T_gas_K", ZERO_C_IN_K), ("m", "flow_memory", 0)):
-        i = STATES.index(state)
-        true = at.states[..., i] - zero
+    follows = {lag.state: lag.follows for lag in machine.lags}
+    rms, mape = {}, {}
+    for r in machine.readings:
+        i = machine.estimated.index(follows.get(r.state, r.state))
+        true = at.states[..., i] - r.zero
         error = mean[..., i] - at.states[..., i]
-        scores[f"{key}_nrmse_pct"] = 100 * _rms(error) / true.mean(axis=1)
-        scores[f"{key}_mape_pct"] = 100 * np.mean(np.abs(error) / true, axis=1)
-    return scores
+        rms[f"{r.key}_nrmse_pct"] = 100 * _rms(error) / (r.size or true.mean(axis=1))
+        mape[f"{r.key}_mape_pct"] = 100 * np.mean(np.abs(error) / (r.size or true), axis=1)
+    return rms | mape
 
 
 def _open_loop_scores(estimates: Estimates, truth: Batch, first_s: float) -> dict[str, Array]:
     assert truth.truth is not None
+    readings = truth.machine.readings
     rows = [truth.names.index(name) for name in estimates.names]
-    base = truth.truth.outputs[rows][:, truth.time_s >= first_s].mean(axis=1) - np.array([0.0, ZERO_C_IN_K, 0.0])
+    base = truth.truth.outputs[rows][:, truth.time_s >= first_s].mean(axis=1) - np.array([r.zero for r in readings])
+    sizes = np.array([abs(r.gain) * r.size for r in readings])
+    base = np.where(sizes > 0.0, sizes, base)
     leads = [float(lead) for lead in estimates.leads_s]
     scores: dict[str, Array] = {}
     for lead in LEADS_S:
@@ -155,11 +165,12 @@ def _open_loop_scores(estimates: Estimates, truth: Batch, first_s: float) -> dic
             clean = truth_at(truth, estimates.names, target_s[known]).outputs
             forecast = _finite(estimates.forecast[:, known, leads.index(float(lead))])
             percent = 100 * _rms(forecast - clean) / base
-        scores |= {f"{key}_open{lead}_pct": percent[:, i] for i, key in enumerate("pTm")}
+        scores |= {f"{r.key}_open{lead}_pct": percent[:, i] for i, r in enumerate(readings)}
     return scores
 
 
 def _calibration_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[str, Array]:
+    names = truth.machine.quantities
     covered = 100 * inside(estimates, at).mean(axis=1)
     calibrated = 100 * inside(estimates.calibrated(), at).mean(axis=1)
     ratio, median, within = nis_scores(estimates.nis.astype(np.float64), estimates.nis_dof)
@@ -167,11 +178,11 @@ def _calibration_scores(estimates: Estimates, truth: Batch, at: Truth) -> dict[s
     squared = nees(error, estimates.cov_at_origin)
     return {
         "coverage95_pct": covered.mean(axis=1),
-        **{f"coverage_{name}_pct": covered[:, i] for i, name in enumerate(ESTIMATED)},
+        **{f"coverage_{name}_pct": covered[:, i] for i, name in enumerate(names)},
         "calibrated_coverage95_pct": calibrated.mean(axis=1),
-        **{f"calibrated_coverage_{name}_pct": calibrated[:, i] for i, name in enumerate(ESTIMATED)},
+        **{f"calibrated_coverage_{name}_pct": calibrated[:, i] for i, name in enumerate(names)},
         "nis_ratio": ratio,
         "nis_median_ratio": median,
         "nis_inside_pct": within,
-        "nees_ratio": squared.sum(axis=1) / (len(ESTIMATED) * (squared.shape[1] or np.nan)),
+        "nees_ratio": squared.sum(axis=1) / (len(names) * (squared.shape[1] or np.nan)),
     }

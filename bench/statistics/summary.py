@@ -15,9 +15,10 @@ from twinbench.bench.statistics.bootstrap import SequenceScores, differences, me
 from twinbench.bench.statistics.censored import CENSORED, Waiting, restricted, waiting, watched
 from twinbench.bench.statistics.marks import marked
 from twinbench.bench.statistics.ranks import Ranking, rank
-from twinbench.bench.statistics.scores import DEFINITIONS, FORECAST_ERRORS, IDEAL
+from twinbench.bench.statistics.scores import definitions_of, ideal
 from twinbench.bench.statistics.skill import Skill, skills
 from twinbench.bench.statistics.strata import Stratum, of_stratum
+from twinbench.bench.statistics.subject import PAPERS, Subject
 
 LIFE = "health_life_pct"
 PARAMETERS = "parameter_error_pct"
@@ -57,6 +58,7 @@ class Summary:
         rankings: per question; reference rows are left out. Missing where nothing could be ranked.
         unranked: per question without a ranking, why.
         failures: per estimator with failed cells, which and why.
+        subject: what the run was about.
     """
 
     estimators: tuple[str, ...]
@@ -67,6 +69,7 @@ class Summary:
     rankings: dict[str, Ranking]
     unranked: dict[str, str]
     failures: dict[str, str]
+    subject: Subject = PAPERS
     _tested: dict[tuple[str, ...], bool] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -114,23 +117,26 @@ class Summary:
         return self.told_apart(first, second, question) and mean < self.value(second, question).mean
 
 
-def summarise(scores: pd.DataFrame, failures: Mapping[str, str], stratum: Stratum = "worn") -> Summary:
+def summarise(
+    scores: pd.DataFrame, failures: Mapping[str, str], stratum: Stratum = "worn", subject: Subject = PAPERS
+) -> Summary:
     """The statistics of a whole run, on the recordings of one stratum.
 
     Args:
         scores: columns ``estimator, seed, sequence, metric, value``.
         failures: per estimator with failed cells, which and why.
         stratum: the worn machines, which the benchmark ranks by, or the paper's recordings.
+        subject: what the run was about.
     """
     scores = of_stratum(scores, stratum)
-    scores = pd.concat([scores, _forecast_scores(scores)], ignore_index=True)
+    scores = pd.concat([scores, _forecast_scores(scores, subject)], ignore_index=True)
     there = set(scores["metric"])
-    metrics = [m for m in (*DEFINITIONS, FORECAST) if m in there and m not in CENSORED]
+    metrics = [m for m in (*definitions_of(subject), FORECAST) if m in there and m not in CENSORED]
     # A table finds its rows and estimators by name: as categories three times as quickly.
     quick = scores.astype(dict.fromkeys(("estimator", "sequence", "metric"), "category"))
     tables = {metric: sequence_scores(quick, metric, failures) for metric in metrics}
     values = {key: value for table in tables.values() for key, value in _values(table).items()}
-    won = {(e, m): s for m, table in tables.items() if m not in IDEAL for e, s in skills(table).items()}
+    won = {(e, m): s for m, table in tables.items() if ideal(m) is None for e, s in skills(table).items()}
     for metric in CENSORED:
         times_s = watched(scores, metric)
         if times_s.empty:
@@ -154,6 +160,7 @@ def summarise(scores: pd.DataFrame, failures: Mapping[str, str], stratum: Stratu
         rankings=rankings,
         unranked=unranked,
         failures=dict(failures),
+        subject=subject,
     )
 
 
@@ -161,17 +168,17 @@ def _waited(w: Waiting) -> Value:
     return Value(w.median_s, w.low_s, w.high_s, happened=w.happened, runs=w.runs)
 
 
-def _forecast_scores(scores: pd.DataFrame) -> pd.DataFrame:
-    """The mean of the three forecast errors, per estimator, seed and sequence."""
+def _forecast_scores(scores: pd.DataFrame, subject: Subject) -> pd.DataFrame:
+    """The mean of the outputs' forecast errors, per estimator, seed and sequence."""
     key = ["estimator", "seed", "sequence"]
-    parts = scores[scores["metric"].isin(FORECAST_ERRORS)].pivot(index=key, columns="metric", values="value")
+    parts = scores[scores["metric"].isin(subject.forecast_errors)].pivot(index=key, columns="metric", values="value")
     return parts.mean(axis=1, skipna=False).rename("value").reset_index().assign(metric=FORECAST)
 
 
 def _values(table: SequenceScores) -> dict[tuple[str, str], Value]:
     own = means(table).set_index("estimator")[["mean", "low", "high"]]
     values = {(str(e), table.metric): Value(*row) for e, row in zip(own.index, own.to_numpy(), strict=True)}
-    if REFERENCE in table.estimators and table.metric not in IDEAL:
+    if REFERENCE in table.estimators and ideal(table.metric) is None:
         above = ratios(table).set_index("estimator")[["ratio", "low", "high"]]
         for e, (times, low, high) in zip(above.index, above.to_numpy(), strict=True):
             key = (str(e), table.metric)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from twinbench.data.batch import HEALTH, Array, Batch
-from twinbench.physics.health import SPAN
+from twinbench.data.batch import Array, Batch
+from twinbench.machines.machine import Machine
 
 MOVED_SHARE = 0.01
 """A health parameter has changed if it moved by more than this share of its range."""
@@ -27,7 +27,7 @@ class HealthChange(NamedTuple):
     """A change of one sequence.
 
     Attributes:
-        parameter: where it stands in HEALTH.
+        parameter: where it stands among the machine's health.
         start_s, end_s: when it begins and is done.
         size: how far the parameter moves, in its own unit, positive.
         until_s: when the same parameter moves again; inf where it does not.
@@ -40,17 +40,18 @@ class HealthChange(NamedTuple):
     until_s: float = np.inf
 
 
-def health_change(time_s: Array, health: Array) -> HealthChange | None:
-    """When a sequence's health changed, from its true health (N, 5); None if it did not.
+def health_change(machine: Machine, time_s: Array, health: Array) -> HealthChange | None:
+    """When a sequence's health changed, from its true health (N, nh); None if it did not.
 
     Start and end span every parameter that changed; ``parameter`` is the one that moved most of its range.
 
     Args:
+        machine: whose health.
         time_s: (N,) seconds.
-        health: (N, 5) true health, in the parameters' units, order HEALTH.
+        health: (N, nh) true health, in the parameters' units.
     """
     moved = np.ptp(health, axis=0)
-    changed = moved > MOVED_SHARE * SPAN
+    changed = moved > MOVED_SHARE * machine.span
     if not changed.any():
         return None
     away = np.abs(health - health[0])[:, changed] > RAMP_EDGE * moved[changed]
@@ -58,21 +59,22 @@ def health_change(time_s: Array, health: Array) -> HealthChange | None:
     start = int(away.any(axis=1).argmax())
     # The last sample that has not arrived yet is followed by the first that has.
     end = len(time_s) - int(arriving.any(axis=1)[::-1].argmax())
-    parameter = int((moved / SPAN).argmax())
+    parameter = int((moved / machine.span).argmax())
     return HealthChange(parameter, float(time_s[start]), float(time_s[end]), float(moved[parameter]))
 
 
-def health_changes(time_s: Array, health: Array) -> list[HealthChange]:
+def health_changes(machine: Machine, time_s: Array, health: Array) -> list[HealthChange]:
     """Every change of every parameter, by parameter and then in time.
 
     A change goes one way, pauses included; one that goes back is another.
 
     Args:
+        machine: whose health.
         time_s: (N,) seconds.
-        health: (N, 5) true health, in the parameters' units, order HEALTH.
+        health: (N, nh) true health, in the parameters' units.
     """
     found = []
-    for i, span in enumerate(SPAN):
+    for i, span in enumerate(machine.span):
         steps = np.diff(health[:, i])
         moving = np.flatnonzero(np.abs(steps) > STILL_SHARE * span)
         turns = np.flatnonzero(np.diff(np.sign(steps[moving]))) + 1
@@ -93,7 +95,7 @@ def change_scores(names: Sequence[str], time_s: Array, estimated: Array, truth: 
     Args:
         names: of the B recordings.
         time_s: (M,) seconds, the stored ticks.
-        estimated: (B, M, 5) in the parameters' units, order HEALTH.
+        estimated: (B, M, nh) in the parameters' units.
         truth: recordings that hold those, with their truth.
 
     Returns:
@@ -101,13 +103,13 @@ def change_scores(names: Sequence[str], time_s: Array, estimated: Array, truth: 
         ``watched_capacity_1_s`` of a recording's first change of capacity, and so on; NaN: it never came.
     """
     assert truth.truth is not None
-    rows = []
+    rows, names_of = [], truth.machine.health_names
     ticks = np.searchsorted(truth.time_s, time_s - 1e-9).clip(max=len(truth.time_s) - 1)
     for b, name in enumerate(names):
         health = truth.truth.health[truth.names.index(name)]
-        counts = dict.fromkeys(HEALTH, 0)
-        for change in health_changes(truth.time_s, health):
-            parameter = HEALTH[change.parameter]
+        counts = dict.fromkeys(names_of, 0)
+        for change in health_changes(truth.machine, truth.time_s, health):
+            parameter = names_of[change.parameter]
             counts[parameter] += 1
             estimate, true = estimated[b, :, change.parameter], health[ticks, change.parameter]
             watched = max(min(float(time_s[-1]), change.until_s) - change.end_s, 0.0)

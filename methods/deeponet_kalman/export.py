@@ -11,31 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from twinbench.data.batch import CHANNEL, HEALTH, SAMPLE_PERIOD_S, STATE, Array
-from twinbench.methods.deeponet_kalman.layout import N_CONDITION
+from twinbench.common.errors import BadInput
+from twinbench.machines.coordinates import ZETA_SCALE, Array
+from twinbench.machines.machine import Machine
+from twinbench.machines.sensors import Growth
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-from twinbench.methods.deeponet_kalman.model import ERROR, FLOW, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.parts import followers
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT
-from twinbench.methods.operator import (
-    HEAD_OF_STATE,
-    KERNEL,
-    N_CHANNELS,
-    N_COLUMNS,
-    N_HEADS,
-    N_SLOW,
-    N_STATES,
-    N_ZETA,
-    SINUSOIDS,
-    SLOW_TAU_S,
-)
-from twinbench.methods.probe import TAU_PROBE_S, TAU_PROBE_X
-from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import HEALTHY, HIGH, LOW, ZETA_SCALE, d_theta_d_zeta
-from twinbench.physics.sensors import OUTPUT_NOISE, speed_factor
+from twinbench.methods.operator import EMBEDDED, KERNEL, SLOW_TAU_S, head_of_state, slow_channels
 
 OPSET, IR_VERSION = 18, 8
 """Old enough for the runtimes of the last years."""
-N_HEALTH = len(HEALTH)
 EXPONENTIAL = 1e12
 """Span of an exponential, in healthy values, where it is written as a logistic."""
 INPUTS = ("values", "mask", "x", "zeta", "window", "masks", "slow")
@@ -105,28 +91,29 @@ def operator_graph(estimator: DeepONetKalman) -> bytes:
     """The trained operator as a serialised ONNX model of one machine, float32, physical units.
 
     Inputs:
-        values, mask: (7,) the tick's readings, gaps filled, and 1 where accepted, order CHANNELS.
-        x, zeta: (5,) and (5,) posterior of the tick: states, coordinates of health.
-        window, masks: (window, 7) the values and masks of the ticks before, newest last; at first those of the
+        values, mask: (C,) the tick's readings, gaps filled, and 1 where accepted, inputs first.
+        x, zeta: (n,) and (nh,) posterior of the tick: states, coordinates of health.
+        window, masks: (window, C) the values and masks of the ticks before, newest last; at first those of the
             first tick, repeated.
-        slow: (2,) how far the discharge temperature is from its slow means, standardised; at first 0.
+        slow: (k,) how far each slow channel is from each of its running means, standardised; at first 0.
 
     Outputs:
-        increment: (5,) what the states move by until the next tick.
-        jacobian: (5, 10) of that to x and zeta.
+        increment: (n,) what the states move by until the next tick.
+        jacobian: (n, n + nh) of that to x and zeta.
         window_after, masks_after, slow_after: what the next tick takes for window, masks and slow.
     """
     from onnx import checker, helper
     from onnx.onnx_pb import TensorProto
 
-    g, length = _Graph(estimator.arrays), estimator.config["window"]
-    row = g("Reshape", "values", [1, N_CHANNELS])
+    g, length, parts = _Graph(estimator.arrays), estimator.config["window"], estimator.parts
+    channels, n = parts.channels, parts.states
+    row = g("Reshape", "values", [1, channels])
     latent = g("Mul", _branch(g, estimator, row, length), _trunk(g, estimator, row))
     _heads(g, estimator, g.affine(latent, "heads.from_latent"))
-    carried = [(length, N_CHANNELS), (length, N_CHANNELS), (N_SLOW,)]
+    carried = [(length, channels), (length, channels), (len(slow_channels(estimator.machine)),)]
     shapes = {
-        **dict(zip(INPUTS, [(N_CHANNELS,), (N_CHANNELS,), (N_STATES,), (N_HEALTH,), *carried], strict=True)),
-        **dict(zip(OUTPUTS, [(N_STATES,), (N_STATES, N_STATES + N_HEALTH), *carried], strict=True)),
+        **dict(zip(INPUTS, [(channels,), (channels,), (n,), (parts.health,), *carried], strict=True)),
+        **dict(zip(OUTPUTS, [(n,), (n, n + parts.health), *carried], strict=True)),
     }
     seen = {name: helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in shapes.items()}
     graph = helper.make_graph(
@@ -139,16 +126,16 @@ def operator_graph(estimator: DeepONetKalman) -> bytes:
 
 def _branch(g: _Graph, estimator: DeepONetKalman, row: str, length: int) -> str:
     """``operator.Branch`` on the window moved on by a tick, (1, latents); what is carried on is put out."""
-    front = estimator.front_end
+    front, channels, slow_of = estimator.front_end, estimator.parts.channels, slow_channels(estimator.machine)
     seen = g("Concat", "window", row, axis=0)
     g.rows(seen, 1, length + 1, out="window_after")
-    mask = g("Concat", "masks", g("Reshape", "mask", [1, N_CHANNELS]), axis=0)
+    mask = g("Concat", "masks", g("Reshape", "mask", [1, channels]), axis=0)
     g.rows(mask, 1, length + 1, out="masks_after")
     values = g.bounded(g.standardised(seen, front.mean, front.scale))
     now = g.rows(values, 1, length + 1)
     change = g("Sub", now, g.rows(values, 0, length))
     columns = g("Concat", now, change, "masks_after", axis=1)
-    first = g.silu(g.affine(g("Reshape", columns, [-1, KERNEL * N_COLUMNS]), "branch.block_1"))
+    first = g.silu(g.affine(g("Reshape", columns, [-1, KERNEL * 3 * channels]), "branch.block_1"))
     reached = g("Reshape", first, [length // KERNEL**2, -1])
     second = g.silu(g.affine(reached, "branch.block_2"))
     tokens = g("Add", second, g.silu(g.affine(second, "branch.mix_2")))
@@ -160,50 +147,55 @@ def _branch(g: _Graph, estimator: DeepONetKalman, row: str, length: int) -> str:
     from_mean = g("Sub", now, mean)
     spread = g.root(g("ReduceMean", g("Mul", from_mean, from_mean), [0], keepdims=1))
     # The distance from a running mean, carried instead of the mean, loses nothing to float32 however slow the mean is.
-    keep = np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))
-    T_dis = CHANNEL.T_dis_K
-    temperature_change = g.rows(g.rows(change, length - 1, length), T_dis, T_dis + 1, axis=1)
-    slow = g("Mul", g("Add", "slow", g("Reshape", temperature_change, [1])), keep, out="slow_after")
-    summary = [attended, g.rows(tokens, -1, length), mean, spread, g("Reshape", slow, [1, N_SLOW])]
+    keep = np.tile(np.exp(-estimator.model.period_s / np.array(SLOW_TAU_S)), len(slow_of) // len(SLOW_TAU_S))
+    moved = g("Gather", g("Reshape", g.rows(change, length - 1, length), [channels]), slow_of)
+    slow = g("Mul", g("Add", "slow", moved), keep, out="slow_after")
+    summary = [attended, g.rows(tokens, -1, length), mean, spread, g("Reshape", slow, [1, len(slow_of)])]
     return g.unit(g.affine(g("Concat", *summary, axis=1), "branch.project"))
 
 
 def _trunk(g: _Graph, estimator: DeepONetKalman, row: str) -> str:
     """``operator.Trunk`` a tick ahead under the present inputs, (1, latents)."""
-    p_suc, p_dis, N = (g("Gather", row, [c], axis=1) for c in (CHANNEL.p_suc_bar, CHANNEL.p_dis_bar, CHANNEL.N_rpm))
-    raw = g("Concat", N, g("Div", p_dis, p_suc), g("Gather", row, [1, 0, 3], axis=1), axis=1)
-    query = g.bounded(g.standardised(raw, *estimator.scaling))
-    embedded = g.silu(g.affine(g.rows(query, 0, 2, axis=1), "trunk.embedding"))
-    phase = SAMPLE_PERIOD_S * (np.pi / 0.1) * np.array(SINUSOIDS)
-    time = np.concatenate([[1.0], np.sin(phase), np.cos(phase)])[None]
+    scaling = estimator.scaling
+    raw = []
+    for above, below in zip(scaling.above, scaling.below, strict=True):
+        value = g("Gather", row, [above], axis=1)
+        raw.append(g("Div", value, g("Gather", row, [below], axis=1)) if below >= 0 else value)
+    query = g.bounded(g.standardised(g("Concat", *raw, axis=1), scaling.mean, scaling.scale))
+    embedded = g.silu(g.affine(g.rows(query, 0, min(EMBEDDED, len(raw)), axis=1), "trunk.embedding"))
+    time = estimator.weights["time"]
     hidden = g.silu(g.affine(g("Concat", query, embedded, time, axis=1), "trunk.hidden"))
     return g.unit(g.affine(hidden, "trunk.project"))
 
 
 def _heads(g: _Graph, estimator: DeepONetKalman, base: str) -> None:
-    """``operator.Heads`` and, row by row beside it, its derivative to each of the 9 conditions, Eq. (5)."""
-    model, width = estimator.model, g.weights["net.heads.hidden_weight"].shape[-1]
-    entry = g.weights["net.heads.from_condition.weight"].T
+    """``operator.Heads`` and, row by row beside it, its derivative to each of the conditions, Eq. (5)."""
+    model, (heads, width, _) = estimator.model, g.weights["net.heads.hidden_weight"].shape
+    entry, n, parts = g.weights["net.heads.from_condition.weight"].T, estimator.parts.states, estimator.parts
+    conditions = len(entry)
     condition = g(
         "Concat",
         g.standardised("x", model.state_mean, model.state_scale),
-        g("Div", g.rows("zeta", 0, N_ZETA), np.array([ZETA_SCALE])),
+        g("Div", g("Gather", "zeta", model.acting), np.array([ZETA_SCALE])),
         axis=0,
     )
-    first, slope = _silu_and_slope(g, g("Add", base, g("MatMul", g("Reshape", condition, [1, N_CONDITION]), entry)))
+    first, slope = _silu_and_slope(g, g("Add", base, g("MatMul", g("Reshape", condition, [1, conditions]), entry)))
     rows = g("Concat", g("Mul", slope, entry), first, axis=0)
-    per_head = g("Transpose", g("Reshape", rows, [N_CONDITION + 1, N_HEADS, width]), perm=[1, 0, 2])
+    per_head = g("Transpose", g("Reshape", rows, [conditions + 1, heads, width]), perm=[1, 0, 2])
     deep = g("MatMul", per_head, g.weights["net.heads.hidden_weight"])
-    tangents, last = g.rows(deep, 0, N_CONDITION, axis=1), g.rows(deep, N_CONDITION, N_CONDITION + 1, axis=1)
+    tangents, last = g.rows(deep, 0, conditions, axis=1), g.rows(deep, conditions, conditions + 1, axis=1)
     second, slope = _silu_and_slope(g, g("Add", last, g.weights["net.heads.hidden_bias"][:, None]))
     of_head = g("Concat", g("Mul", tangents, slope), second, axis=1)
-    of_state = g("Gather", of_head, list(HEAD_OF_STATE), axis=0)
-    out = g("MatMul", of_state, g.weights["net.heads.out_weight"][:, :, None])  # (5, 10, 1)
-    scaled = g("Add", g.rows(out, N_CONDITION, N_CONDITION + 1, axis=1), g.weights["net.heads.out_bias"][:, None, None])
-    g("Mul", g("Reshape", scaled, [N_STATES]), model.increment, out="increment")
-    units = model.increment[:, None] / np.append(model.state_scale, np.full(N_ZETA, ZETA_SCALE))
-    jacobian = g("Mul", g("Reshape", g.rows(out, 0, N_CONDITION, axis=1), [N_STATES, N_CONDITION]), units)
-    g("Concat", jacobian, np.zeros((N_STATES, N_HEALTH - N_ZETA)), axis=1, out="jacobian")  # the bias moves no state
+    of_state = g("Gather", of_head, head_of_state(estimator.machine), axis=0)
+    out = g("MatMul", of_state, g.weights["net.heads.out_weight"][:, :, None])  # (n, conditions + 1, 1)
+    scaled = g("Add", g.rows(out, conditions, conditions + 1, axis=1), g.weights["net.heads.out_bias"][:, None, None])
+    g("Mul", g("Reshape", scaled, [n]), model.increment, out="increment")
+    units = model.increment[:, None] / np.append(model.state_scale, np.full(conditions - n, ZETA_SCALE))
+    jacobian = g("Mul", g("Reshape", g.rows(out, 0, conditions, axis=1), [n, conditions]), units)
+    # What acts on readings alone moves no state: its columns come from one of zeros behind the others.
+    place = np.full(n + parts.health, conditions)
+    place[:n], place[n + model.acting] = np.arange(n), np.arange(n, conditions)
+    g("Gather", g("Concat", jacobian, np.zeros((n, 1)), axis=1), place, axis=1, out="jacobian")
 
 
 def _silu_and_slope(g: _Graph, x: str) -> tuple[str, str]:
@@ -213,33 +205,60 @@ def _silu_and_slope(g: _Graph, x: str) -> tuple[str, str]:
     return value, g("Add", gate, g("Mul", value, g("Sub", np.array([1.0]), gate)))
 
 
+def _one_of_each(machine: Machine) -> tuple[Growth, float, float]:
+    """What noise grows with, and time constant and power of the lag, of a machine that has one of each.
+
+    Raises:
+        BadInput: it has not.
+    """
+    lags = followers(machine)
+    growths = list({n.grows for n in machine.noise[len(machine.inputs) :] if n.grows})
+    if len(lags) != 1 or len(growths) != 1:
+        raise BadInput(
+            f"the exported filter has one lag and one channel with which noise grows, {machine.name} has {len(lags)}"
+            f" and {len(growths)}; its operator's graph can be had by methods.deeponet_kalman.export.operator_graph"
+        )
+    theta = machine.reduced.theta()
+    return growths[0], float(theta[machine.reduced.index(lags[0].tau_s)]), lags[0].power
+
+
 def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
     """What a filter around the graph needs, for z as in ``methods.deeponet_kalman.augmented``.
 
     Returns:
-        z0, P0: (19,), (19, 19) before the first tick.
-        F: (19, 19) transition of one tick without the operator and the probe; Q (19, 19) its noise.
-        H: (3, 19) of the readings without the bias and the coloured noise.
-        z_low, z_high: (19,) bounds.
-        probe_tau_s, probe_tau_x: the probe lags by ``tau_s mu**-tau_x`` seconds at flow memory mu.
-        mean: (7,) stands in for readings before the first one.
+        z0, P0: (N,), (N, N) before the first tick.
+        F: (N, N) transition of one tick without the operator and the probe; Q (N, N) its noise.
+        H: (ny, N) of the readings without the bias and the coloured noise.
+        z_low, z_high: (N,) bounds.
+        probe_tau_s, probe_tau_x: the probe lags by ``tau_s mu**-tau_x`` seconds where what quickens it is mu.
+        mean: (C,) stands in for readings before the first one.
         window: samples that the operator looks back.
-        white, coloured: (3,) noise sd of the outputs; times the reading where ``relative``, and times
-            ``speed[0] + speed[1] N_rpm`` where ``with_speed``.
-        low, span, slope, offset: (5,) health is ``low + span / (1 + exp(-slope zeta - offset))``.
+        white, coloured: (ny,) noise sd of the outputs; times the reading where ``relative``, and times
+            ``speed[0] + speed[1] v`` where ``with_speed``, v being the channel with which noise grows.
+        low, span, slope, offset: (nh,) health is ``low + span / (1 + exp(-slope zeta - offset))``.
+
+    Raises:
+        BadInput: the machine has other parts than these arrays can say.
     """
-    fresh, model = estimator.init(1).memory[0][0], estimator.model
-    F, H = np.eye(SIZE), np.zeros((len(OUTPUT_NOISE), SIZE))
-    F[:N_STATES, ERROR:] = np.eye(N_STATES)
-    np.fill_diagonal(F[NOISE:, NOISE:], np.append(model.noise_keep, np.full(N_STATES, model.error_keep)))
-    H[0, STATE.p_exh_bar], H[1, PROBE], H[2, FLOW] = 1.0, 1.0, M_REF_KG_S
-    z_low, z_high = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
-    z_low[FLOW], z_low[ZETA:NOISE], z_high[ZETA:NOISE] = 0.05, model.zeta_low, model.zeta_high
-    low, span, slope = LOW.copy(), HIGH - LOW, d_theta_d_zeta(np.zeros(N_HEALTH))
-    for j in (HEALTH.index("leakage"), HEALTH.index("heat_transfer")):
-        # These are exponential: a logistic so far from its upper end that nobody tells the two apart.
-        low[j], span[j] = 0.0, HEALTHY[j] * EXPONENTIAL
-    share, (at_0, at_1) = (HEALTHY - low) / span, speed_factor(np.array([0.0, 1.0]))
+    grows, tau_s, power = _one_of_each(estimator.machine)
+    fresh, model, parts, health = (
+        estimator.init(1).memory[0][0],
+        estimator.model,
+        estimator.parts,
+        estimator.model.health,
+    )
+    n, noise, error = parts.states, parts.noise, parts.error
+    F, H = np.eye(parts.size), np.zeros((parts.outputs, parts.size))
+    F[:n, error:] = np.eye(n)
+    np.fill_diagonal(F[noise:, noise:], np.append(model.noise_keep, np.full(n, model.error_keep)))
+    H[range(parts.outputs), model.readings.source] = model.readings.gain
+    z_low, z_high = np.full(parts.size, -np.inf), np.full(parts.size, np.inf)
+    z_low[:n], z_low[parts.zeta : noise], z_high[parts.zeta : noise] = model.state_low, model.zeta_low, model.zeta_high
+    slope = health.theta_and_slope(np.zeros(parts.health))[1]
+    # An exponential is a logistic so far from its upper end that nobody tells the two apart.
+    low = np.where(health.exponential, 0.0, health.low)
+    span = np.where(health.exponential, health.healthy * EXPONENTIAL, health.high - low)
+    share, (at_0, at_1) = (health.healthy - low) / span, grows.factor(np.array([0.0, 1.0]))
     return {
         "z0": fresh["z"],
         "P0": fresh["P"],
@@ -248,14 +267,14 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
         "H": H,
         "z_low": z_low,
         "z_high": z_high,
-        "probe_tau_s": np.array(TAU_PROBE_S),
-        "probe_tau_x": np.array(TAU_PROBE_X),
+        "probe_tau_s": np.array(tau_s),
+        "probe_tau_x": np.array(power),
         "mean": estimator.front_end.mean,
         "window": np.array(estimator.config["window"]),
-        **{
-            name: np.array([getattr(s, name) for s in OUTPUT_NOISE])
-            for name in ("white", "coloured", "relative", "with_speed")
-        },
+        "white": model.sheet.white,
+        "coloured": model.sheet.coloured,
+        "relative": model.sheet.relative,
+        "with_speed": model.sheet.grows >= 0,
         "speed": np.array([at_0, at_1 - at_0]),
         "low": low,
         "span": span,

@@ -75,7 +75,7 @@ def _transition(model, z, jacobian, trusted, part, F):  # type: ignore[no-untype
 
 @njit(cache=True, error_model="numpy")
 def _times(model, F, A, B):  # type: ignore[no-untyped-def]
-    """``B = (F A)'`` for an F of ``_transition``: beside its diagonal only states and lags have rows, of few columns."""
+    """``B = (F A)'`` for an F of ``_transition``: only states and lags have rows off its diagonal."""
     moving, acting, error = places(model)
     size, n = model.Q.shape[0], model.state_mean.size
     for i in range(moving):

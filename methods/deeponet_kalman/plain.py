@@ -12,8 +12,8 @@ import torch
 from twinbench.machines.coordinates import ZETA_SCALE, Array
 from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, moved, note_way, stepped, suppose
 from twinbench.methods.deeponet_kalman.cycle import UNKNOWN_S, keep_of
+from twinbench.methods.deeponet_kalman.forecast import lagged
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-from twinbench.methods.deeponet_kalman.model import Model
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
@@ -59,16 +59,6 @@ from twinbench.methods.training import load_weights
 from twinbench.methods.weighing import log_likelihood
 
 
-def lagged(model: Model, z: Array) -> tuple[Array, Array]:
-    """Shares (nl,) of their gaps that lags close in a tick, and the slopes (nl,) of these to what quickens them."""
-    lags = model.lags
-    with_one = lags.by >= 0
-    quick = np.where(with_one, np.maximum(z[lags.by], lags.least), 1.0)
-    rate = -lags.keep_log * quick**lags.power
-    keep = np.exp(-rate)
-    return 1.0 - keep, keep * rate * lags.power / quick
-
-
 class PlainTwin:
     """One machine, whose every update returns what ``DeepONetKalman.step`` would.
 
@@ -81,13 +71,11 @@ class PlainTwin:
 
     def __init__(self, twin: DeepONetKalman, dtype: torch.dtype = torch.float64) -> None:
         self.dtype, self.machine, self.parts = dtype, twin.machine, twin.parts
-        parts = twin.parts
-        self.states, self.health = slice(parts.states), slice(parts.zeta, parts.noise)
-        self.noise, self.error = slice(parts.noise, parts.error), slice(parts.error, parts.size)
+        self.health = slice(self.parts.zeta, self.parts.noise)
         self.model, self.front_end, self.scaling = twin.model, twin.front_end, twin.scaling
         self.update_every: int = twin.config["update_every"]
         self.window: int = twin.config["window"]
-        self.operator = Operator(self.machine, window=self.window)
+        self.operator = Operator(twin.machine, window=self.window)
         load_weights(self.operator, twin.arrays)
         self.operator.to(dtype).requires_grad_(False)
         fresh = twin.init(1).memory[0]
@@ -97,12 +85,12 @@ class PlainTwin:
         self.rivals: list[tuple[Array, Array, np.void]] = []
         self.score, self.left = self.model.causes.log_prior.copy(), 0
         self.ticks = 0
-        self.mask = np.zeros(parts.channels)  # of the last sample, which the window takes in when the next one is there
+        self.mask = np.zeros(self.parts.channels)  # of the last sample, which the window takes in with the next one
 
     def update(self, sample: Sample) -> tuple[State, Info]:
         """One tick of readings (1, C)."""
         memory, safety, fitted = self.memory, self.safety, self.front_end.fitted
-        channels, nu = self.parts.channels, self.parts.inputs
+        channels, inputs = self.parts.channels, self.parts.inputs
         lag_s = np.zeros(channels) if sample.lag_s is None else sample.lag_s[0]
         accepted, spike, confirmed = (np.zeros(channels, np.bool_) for _ in range(3))
         before = np.empty(channels)
@@ -110,15 +98,15 @@ class PlainTwin:
         if self.ticks > 0:
             self.take_in(before, np.maximum(self.mask, confirmed))
         due = self.ticks % self.update_every == 0
-        outputs = np.where(accepted[nu:] & due, memory.filled[nu:], np.nan)
+        outputs = np.where(accepted[inputs:] & due, memory.filled[inputs:], np.nan)
         safety["unknown"] = max(safety["unknown"] - 1, 0)
         if (memory.age_s[self.scaling.asked] > UNKNOWN_S).any():
             safety["unknown"] = self.window
-        info = self._tick(outputs, lag_s[nu:] / self.machine.sample_period_s)
+        info = self._tick(outputs, lag_s[inputs:] / self.model.period_s)
         flags = info.flags | FLAG_SPIKE * spike.any() | FLAG_MISSING * (~accepted & ~spike).any()
         self.mask = accepted.astype(float)
         self.ticks += 1
-        state = report(self.machine.coordinates, self.z[None], self.P[None], keep_of(self.parts), ())
+        state = report(self.model.health, self.z[None], self.P[None], keep_of(self.parts), ())
         return state, info._replace(flags=flags, age_s=(memory.age_s + lag_s)[None])
 
     def _query(self, readings: Array) -> Array:
@@ -133,8 +121,8 @@ class PlainTwin:
         """
         fitted = self.front_end.fitted
         value = np.clip((readings - fitted.mean) / fitted.scale, -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
-        period_s, slow = self.machine.sample_period_s, value[slow_channels(self.machine)]
-        keep = np.tile(np.exp(-period_s / np.array(SLOW_TAU_S)), len(slow) // len(SLOW_TAU_S))
+        slow = value[slow_channels(self.machine)]
+        keep = np.tile(np.exp(-self.model.period_s / np.array(SLOW_TAU_S)), len(slow) // len(SLOW_TAU_S))
         if self.ticks == 1:  # the window was always filled with the first sample
             self.values, self.masks = np.tile(value, (self.window + 1, 1)), np.tile(mask, (self.window, 1))
             self.slow = slow
@@ -142,30 +130,30 @@ class PlainTwin:
             self.values, self.masks = np.vstack([self.values[1:], value]), np.vstack([self.masks[1:], mask])
             self.slow = keep * self.slow + (1 - keep) * slow
         query = np.clip(self._query(readings), -STANDARDISED_LIMIT, STANDARDISED_LIMIT)
-        window = (self.values, self.masks, slow - self.slow, query, np.float64(period_s))
+        window = (self.values, self.masks, slow - self.slow, query, np.float64(self.model.period_s))
         self.latent = self.operator.latent(*(torch.as_tensor(part, dtype=self.dtype)[None] for part in window))
 
     def increments(self) -> tuple[Array, Array]:
         """Scaled increments (n,) and their Jacobian (n, n + na) to the heads' condition."""
         m, n = self.model, self.parts.states
-        states = (self.z[self.states] - m.state_mean) / m.state_scale
-        one = np.concatenate([states, self.z[self.parts.zeta + m.acting] / ZETA_SCALE])
+        states = (self.z[:n] - m.state_mean) / m.state_scale
+        one = np.concatenate([states, self.z[self.health][m.acting] / ZETA_SCALE])
         condition = torch.tensor(np.tile(one, (n, 1)), dtype=self.dtype, requires_grad=True)
         out = self.operator.heads(self.latent.expand(n, -1), condition)
         (jacobian,) = torch.autograd.grad(out.diagonal().sum(), condition)  # row i is the gradient of output i
         return out[0].detach().numpy().astype(float), jacobian.numpy().astype(float)
 
-    def _tick(self, outputs: Array, lag: Array) -> Info:
+    def _tick(self, measured: Array, lag: Array) -> Info:
         """Forecast and correct, a piece of the tick at a time where readings are late."""
-        m, ny = self.model, self.parts.outputs
+        m, outputs = self.model, self.parts.outputs
         away = distance(m.envelope, self._query(self.memory.filled))
-        innovation, accepted = np.full(ny, np.nan), np.zeros(ny, np.bool_)
-        S, nis, at = np.zeros((ny, ny)), np.nan, 0.0
+        innovation, accepted = np.full(outputs, np.nan), np.zeros(outputs, np.bool_)
+        S, nis, at = np.zeros((outputs, outputs)), np.nan, 0.0
         when = np.where(lag > LATE, 1.0 - lag, 1.0)
-        outputs = np.where(when >= 0.0, outputs, np.nan)  # older than the last tick
-        for to in sorted({*when[~np.isnan(outputs)], 1.0}):
+        measured = np.where(when >= 0.0, measured, np.nan)  # older than the last tick
+        for to in sorted({*when[~np.isnan(measured)], 1.0}):
             part = to - at if self.ticks > 0 else 0.0
-            own, used, own_S, own_nis = self._piece(np.where(when == to, outputs, np.nan), away, part)
+            own, used, own_S, own_nis = self._piece(np.where(when == to, measured, np.nan), away, part)
             there = ~np.isnan(own)
             told = there if to < 1.0 else there | np.isnan(innovation)
             S = np.where(np.outer(there, there) | (np.outer(told, told) & (to == 1.0)), own_S, S)
@@ -177,7 +165,8 @@ class PlainTwin:
         gated = (safety["steps"]["out"] > 0) | (~accepted & ~np.isnan(innovation))
         uninformed = (np.diag(self.P)[self.health] > (KNOWN * m.prior_sd) ** 2).any()
         flags = FLAG_FROZEN * (safety["counts"][FROZEN] > 0) | FLAG_UNINFORMED * uninformed | FLAG_GATED * gated.any()
-        return Info(innovation[None], S[None], np.array([nis]), accepted[None], np.array([flags]), lag[None])
+        age_s = np.empty((1, self.parts.channels))
+        return Info(innovation[None], S[None], np.array([nis]), accepted[None], np.array([flags]), age_s)
 
     def _piece(self, now: Array, away: float, part: float) -> tuple[Array, Array, Array, float]:
         """A part of the tick and the readings (ny,) at its end, alone or as one rival for each cause."""
@@ -202,8 +191,8 @@ class PlainTwin:
                 self._predict(away, part)
             seen = self._foresee(now)
             if unknown == 0:
-                out = self.safety["steps"]["out"]
-                self.score[k] += log_likelihood(seen[0], seen[-1], out, np.empty_like(seen[-1]), np.empty_like(now))
+                out, room = self.safety["steps"]["out"], np.empty_like(seen[-1])
+                self.score[k] += log_likelihood(seen[0], seen[-1], out, room, np.empty_like(seen[0]))
             told.append(self._correct(now, seen, False))
             self.rivals[k] = self.z, self.P, self.safety
         self.safety = self.rivals[int(np.argmax(self.score))][2].copy()
@@ -218,83 +207,82 @@ class PlainTwin:
 
     def _begin(self, which: int, innovation: float, slope: Array) -> None:
         """A copy of the filter for every cause why output ``which`` stepped."""
-        m, settings, at = self.model, self.model.settings, self.parts.zeta
-        self.left = max(round(settings.weighed_s / self.machine.sample_period_s), 1)
-        self.score, self.rivals = m.causes.log_prior.copy(), []
-        for k in range(m.causes.count):
+        m, zeta, entry = self.model, self.parts.zeta, self.model.readings.shifts[which]
+        causes, waits, leap = m.causes, m.waits, m.settings.leap
+        self.left = max(round(m.settings.weighed_s / m.period_s), 1)
+        self.score, self.rivals = causes.log_prior.copy(), []
+        for k in range(causes.count):
             z, P, safety = self.z.copy(), self.P.copy(), self.safety.copy()
-            updates, way = safety["counts"][UPDATES], safety["steps"]["way"]
-            if k == m.causes.back and not moved(m.waits, way, updates, z, P, at):
+            if k == causes.back and not moved(waits, safety["steps"]["way"], safety["counts"][UPDATES], z, P, zeta):
                 self.score[k] = -np.inf
             safety["counts"][[OUTSIDE, FROZEN, INFLATING]] = 0
-            suppose(m.causes, m.waits, k, safety["steps"], updates, z, P, at, settings.leap)
-            if k == m.causes.back:
-                entry = m.readings.shifts[which]
+            suppose(causes, waits, k, safety["steps"], safety["counts"][UPDATES], z, P, zeta, leap)
+            if k == causes.back:
                 P[entry, entry] += (innovation / slope[entry]) ** 2
                 self._explain_without(z)
             self.rivals.append((z, P, safety))
 
     def _explain_without(self, z: Array) -> None:
-        """What the biases of z (N,) do not explain any more is the states' behind the biased readings, in place."""
-        m = self.model
-        more = m.health.to_theta(self.z[self.health]) - m.health.to_theta(z[self.health])
-        for gain, source, bias, _ in zip(*m.readings, strict=True):
+        """What the biases of z (N,) do not explain any more is the machine's: its states move, in place."""
+        m, n = self.model, self.parts.states
+        less = m.health.to_theta(self.z[self.health]) - m.health.to_theta(z[self.health])
+        for gain, source, bias in zip(m.readings.gain, m.readings.source, m.readings.bias, strict=True):
             if bias >= 0:
-                behind = [source] if source < self.parts.states else [source, m.lags.of[source - self.parts.states]]
-                z[behind] += more[bias] / gain
+                z[[source, m.lags.of[source - n]] if source >= n else [source]] += less[bias] / gain
 
     def _predict(self, away: float, part: float) -> None:
         """Eqs. (6) and (7) over a part of the tick."""
         m, safety, z, n = self.model, self.safety, self.z, self.parts.states
         states, noise, error, lag = self.states, self.noise, self.error, slice(n, self.parts.zeta)
         scaled, jacobian = self.increments()
-        share, slope = lagged(m, z)
-        gap, rows = z[m.lags.of] - z[lag], np.arange(n, self.parts.zeta)
-        D = np.zeros_like(self.P)  # of what z moves by
-        D[states, states] = m.increment[:, None] * jacobian[:, :n] / m.state_scale
-        D[states, self.parts.zeta + m.acting] = (
-            trust(m.settings, away) * m.increment[:, None] * jacobian[:, n:] / ZETA_SCALE
-        )
-        D[states, error] = np.eye(n)
-        D[rows, m.lags.of] = share
-        D[rows, rows] = -share
-        D[rows, m.lags.by] += slope * gap
+        size, n, zeta, error = self.parts.size, self.parts.states, self.parts.zeta, self.parts.error
+        noise = slice(self.parts.noise, error)
+        D, moves = np.zeros((size, size)), np.zeros(size)  # what z moves by, and its Jacobian
+        D[:n, :n] = m.increment[:, None] * jacobian[:, :n] / m.state_scale
+        D[:n, zeta + m.acting] = trust(m.settings, away) * m.increment[:, None] * jacobian[:, n:] / ZETA_SCALE
+        D[:n, error:] = np.eye(n)
+        for k, (of, by) in enumerate(zip(m.lags.of, m.lags.by, strict=True)):
+            share, slope = lagged(m.lags, z, k)
+            gap = z[of] - z[n + k]
+            D[n + k, n + k] = -share
+            D[n + k, of] += share
+            D[n + k, by] += slope * gap  # no slope where nothing quickens it
+            moves[n + k] = share * gap
         D[noise, noise] = np.diag(m.noise_keep - 1.0)
-        D[error, error] = (m.error_keep - 1.0) * np.eye(n)
-        F = np.eye(len(z)) + part * D
+        D[error:, error:] = (m.error_keep - 1.0) * np.eye(n)
+        F = np.eye(size) + part * D
         Q = m.Q.copy()
         walk = [walk_factor(m.settings, m.memories.push, push) for push in safety["push"]]
         Q[self.health, self.health] = np.diag(np.diag(m.Q)[self.health] * walk)
-        Q[error, error] *= 1.0 + m.settings.extrapolation * away**2
+        Q[error:, error:] *= 1.0 + m.settings.extrapolation * away**2
         self.P = F @ self.P @ F.T + part * Q
         if safety["unknown"] > 0:
-            self.P[states, states] += part * np.diag((WANDERING * m.increment) ** 2)
-        moves = np.zeros_like(z)
-        moves[states] = scaled * m.increment + z[error]
-        moves[lag] = share * gap
+            self.P[:n, :n] += part * np.diag((WANDERING * m.increment) ** 2)
+        moves[:n] = scaled * m.increment + z[error:]
         moves[noise] = (m.noise_keep - 1.0) * z[noise]
-        moves[error] = (m.error_keep - 1.0) * z[error]
+        moves[error:] = (m.error_keep - 1.0) * z[error:]
         self.z = z + part * moves
         if m.settings.least_information > 0.0:
-            sensitivity = safety["sensitivity"]
-            carry_sensitivity(sensitivity, F, self.parts.zeta, np.empty_like(sensitivity))
+            carry_sensitivity(safety["sensitivity"], F, zeta, np.empty_like(safety["sensitivity"]))
 
     def _observe(self, measured: Array) -> tuple[Array, Array, Array]:
         """Innovation (ny,), H (ny, N) and R (ny, ny), which Eq. (13) widens."""
-        m, safety, z, ny = self.model, self.safety, self.z, self.parts.outputs
+        m, safety, z = self.model, self.safety, self.z
+        outputs, noise = self.parts.outputs, slice(self.parts.noise, self.parts.error)
         white, coloured = (part[0] for part in output_sd(m.sheet, self.memory.filled[None]))
         theta, slope = m.health.theta_and_slope(z[self.health])
-        H = np.zeros((ny, len(z)))
-        H[range(ny), m.readings.source] = m.readings.gain
-        expected = H @ z + coloured * z[self.noise]
-        for i, bias in enumerate(m.readings.bias):
-            if bias >= 0:
-                expected[i] += theta[bias]
-                H[i, self.parts.zeta + bias] = slope[bias]
-        H[:, self.noise] = np.diag(coloured)
+        H = np.zeros((outputs, self.parts.size))
+        H[range(outputs), m.readings.source] = m.readings.gain
+        H[:, noise] = np.diag(coloured)
+        expected = m.readings.gain * z[m.readings.source] + coloured * z[noise]
+        for c in np.flatnonzero(m.readings.bias >= 0):
+            bias = m.readings.bias[c]
+            H[c, self.parts.zeta + bias] = slope[bias]
+            expected[c] += theta[bias]
         R = np.maximum(white**2, LEAST_VARIANCE)
-        keep, updates = m.memories.mismatch, safety["counts"][UPDATES]
-        R *= [noise_factor(m.settings, keep, safety["mismatch"], R[c], updates, c) for c in range(ny)]
+        updates = safety["counts"][UPDATES]
+        keep, mismatch = m.memories.mismatch, safety["mismatch"]
+        R *= [noise_factor(m.settings, keep, mismatch, R[c], updates, c) for c in range(outputs)]
         return measured - expected, H, np.diag(R)
 
     def _gain(self, innovation: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
@@ -308,14 +296,14 @@ class PlainTwin:
         return K, S, float(innovation[there] @ np.linalg.solve(own, innovation[there]))
 
     def _foresee(self, measured: Array) -> tuple[Array, Array, Array, Array]:
-        """Innovation (ny,), H (ny, N), R and S (ny, ny) of readings (ny,), before anything is judged."""
+        """Innovation (ny,), H (ny, N), R (ny, ny) and S (ny, ny) of readings (ny,), before anything is judged."""
         counts, settings = self.safety["counts"], self.model.settings
         if counts[INFLATING] > 0:
             if counts[INFLATING] == INFLATION_UPDATES:
                 free_to_return(self.safety["steps"]["way"], self.z, self.P, self.parts.zeta)
             counts[INFLATING] -= 1
-            factor = settings.inflation ** (1.0 / INFLATION_UPDATES)
-            scale_health(self.P, self.parts.zeta, np.full(self.parts.health, factor))
+            more = np.full(self.parts.health, settings.inflation ** (1.0 / INFLATION_UPDATES))
+            scale_health(self.P, self.parts.zeta, more)
         innovation, H, R = self._observe(measured)
         return innovation, H, R, H @ self.P @ H.T + R
 
@@ -347,11 +335,12 @@ class PlainTwin:
         bounded = np.nan_to_num(bounded)
         self._hold_back(K, S, bounded)
         self.z = self.z + K @ bounded
-        rest = np.eye(len(self.z)) - K @ H
+        rest = np.eye(len(K)) - K @ H
         self.P = rest @ self.P @ rest.T + K @ R @ K.T
         self.P = 0.5 * (self.P + self.P.T)
-        bound_health(self.P, self.parts.zeta, m.widest, np.empty(len(self.z)))
-        self.z[self.states] = np.maximum(self.z[self.states], m.state_low)
+        bound_health(self.P, self.parts.zeta, m.widest, np.empty(len(K)))
+        states = slice(0, self.parts.states)
+        self.z[states] = np.maximum(self.z[states], m.state_low)
         self.z[self.health] = np.clip(self.z[self.health], m.zeta_low, m.zeta_high)
         self._remember(H, used)
         return innovation, used, S, nis
@@ -371,18 +360,17 @@ class PlainTwin:
 
     def _remember(self, H: Array, used: Array) -> None:
         """What the update told about health, and whether its posterior is one to return to."""
-        safety, counts, settings = self.safety, self.safety["counts"], self.model.settings
-        if settings.least_information > 0.0:
-            white, coloured = (part[0] for part in output_sd(self.model.sheet, self.memory.filled[None]))
-            keep = self.model.noise_keep
-            accuracy = white**2 + coloured**2 * (1.0 + keep) / (1.0 - keep)
-            nh, observed = self.parts.health, self.model.memories.observed
-            information, sensitivity = safety["information"], safety["sensitivity"]
-            gather(observed, information, sensitivity, H, self.parts.zeta, accuracy, used, np.empty(nh))
+        safety, counts, m = self.safety, self.safety["counts"], self.model
+        least, zeta = m.settings.least_information, self.parts.zeta
+        if least > 0.0:
+            white, coloured = (part[0] for part in output_sd(m.sheet, self.memory.filled[None]))
+            accuracy = white**2 + coloured**2 * (1.0 + m.noise_keep) / (1.0 - m.noise_keep)
+            keep, row = m.memories.observed, np.empty(self.parts.health)
+            gather(keep, safety["information"], safety["sensitivity"], H, zeta, accuracy, used, row)
             if counts[UPDATES] % REFRESH == 0:
-                room = np.empty((nh, 2 * nh), complex)
-                informed(information, settings.least_information, safety["observable"], room)
-        note_way(self.model.waits, safety["steps"]["way"], counts[UPDATES], self.z[self.health])
+                room = np.empty((self.parts.health, 2 * self.parts.health), complex)
+                informed(safety["information"], least, safety["observable"], room)
+        note_way(m.waits, safety["steps"]["way"], counts[UPDATES], self.z[self.health])
         counts[UPDATES] += 1
         if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
             safety["valid"][0] = self.z[self.health]

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-
 from scipy.stats import chi2
 
 from twinbench.machines.coordinates import Array

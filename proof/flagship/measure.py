@@ -14,7 +14,7 @@ from twinbench.bench.profile import Evaluation
 from twinbench.bench.statistics.scores import score
 from twinbench.data.batch import Array, Batch
 from twinbench.physics.compile import compiled
-from twinbench.physics.nominal import NOMINAL
+from twinbench.physics.nominal import NOMINAL, RECALIBRATED
 from twinbench.physics.simulator import Simulator
 from twinbench.physics.steady import DESIGN_POINT, steady_state, valve_for
 
@@ -36,11 +36,11 @@ class TwinEKF(ModelEKF):
 
     def __init__(self, simulator: Simulator) -> None:
         super().__init__()
-        self._simulator = simulator
+        self._given = simulator
 
-    def machine(self) -> Simulator:
+    def simulator(self) -> Simulator:
         """The model it was given."""
-        return self._simulator
+        return self._given
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,14 @@ def at_design_point(plant: Simulator) -> Simulator:
         return np.exp([log[0], log[1], 0.0, log[2]])  # one point says nothing about the heat to the wall
 
     def gap(log: Array) -> Array:
-        return (_readings(rescaled(NOMINAL, factors(log)), u) - _readings(plant, u)) / sd
+        return (_readings(rescaled(NOMINAL, RECALIBRATED, factors(log)), u) - _readings(plant, u)) / sd
 
-    return rescaled(NOMINAL, factors(least_squares(gap, np.zeros(3), diff_step=1e-4).x))
+    return rescaled(NOMINAL, RECALIBRATED, factors(least_squares(gap, np.zeros(3), diff_step=1e-4).x))
 
 
 def at_known_health(train: Batch) -> Simulator:
     """The nominal model calibrated to the training recordings with their true health, as the benchmark's row is."""
-    return rescaled(NOMINAL, recalibrate(NOMINAL, train, CALIBRATION_MIN))
+    return rescaled(NOMINAL, RECALIBRATED, recalibrate(NOMINAL, train, CALIBRATION_MIN))
 
 
 def _readings(simulator: Simulator, u: Array) -> Array:

@@ -8,9 +8,9 @@ import pytest
 from twinbench.baselines.always_prior import AlwaysPrior
 from twinbench.baselines.oracle import Oracle
 from twinbench.bench.contract.subject import record, recordings, small_benchmark
-from twinbench.data.batch import STATES
-from twinbench.data.population import PRIOR_MEAN
-from twinbench.physics.health import to_theta
+from twinbench.machines.compressor import COMPRESSOR
+
+STATES = len(COMPRESSOR.estimated)
 
 
 @pytest.fixture(scope="module")
@@ -24,13 +24,15 @@ def fitted():
 
 def test_it_says_what_the_filters_say_before_they_look(fitted):
     prior, oracle = (estimator.init(2) for estimator in fitted)
-    health = slice(len(STATES), None)
+    health = slice(STATES, None)
     for part in ("mean", "low", "high"):
         np.testing.assert_allclose(getattr(prior, part)[:, health], getattr(oracle, part)[:, health], rtol=1e-12)
-    np.testing.assert_allclose(prior.mean[:, health], np.tile(to_theta(PRIOR_MEAN), (2, 1)), rtol=1e-12)
+    np.testing.assert_allclose(
+        prior.mean[:, health], np.tile(COMPRESSOR.coordinates.to_theta(COMPRESSOR.prior[0]), (2, 1)), rtol=1e-12
+    )
     # The filter takes every fiftieth state, this one all.
-    spread = np.sqrt(np.diagonal(oracle.cov[0]))[: len(STATES)]
-    assert (np.abs(prior.mean - oracle.mean)[:, : len(STATES)] < 0.1 * spread).all()
+    spread = np.sqrt(np.diagonal(oracle.cov[0]))[:STATES]
+    assert (np.abs(prior.mean - oracle.mean)[:, :STATES] < 0.1 * spread).all()
 
 
 def test_it_says_so_whatever_is_measured(fitted):

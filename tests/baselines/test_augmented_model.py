@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numba import njit
 
-from twinbench.baselines.augmented_model import N_HEALTH, N_NOISE, linearise, measure
+from twinbench.baselines.augmented_model import linearise, measure, shown
 from twinbench.baselines.nominal_ekf import NominalEKF
 from twinbench.bench.contract.subject import small_benchmark
-from twinbench.data.population import PRIOR_COV, PRIOR_MEAN
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.motor import MOTOR
+from twinbench.machines.two_tanks import TWO_TANKS
 from twinbench.physics.compile import compiled
 from twinbench.physics.jit import as_argument
-from twinbench.physics.sensors import PRESSURE_DRIFT_SHARE
 
+N_HEALTH, N_NOISE = len(COMPRESSOR.health), len(COMPRESSOR.outputs)
+PRESSURE_DRIFT_SHARE = COMPRESSOR.drift.share
 U = np.array([0.95, 298.0, 1350.0, 0.64])
 U_SD = np.array([0.0014, 0.2, 1.5, 0.0])
 WHITE, COLOURED = np.array([0.012, 0.6, 0.001]), np.array([0.008, 0.4, 0.0006])
@@ -23,7 +29,7 @@ class Watched(NominalEKF):
 
     @property
     def equations(self):
-        equations = compiled(self.machine())
+        equations = compiled(self.simulator())
         return as_argument(equations.rhs), as_argument(equations.output), self._model
 
 
@@ -89,8 +95,8 @@ def test_slow_errors_act_on_their_states_tick_by_tick(ekf, at):
 def test_it_starts_from_the_population(ekf):
     z, P = ekf.start(2)
     health = slice(ekf.reported()[-N_HEALTH], ekf.reported()[-1] + 1)
-    np.testing.assert_array_equal(z[:, health], np.tile(PRIOR_MEAN, (2, 1)))
-    np.testing.assert_array_equal(P[1, health, health], PRIOR_COV)
+    np.testing.assert_array_equal(z[:, health], np.tile(COMPRESSOR.prior[0], (2, 1)))
+    np.testing.assert_array_equal(P[1, health, health], COMPRESSOR.prior[1])
 
 
 def test_a_forecast_starts_from_the_present_inputs_without_drift(ekf):
@@ -103,3 +109,20 @@ def test_a_forecast_starts_from_the_present_inputs_without_drift(ekf):
     drifted[-len(ekf.arrays["slow_error.sd"]) - 1] = 10.0
     lower = ekf.forecast(state._replace(memory=(drifted[None], *state.memory[1:])), inputs)
     assert (lower[0, -1, [0, 2]] < x[0, -1, [0, 2]]).all(), "less suction pressure, less of both"
+
+
+@pytest.mark.parametrize("machine", [COMPRESSOR, TWO_TANKS, MOTOR], ids=lambda m: m.name)
+def test_only_a_bias_acts_on_what_is_read(machine):
+    for simulator in (machine.plant, machine.reduced):
+        np.testing.assert_array_equal(shown(machine, simulator), [h.on_readings for h in machine.health])
+
+
+@njit(cache=False)
+def scaled(x, u, theta):
+    """The upper level's sensor reads in proportion to what the pump gives."""
+    return np.array([x[0] * theta[0], x[1] + theta[4]])
+
+
+def test_a_health_parameter_that_also_acts_on_readings_is_seen():
+    plant = replace(TWO_TANKS.plant, output=scaled)
+    np.testing.assert_array_equal(shown(TWO_TANKS, plant), [True, False, False, False, True])

@@ -8,12 +8,13 @@ import pytest
 from twinbench.baselines.oracle import Oracle
 from twinbench.baselines.oracle_smoother import OracleSmoother, Pass, backward
 from twinbench.bench.contract.subject import record, small_benchmark
-from twinbench.data.batch import CHANNELS, HEALTH, SAMPLE_PERIOD_S
 from twinbench.data.corrupt import Corruption, corrupt
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import FLAG_GATED
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate
 
+CHANNELS, HEALTH = COMPRESSOR.channels, COMPRESSOR.health_names
 LEAPS_AT = 1600
 FIRST = slice(0, 1)
 
@@ -34,7 +35,7 @@ def machine(parameter="", size=0.0):
     u = truth.inputs[FIRST]
     u, health = u[:, : health.shape[1]], health[:, : u.shape[1]]
     _, y = simulate(PLANT, u, truth.states[0, 0], varying=Varying(HEALTH, health))
-    return corrupt(u[0], y[0], Corruption(), np.random.default_rng(3))[None], health
+    return corrupt(COMPRESSOR, u[0], y[0], Corruption(), np.random.default_rng(3))[None], health
 
 
 @pytest.mark.parametrize(("parameter", "size", "off"), [("capacity", -0.06, 0.02), ("T_bias_K", 4.0, 1.5)])
@@ -109,7 +110,7 @@ def test_hindsight_knows_when_health_leapt(oracle):
     assert wrong[0] < 0.7 * wrong[1]
     course = known.mean[near, 5]
     half = np.argmax(course < 0.5 * (course[0] + course[-1]))
-    assert abs(half - 400) * SAMPLE_PERIOD_S < 3.0
+    assert abs(half - 400) * COMPRESSOR.sample_period_s < 3.0
     variance = np.diagonal(known.cov, axis1=1, axis2=2)
     assert (variance > 0.0).all()
     assert np.median(variance[:, 5:] / np.diagonal(said.cov[:, 0], axis1=1, axis2=2)[:, 5:]) < 1.0

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from twinbench.baselines.nominal_ekf import recalibrate, rescaled
-from twinbench.data.batch import HEALTH
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate
 from twinbench.physics.nominal import NOMINAL, RECALIBRATED
+
+HEALTH = COMPRESSOR.health_names
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,7 @@ def train():
 
 def test_wrong_constants_of_the_exact_plant_are_found(train):
     wrong = np.array([1.06, 0.95, 0.8, 1.1])
-    factors = recalibrate(rescaled(PLANT, wrong), train, minutes=6.0)
+    factors = recalibrate(rescaled(PLANT, RECALIBRATED, wrong), train, minutes=6.0)
     assert factors * wrong == pytest.approx(1.0, abs=0.03)
 
 
@@ -36,4 +38,4 @@ def test_the_nominal_model_delivers_too_much_until_it_is_recalibrated(train):
     factors = recalibrate(NOMINAL, train, minutes=6.0)
     assert len(factors) == len(RECALIBRATED)
     assert flow_error(NOMINAL, train) > 0.02
-    assert abs(flow_error(rescaled(NOMINAL, factors), train)) < 0.01
+    assert abs(flow_error(rescaled(NOMINAL, RECALIBRATED, factors), train)) < 0.01

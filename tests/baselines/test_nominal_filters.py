@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twinbench.baselines.augmented_model import N_ERROR, N_HEALTH, Filter, linearise, measure, sensor_keep, size_of
+from twinbench.baselines.augmented_model import Filter, linearise, measure, sensor_keep, size_of
 from twinbench.baselines.nominal_ekf import NominalEKF
 from twinbench.baselines.nominal_enkf import NominalEnKF
 from twinbench.baselines.nominal_filter import advance, read, surprise
@@ -12,8 +12,8 @@ from twinbench.baselines.nominal_imm import NominalIMM
 from twinbench.baselines.nominal_mhe import NominalMHE
 from twinbench.baselines.nominal_pf import NominalPF
 from twinbench.baselines.nominal_ukf import NominalUKF
-from twinbench.data.batch import HEALTH
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import Sample
 from twinbench.physics.compile import compiled
 from twinbench.physics.jit import as_argument
@@ -26,16 +26,19 @@ COLOURED = np.array([0.01, 0.4, 6e-4])
 def filter_of_nominal():
     """The filter's record with slow errors, and a point well inside its bounds."""
     nx = len(NOMINAL.states)
-    n = size_of(NOMINAL, slow_errors=True)
-    health = np.array([NOMINAL.index(name) for name in HEALTH])
-    far = np.full(nx + N_HEALTH, 1e6)
+    n = size_of(COMPRESSOR, NOMINAL, slow_errors=True)
+    health = np.array([NOMINAL.index(name) for name in COMPRESSOR.health_names])
+    bias = np.array([h.on_readings for h in COMPRESSOR.health])
+    far = np.full(nx + len(health), 1e6)
+    drift = np.split(COMPRESSOR.drift_shares, [len(COMPRESSOR.inputs)])
     model = Filter(
-        NOMINAL.theta(), health, np.full(nx, 1e-4), 0.01 * np.eye(n), sensor_keep(), 0.99, 1, -far, far
+        NOMINAL.theta(), COMPRESSOR.coordinates, health, ~bias, bias, np.full(nx, 1e-4), 0.01 * np.eye(n),
+        sensor_keep(COMPRESSOR), *drift, 0.99, 0.05, 1, -far, far,
     )  # fmt: skip
     z = np.zeros(n)
     z[:nx] = NOMINAL.initial(U, np.array([3.1, 430.0, 0.12]), NOMINAL.theta())
     z[nx:] = np.random.default_rng(0).normal(size=n - nx)
-    z[-N_ERROR:] *= 1e-4
+    z[-len(COMPRESSOR.estimated) :] *= 1e-4
     return model, z
 
 

@@ -24,9 +24,9 @@ def test_modes_that_differ_give_what_filterpy_gives(seed):
         one = KalmanFilter(len(x0), len(R))
         one.x, one.P, one.F, one.H, one.Q, one.R = x0.copy(), P0.copy(), F, H, each, R
         filters.append(one)
-    peer = IMMEstimator(filters, np.full(3, 1 / 3), chain())
+    peer = IMMEstimator(filters, np.full(3, 1 / 3), chain(0.05))
     measured = 2.0 * np.random.default_rng(seed).normal(size=(150, 3))
-    means, covs = linear_modes(F, H, Q, R, x0, P0)(measured)
+    means, covs = linear_modes(F, H, Q, R, x0, P0, chain(0.05))(measured)
     for y, mean, cov in zip(measured, means, covs, strict=True):
         peer.predict()
         peer.update(y)
@@ -35,7 +35,7 @@ def test_modes_that_differ_give_what_filterpy_gives(seed):
 
 
 def test_the_chain_goes_somewhere_and_stays_as_long_as_it_says():
-    turn = chain()
+    turn = chain(0.05)
     np.testing.assert_allclose(turn.sum(axis=1), 1.0)
     np.testing.assert_allclose(0.05 / (1.0 - np.diagonal(turn)), [300.0, 300.0, 5.0])
 
@@ -56,7 +56,8 @@ def test_a_leap_is_followed_sooner_than_by_a_walk_alone():
     y = np.random.default_rng(1).normal(size=(800, 1))
     y[400:] += 20.0
     modes, alone = (
-        linear_modes(one, one, Q, one, np.zeros(1), one)(y)[0][:, 0] for Q in (walk, np.repeat(walk[1:2], 3, axis=0))
+        linear_modes(one, one, Q, one, np.zeros(1), one, chain(0.05))(y)[0][:, 0]
+        for Q in (walk, np.repeat(walk[1:2], 3, axis=0))
     )
     assert abs(modes[430] - 20.0) < 2.0
     assert abs(alone[430] - 20.0) > 10.0

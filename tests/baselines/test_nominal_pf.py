@@ -7,7 +7,7 @@ from scipy import stats
 from twinbench.baselines.particles import follow, mixture, normal, resample, reweigh, uniform, walk
 from twinbench.methods.kalman import linear_filter, predict_covariance
 
-SAMPLED = slice(2, 4)
+SAMPLED = np.array([2, 3])
 START = np.uint64(0)
 
 

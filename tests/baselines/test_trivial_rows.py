@@ -9,9 +9,12 @@ from twinbench.baselines.always_prior import AlwaysPrior
 from twinbench.baselines.last_value import LastValue
 from twinbench.baselines.training_mean import TrainingMean
 from twinbench.bench.contract.subject import small_benchmark
-from twinbench.data.batch import ESTIMATE, STATES
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import Sample
 from twinbench.physics.compressor import M_REF_KG_S
+from twinbench.physics.places import places
+
+ESTIMATE, STATES = places(COMPRESSOR.quantities), len(COMPRESSOR.estimated)
 
 READING = np.array([[0.95, 298.0, 1350.0, 0.5, 3.0, 420.0, 0.5 * M_REF_KG_S]])
 
@@ -49,6 +52,6 @@ def test_the_last_value_is_held_over_gaps_and_foretold():
 def test_the_last_value_knows_no_more_of_health_than_the_prior():
     last, prior = fitted(LastValue), fitted(AlwaysPrior)
     state, _ = last.step(last.init(1), Sample(0.0, READING))
-    health = slice(len(STATES), None)
+    health = slice(STATES, None)
     np.testing.assert_array_equal(state.mean[:, health], prior.init(1).mean[:, health])
     np.testing.assert_array_equal(state.high[:, health], prior.init(1).high[:, health])

@@ -20,9 +20,10 @@ from twinbench.bench.cli.main import build_parser
 from twinbench.bench.estimate.reference import Reference
 from twinbench.bench.estimate.sampling import joined, manner_of, read_as
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS, INPUTS
-from twinbench.data.units import ATMOSPHERE_BAR, UNITS
+from twinbench.data.units import ATMOSPHERE_BAR, units_of
+from twinbench.machines.compressor import COMPRESSOR
 
+CHANNELS, INPUTS, UNITS = COMPRESSOR.channels, COMPRESSOR.inputs, units_of(COMPRESSOR)
 EVERY = (1,) * len(CHANNELS)
 LEARNS = "return gaussian_state(state.mean, 0.5 * self.arrays['cov']), no_info(len(state.mean))"
 
@@ -263,18 +264,18 @@ def test_inputs_are_joined_between_readings_and_not_across_gaps():
     measured = np.arange(24.0)[:, None] * np.arange(1.0, 8.0)
     seldom = read_as(measured[None], (4,) * 7)[0]
     assert manner_of(seldom) == (4,) * 7
-    filled = joined(seldom[None], (4,) * 7)[0]
+    filled = joined(seldom[None], (4,) * 7, len(INPUTS))[0]
     assert np.allclose(filled[:21, : len(INPUTS)], measured[:21, : len(INPUTS)])
     assert np.array_equal(filled[:, len(INPUTS) :], seldom[:, len(INPUTS) :], equal_nan=True)
     seldom[8:13] = np.nan
-    assert np.isnan(joined(seldom[None], (4,) * 7)[0][5:16]).all()
+    assert np.isnan(joined(seldom[None], (4,) * 7, len(INPUTS))[0][5:16]).all()
 
 
 def test_what_is_read_every_tick_is_left_as_it_is():
     rng = np.random.default_rng(0)
     measured = np.where(rng.random((1, 400, 7)) < 0.05, np.nan, rng.random((1, 400, 7)))
     assert manner_of(measured[0]) == EVERY
-    assert np.array_equal(joined(measured, EVERY), measured, equal_nan=True)
+    assert np.array_equal(joined(measured, EVERY, len(INPUTS)), measured, equal_nan=True)
 
 
 def test_a_channel_that_mostly_lacks_counts_as_missing():
@@ -288,7 +289,7 @@ def test_help_and_pages_name_each_channel_its_unit_and_the_rate(capsys):
         build_parser().parse_args(["estimate", "--help"])
     said = capsys.readouterr().out
     pages = [said, *(Path(p).read_text(encoding="utf-8") for p in ("README.md", "docs/estimate.md"))]
-    short = {"kelvin": "K", "dimensionless": "command"}
+    short = {"1": "command"}
     for page in pages:
         assert "20 Hz" in page
         assert "gauge" in page
@@ -315,8 +316,8 @@ def test_a_reference_that_is_not_what_was_kept_is_one_line(tmp_path, spoil, says
         "narrowest": np.full(5, 0.5),
     }
     np.savez(tmp_path / "part.npz", **kept)
-    assert Reference.load(tmp_path / "part.npz").covered == 0.95
+    assert Reference.load(tmp_path / "part.npz", COMPRESSOR).covered == 0.95
     spoil(kept)
     np.savez(tmp_path / "part.npz", **kept)
     with pytest.raises(BadInput, match=re.escape(says)):
-        Reference.load(tmp_path / "part.npz")
+        Reference.load(tmp_path / "part.npz", COMPRESSOR)

@@ -103,7 +103,7 @@ def test_the_pace_is_kept() -> None:
     at: list[float] = []
     one = Timed(Name("a", "", 1), lambda _: at.append(timing.time.perf_counter()), [0])
     at.clear()
-    paced([one], 5, Progress(Console(quiet=True)))
+    paced([one], 5, 0.05, Progress(Console(quiet=True)))
     assert np.diff(at).mean() == pytest.approx(0.05, rel=0.2)
 
 

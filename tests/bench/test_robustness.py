@@ -35,7 +35,7 @@ def test_everyone_is_tried_under_everything_with_every_seed_that_draws(tmp_path)
 
 def test_a_run_under_harder_conditions_keeps_its_trials(tmp_path, monkeypatch):
     few = (Condition("fault", "loss", fault=FAULTS[-1]), Condition("pace", "fast", pace=2.0))
-    monkeypatch.setattr(robustness, "CONDITIONS", few)
+    monkeypatch.setattr(robustness, "conditions", lambda machine: few)
     out, profile = tmp_path / "out", write_profile(tmp_path, updates=3)
     arguments = ("run", "--profile", profile, "--out", out, "--robustness", "--only")
     arguments = (*arguments, write_estimator(tmp_path, "steady"))
@@ -53,7 +53,8 @@ def test_a_run_under_harder_conditions_keeps_its_trials(tmp_path, monkeypatch):
 
 def test_a_trial_that_fails_is_reported_and_the_others_go_on(tmp_path, monkeypatch, capsys):
     all_lost = Condition("fault", "all lost", fault=FAULTS[-1])
-    monkeypatch.setattr(robustness, "CONDITIONS", (Condition("pace", "fast", pace=2.0), all_lost))
+    few = (Condition("pace", "fast", pace=2.0), all_lost)
+    monkeypatch.setattr(robustness, "conditions", lambda machine: few)
     out, profile = tmp_path / "out", write_profile(tmp_path)
     breaks = "if np.isnan(sample.measured).all(): raise FloatingPointError('lost')"
     spec = write_estimator(tmp_path, "fragile", step=breaks)

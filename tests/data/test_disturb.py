@@ -7,7 +7,9 @@ import pytest
 
 from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.data.benchmark import PARTS, DesignConfig, simulate_benchmark
-from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, simulate_condition, with_fault
+from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, conditions, faults, simulate_condition, with_fault
+from twinbench.machines.motor import MOTOR
+from twinbench.machines.two_tanks import TWO_TANKS
 
 SMALL = DesignConfig(n_train=1, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=4.0, warmup_minutes=0.5)
 
@@ -66,3 +68,27 @@ def test_the_sequences_are_none_of_the_benchmarks(undisturbed):
     ours = simulate_benchmark(SMALL)
     seen = {row.tobytes() for part in (getattr(ours, name) for name in PARTS) for row in part.truth.inputs[:, :100]}
     assert not seen & {row.tobytes() for row in undisturbed.truth.inputs[:, :100]}
+
+
+@pytest.mark.parametrize("machine", [TWO_TANKS, MOTOR], ids=lambda m: m.name)
+def test_any_machine_has_faults_of_its_own_channels(machine):
+    every = faults(machine)
+    assert {c for f in every for c in f.channels} == set(machine.channels)
+    commands = {noise.channel for noise in machine.noise if noise.white == 0.0}
+    assert not {f.channels[0] for f in every if f.name.startswith("loss ")} & commands
+    assert not [c for c in conditions(machine) if c.group == "envelope"]  # it has no loads beyond
+    lost = next(f for f in every if f.name == f"stuck {machine.outputs[0]}")
+    batch = simulate_condition(SMALL, Condition("fault", lost.name, fault=lost), machine)
+    assert batch.machine is machine
+    column = batch.measured[0, :, len(machine.inputs)]
+    held = np.flatnonzero(np.diff(column) == 0.0)
+    begin = len(column) // 2
+    assert set(range(begin, round(begin + 60.0 / machine.sample_period_s) - 1)) <= {*held}
+
+
+def test_a_drift_is_in_the_sensors_own_noise():
+    readings = np.ones((6_000, len(MOTOR.channels)))
+    (fault,) = (f for f in faults(MOTOR) if f.name == "bias amps_A")
+    shift = (with_fault(readings, fault, np.random.default_rng(0), MOTOR) - readings)[:, MOTOR.channels.index("amps_A")]
+    assert shift.max() == pytest.approx(6.0 * np.hypot(0.3, 0.2))
+    assert np.count_nonzero(shift) * MOTOR.sample_period_s == pytest.approx(60.0)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.augmented import correct, foresee
-from twinbench.methods.deeponet_kalman.cycle import SAID, Scaling, memory_type, scratch, twin_record
-from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, ZETA, room_type
+from twinbench.methods.deeponet_kalman.cycle import memory_type, said_type, scaling_of, scratch, twin_record
+from twinbench.methods.deeponet_kalman.model import room_type
+from twinbench.methods.deeponet_kalman.parts import parts_of
 from twinbench.methods.deeponet_kalman.safeguards import Settings, empty_safety
 from twinbench.methods.deeponet_kalman.tick import tick
 from twinbench.methods.frontend import Fitted
 from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import theta_and_slope
 
+PARTS = parts_of(COMPRESSOR)
+PROBE, ZETA, NOISE, ERROR, SIZE = PARTS.states, PARTS.zeta, PARTS.noise, PARTS.error, PARTS.size
+BIAS, HEALTH = NOISE - 1, COMPRESSOR.coordinates
 OFF = Settings(
     trust_reach=np.inf, extrapolation=0.0, least_information=0.0, q_gain=0.0, q_most=30.0, r_gain=0.0, r_most=25.0,
     channel_gate=np.inf, rollback=False, steps=False, leap=3.0, weighed_s=10.0, inflation=1.0, difference=0.0,
@@ -24,7 +28,7 @@ WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
 def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None):
     """z, P, innovation, the same of what was used, S and NIS after a correction; ``safety`` (1,) moves on."""
     weights, own, *_ = problem
-    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
+    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights, PARTS))
     foresee(model or own, safety[0], z, P, measured, white, coloured, room[0])
     nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, True, room[0])
     return z, P, *(room[name][0] for name in ("innovation", "used", "S")), nis
@@ -32,7 +36,7 @@ def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None
 
 def off_by(z: np.ndarray, sd: float) -> np.ndarray:
     """Readings that lie so many standard deviations of the sensors above what is expected."""
-    bias = theta_and_slope(z[ZETA:NOISE])[0][4]
+    bias = HEALTH.to_theta(z[ZETA:NOISE])[4]
     return np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) + COLOURED * z[NOISE:ERROR] + sd * WHITE
 
 
@@ -41,11 +45,11 @@ def machine(problem, machines=1):
     weights, model, base, z, P = problem
     mean = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])
     query = np.array([1350.0, 3.3, 298.0, 0.95, 0.64])
-    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.full(7, np.inf), np.inf)
-    memory = np.zeros(machines, memory_type(weights))
-    memory["z"], memory["P"], memory["safety"] = z, P, empty_safety(machines)
+    front = Fitted(mean, 0.1 * mean, 0.01 * mean, np.full(7, np.inf), np.inf, COMPRESSOR.sample_period_s)
+    memory = np.zeros(machines, memory_type(weights, PARTS))
+    memory["z"], memory["P"], memory["safety"] = z, P, empty_safety(PARTS, machines)
     memory["stream"]["ticks"], memory["stream"]["base"] = 1, base
-    return twin_record(model, front, Scaling(query, 0.1 * query), 1), memory
+    return twin_record(model, front, scaling_of(COMPRESSOR, query, 0.1 * query), PARTS, 1), memory
 
 
 def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
@@ -57,7 +61,7 @@ def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
     _, memory = machine(problem)
     for name, value in safety.items():
         memory["safety"][name] = value
-    said, room = np.zeros(1, SAID), scratch(weights)
+    said, room = np.zeros(1, said_type(PARTS)), scratch(weights, PARTS)
     query, measured = np.zeros(5, np.float32), np.array(measured)
     tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
     return memory["z"][0], memory["P"][0], said

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from augmented_filter import COLOURED, OFF, WHITE, corrected, machine, off_by, ticked
+from augmented_filter import (
+    COLOURED,
+    ERROR,
+    HEALTH,
+    NOISE,
+    OFF,
+    PARTS,
+    PROBE,
+    SIZE,
+    WHITE,
+    ZETA,
+    corrected,
+    machine,
+    off_by,
+    ticked,
+)
 
-from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.cycle import roll_out, scratch
 from twinbench.methods.deeponet_kalman.forecast import predict, predict_mean
-from twinbench.methods.deeponet_kalman.model import ERROR, NOISE, PROBE, SIZE, ZETA, room_type
+from twinbench.methods.deeponet_kalman.model import room_type
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATION_UPDATES,
@@ -19,13 +34,12 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     empty_safety,
 )
 from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import theta_and_slope
 
 
 def predicted(problem, z, P, away=0.0, push=(0.0,) * 5, part=1.0, model=None):
     """z and P a tick ahead, and the Jacobian."""
     weights, own, base, *_ = problem
-    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights))
+    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights, PARTS))
     predict(weights[0], model or own, base, z, P, away, np.array(push), part, room[0])
     return z, P, room["F"][0]
 
@@ -34,7 +48,7 @@ def forecast(problem, z):
     """z a tick ahead by the forecast alone."""
     weights, model, base, *_ = problem
     z = z.copy()
-    predict_mean(weights[0], model, base, z, np.zeros(1, room_type(weights))[0])
+    predict_mean(weights[0], model, base, z, np.zeros(1, room_type(weights, PARTS))[0])
     return z
 
 
@@ -63,7 +77,7 @@ def test_the_probe_is_a_first_order_lag_that_quickens_with_flow(problem):
     for flow in (0.5, 1.0, 1.5):
         z[4] = flow
         share = (forecast(problem, z)[PROBE] - z[PROBE]) / (z[2] - z[PROBE])
-        assert share == pytest.approx(1 - np.exp(-SAMPLE_PERIOD_S / (5.0 * flow**-0.5)))
+        assert share == pytest.approx(1 - np.exp(-COMPRESSOR.sample_period_s / (5.0 * flow**-0.5)))
 
 
 def test_health_stays_and_slow_errors_act(problem):
@@ -80,7 +94,7 @@ def test_correction_is_the_textbook(problem):
     _, _, _, z, P = problem
     white, coloured = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
     measured = np.array([z[1] + 0.01, z[PROBE] + 1.0, M_REF_KG_S * z[4]])
-    theta, slopes = theta_and_slope(z[ZETA:NOISE])
+    theta, slopes = HEALTH.theta_and_slope(z[ZETA:NOISE])
     bias, slope = theta[4], slopes[4]
     H = np.zeros((3, SIZE))
     H[0, 1] = H[1, PROBE] = 1.0
@@ -90,7 +104,9 @@ def test_correction_is_the_textbook(problem):
     S = H @ P @ H.T + np.diag(white**2)
     K = P @ H.T @ np.linalg.inv(S)
     r = measured - np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) - coloured * z[NOISE : NOISE + 3]
-    z1, P1, innovation, used, S1, nis = corrected(problem, empty_safety(1), z, P, measured, white, coloured, np.inf)
+    z1, P1, innovation, used, S1, nis = corrected(
+        problem, empty_safety(PARTS, 1), z, P, measured, white, coloured, np.inf
+    )
     assert used == pytest.approx(innovation)
     assert innovation == pytest.approx(r)
     assert S1 == pytest.approx(S)
@@ -102,7 +118,7 @@ def test_correction_is_the_textbook(problem):
 def test_an_inconsistent_spell_leaves_health_where_it_was_and_lets_it_move_faster_afterwards(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
-    safety = empty_safety(1)
+    safety = empty_safety(PARTS, 1)
     z, P = z.copy(), 1e-4 * np.eye(SIZE)
     for _ in range(3):
         z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.3), WHITE, COLOURED, np.inf, guarded)
@@ -127,7 +143,7 @@ def test_an_inconsistent_spell_leaves_health_where_it_was_and_lets_it_move_faste
 def test_directions_of_which_nothing_is_known_are_not_corrected(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(least_information=1e12))
-    safety = empty_safety(1)
+    safety = empty_safety(PARTS, 1)
     safety["observable"] = 0.0
     moved, after, *_ = corrected(problem, safety, z, P, off_by(z, 3.0), WHITE, COLOURED, np.inf, guarded)
     assert np.array_equal(moved[ZETA:NOISE], z[ZETA:NOISE])
@@ -138,10 +154,10 @@ def test_directions_of_which_nothing_is_known_are_not_corrected(problem):
 def test_noise_beyond_the_data_sheet_widens_r(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(r_gain=1.0))
-    safety = empty_safety(1)
+    safety = empty_safety(PARTS, 1)
     safety["counts"][0][UPDATES] = 5000
     safety["mismatch"] = 9.0 * np.diag(WHITE**2)
-    *_, S, _ = corrected(problem, empty_safety(1), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    *_, S, _ = corrected(problem, empty_safety(PARTS, 1), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
     *_, wide, _ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
     assert np.diag(wide - S) / WHITE**2 == pytest.approx(np.full(3, 8.0), rel=0.05)
 
@@ -153,8 +169,8 @@ def test_a_channel_far_off_is_left_out_of_the_correction_and_of_the_nis(problem)
     broken = measured.copy()
     broken[2] += 1.0
     missing = np.where(np.arange(3) == 2, np.nan, measured)
-    got = corrected(problem, empty_safety(1), z, P, broken, WHITE, COLOURED, np.inf, guarded)
-    expected = corrected(problem, empty_safety(1), z, P, missing, WHITE, COLOURED, np.inf, guarded)
+    got = corrected(problem, empty_safety(PARTS, 1), z, P, broken, WHITE, COLOURED, np.inf, guarded)
+    expected = corrected(problem, empty_safety(PARTS, 1), z, P, missing, WHITE, COLOURED, np.inf, guarded)
     assert np.isnan(got[3][2])
     assert np.isfinite(got[2][2])
     for ours, theirs in zip((*got[:2], *got[4:]), (*expected[:2], *expected[4:]), strict=True):
@@ -194,7 +210,7 @@ def test_health_is_held_within_its_coordinates(problem):
     z = z.copy()
     z[ZETA] = 50.0
     measured = np.array([z[1], z[PROBE], M_REF_KG_S * z[4]])
-    moved, *_ = corrected(problem, empty_safety(1), z, P, measured, np.ones(3), np.ones(3), 6.0)
+    moved, *_ = corrected(problem, empty_safety(PARTS, 1), z, P, measured, np.ones(3), np.ones(3), 6.0)
     assert moved[ZETA] <= 10.0
 
 
@@ -208,8 +224,8 @@ def test_open_loop_reads_inputs_only_and_is_batch_equal(problem):
     inputs = np.array([0.95, 298.0, 1350.0, 0.64]) * (1 + 0.01 * rng.normal(size=(2, 40, 4)))
     out, single = np.empty((2, 40, 3)), np.empty((1, 40, 3))
     one = memory[1:].copy()
-    roll_out(weights, twin, memory, inputs, out, scratch(weights))
-    roll_out(weights, twin, one, inputs[1:], single, scratch(weights))
+    roll_out(weights, twin, memory, inputs, out, scratch(weights, PARTS))
+    roll_out(weights, twin, one, inputs[1:], single, scratch(weights, PARTS))
     assert np.array_equal(out[1], single[0])
     assert np.isfinite(out).all()
 
@@ -229,7 +245,7 @@ def read(problem):
 def by_hand(problem, *steps):
     """z and P after predictions over parts of a tick and corrections with some channels, in that order."""
     _, _, _, z, P = problem
-    safety = empty_safety(1)
+    safety = empty_safety(PARTS, 1)
     for step in steps:
         if isinstance(step, float):
             z, P, _ = predicted(problem, z, P, part=step)

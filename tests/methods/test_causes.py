@@ -4,25 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from augmented_filter import COLOURED, OFF, WHITE, corrected, machine, off_by, ticked
+from augmented_filter import (
+    BIAS,
+    COLOURED,
+    NOISE,
+    OFF,
+    PARTS,
+    PROBE,
+    SIZE,
+    WHITE,
+    ZETA,
+    corrected,
+    machine,
+    off_by,
+    ticked,
+)
 
-from twinbench.data.batch import SAMPLE_PERIOD_S
-from twinbench.methods.deeponet_kalman.augmented import SHIFTS, SLOW, readings
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.methods.deeponet_kalman.augmented import readings
 from twinbench.methods.deeponet_kalman.causes import (
-    FITS_UPDATES,
-    KEEP_UPDATES,
     KEPT_PLACES,
-    LEFT_OUT_UPDATES,
-    STEPS,
     free_to_return,
     moved,
     note_way,
     stepped,
+    steps_type,
     suppose,
+    waits_of,
 )
-from twinbench.methods.deeponet_kalman.cycle import SAID, UNKNOWN_S, scratch, update
+from twinbench.methods.deeponet_kalman.cycle import UNKNOWN_S, said_type, scratch, update
 from twinbench.methods.deeponet_kalman.forecast import predict_mean
-from twinbench.methods.deeponet_kalman.model import BIAS, NOISE, PROBE, SIZE, ZETA
+from twinbench.methods.deeponet_kalman.model import readings_of
 from twinbench.methods.deeponet_kalman.safeguards import (
     FROZEN,
     INFLATING,
@@ -33,9 +45,11 @@ from twinbench.methods.deeponet_kalman.safeguards import (
 )
 from twinbench.methods.deeponet_kalman.tick import WANDERING, tick
 from twinbench.methods.estimator import FLAG_GATED
-from twinbench.methods.weighing import BACK, FAILING, FAILS, LEAP, N_CAUSES, NOTHING, likeliest
-from twinbench.physics.health import map_one
+from twinbench.methods.weighing import LEAP, NOTHING, causes_of, likeliest
 
+SAMPLE_PERIOD_S, WAITS, CAUSES = COMPRESSOR.sample_period_s, waits_of(COMPRESSOR), causes_of(COMPRESSOR)
+SHIFTS, FAILING = readings_of(COMPRESSOR).shifts, CAUSES.failing.tolist()
+STEPS = steps_type(PARTS)
 NOTHING_READ = (np.nan, np.nan, np.nan)
 BEGIN, WEIGHED_S = 100, 10.0
 
@@ -58,13 +72,13 @@ def watched(problem, leaps=None, fails=None, size=0.0, ticks=300):
     twin, memory = machine((weights, model, base, z, np.eye(SIZE)))
     known = np.r_[(0.01 * model.state_scale) ** 2, 0.1, np.full(5, 0.04**2), np.ones(3), np.full(5, 1e-12)]
     memory["P"], memory["safety"]["steps"]["way"] = np.diag(known), z[ZETA:NOISE]
-    room, said, y = scratch(weights), np.zeros(1, SAID), np.empty(3)
+    room, said, y = scratch(weights, PARTS), np.zeros(1, said_type(PARTS)), np.empty(3)
     weighed, found = [], []
     for k in range(ticks):
         predict_mean(weights[0], model, base, z, room[0]["filter"])
         z[:5] += 0.02 * model.increment * rng.normal(size=5)
         z[ZETA + (leaps or 0)] += size if k == BEGIN and leaps is not None else 0.0
-        readings(z, map_one(4, z[BIAS])[0], y)
+        readings(model, z, y)
         measured = y + WHITE * rng.normal(size=3)
         measured[fails or 0] += size if k >= BEGIN and fails is not None else 0.0
         query, at_once = np.zeros(5, np.float32), np.zeros(3)
@@ -98,7 +112,7 @@ def test_a_leap_of_capacity_is_found_and_keeps_every_sensor_in(problem):
 def test_an_output_that_fails_is_found_and_left_out_and_health_stays(problem, output):
     memory, z, weighed, found = watched(problem, fails=output, size=25.0 * WHITE[output], ticks=320)
     assert weighed[0] - BEGIN < 5
-    assert found == [FAILS + FAILING.index(output)]
+    assert found == [CAUSES.fails + FAILING.index(output)]
     out = memory["safety"]["steps"]["out"]
     assert out[output] > 0
     assert out.sum() == out[output]
@@ -120,21 +134,21 @@ def test_while_causes_are_weighed_their_mixture_is_told(problem):
 def test_what_is_supposed_under_each_cause():
     rng = np.random.default_rng(5)
     z, P = rng.normal(size=9), np.eye(9)
-    for cause in range(N_CAUSES):
+    for cause in range(CAUSES.count):
         steps = np.zeros(1, STEPS)[0]
         steps["way"] = rng.normal(size=(KEPT_PLACES, 5))
         own_z, own_P = z.copy(), P.copy()
-        suppose(cause, steps, 1, own_z, own_P, 3, 2.0)
-        out = [LEFT_OUT_UPDATES if cause >= FAILS and FAILING[cause - FAILS] == c else 0 for c in range(3)]
+        suppose(CAUSES, WAITS, cause, steps, 1, own_z, own_P, 3, 2.0)
+        out = [WAITS.left_out if cause >= CAUSES.fails and FAILING[cause - CAUSES.fails] == c else 0 for c in range(3)]
         assert steps["out"].tolist() == out
         more = own_P - P
-        if cause == BACK:
+        if cause == CAUSES.back:
             assert own_z[3:8] == pytest.approx(steps["way"][1])
             assert np.linalg.matrix_rank(more) == 5
         else:
             assert np.array_equal(own_z, z)
             assert np.diag(more) == pytest.approx(
-                [4.0 if LEAP <= cause < BACK and j == 2 + cause else 0 for j in range(9)]
+                [4.0 if LEAP <= cause < CAUSES.back and j == 2 + cause else 0 for j in range(9)]
             )
 
 
@@ -154,20 +168,20 @@ def test_outputs_that_are_left_out_are_missing_or_come_while_the_query_is_unknow
 def test_the_ring_holds_the_last_two_minutes_and_tells_whether_health_moved():
     way, at = np.zeros((KEPT_PLACES, 5)), 2
     health = np.array([0.1, -0.2, 0.3, 0.0, 0.5])
-    note_way(way, 0, health)
+    note_way(WAITS, way, 0, health)
     assert (way == health).all()
     z, P = np.zeros(9), 0.01 * np.eye(9)
     z[at : at + 5] = health
-    updates = (KEPT_PLACES + 3) * KEEP_UPDATES
+    updates = (KEPT_PLACES + 3) * WAITS.apart
     for k in range(1, updates):
-        note_way(way, k, health + (0.01 * k / KEEP_UPDATES))
-    oldest = way[(updates - 1) // KEEP_UPDATES + 1 - KEPT_PLACES]
+        note_way(WAITS, way, k, health + (0.01 * k / WAITS.apart))
+    oldest = way[(updates - 1) // WAITS.apart + 1 - KEPT_PLACES]
     assert oldest == pytest.approx(health + 0.01 * 3)
     assert sorted(way[:, 0]) == pytest.approx(health[0] + 0.01 * np.arange(3, KEPT_PLACES + 3))
     z[at : at + 5] = oldest
     for off, far in ((0.19, False), (0.21, True), (-0.21, True)):
         z[at + 4] = oldest[4] + off
-        assert moved(way, updates, z, P, at) == far
+        assert moved(WAITS, way, updates, z, P, at) == far
 
 
 def test_health_is_free_to_return_to_each_place_on_its_way():
@@ -184,7 +198,7 @@ def test_health_is_free_to_return_to_each_place_on_its_way():
 def settled(problem, updates=1, at=None):
     """A filter with steps, its safety after so many updates, and a sure P."""
     z = problem[3].copy()
-    safety = empty_safety(1)
+    safety = empty_safety(PARTS, 1)
     safety["counts"][0][UPDATES] = updates
     safety["steps"]["way"] = z[ZETA:NOISE] if at is None else at
     return problem[1]._replace(settings=OFF._replace(steps=True)), safety, z, 1e-6 * np.eye(SIZE)
@@ -193,10 +207,10 @@ def settled(problem, updates=1, at=None):
 @pytest.mark.parametrize("channel", FAILING)
 def test_an_output_that_is_left_out_is_let_in_when_it_fits_again(problem, channel):
     model, safety, z, P = settled(problem)
-    safety["steps"]["out"][0, channel] = LEFT_OUT_UPDATES
+    safety["steps"]["out"][0, channel] = WAITS.left_out
     step = np.where(np.arange(3) == channel, 20.0, 0.0)
     k, before = SHIFTS[channel], z[SHIFTS[channel]]
-    for off, updates in ((step, 3), (0.0, FITS_UPDATES - 1)):
+    for off, updates in ((step, 3), (0.0, WAITS.fits - 1)):
         for _ in range(updates):
             z, P, _, used, *_ = corrected(problem, safety, z, P, off_by(z, off), WHITE, COLOURED, 6.0, model)
             assert np.isnan(used).tolist() == [c == channel for c in range(3)]
@@ -210,10 +224,10 @@ def test_an_output_that_is_left_out_is_let_in_when_it_fits_again(problem, channe
 @pytest.mark.parametrize("channel", FAILING)
 def test_a_shift_that_lasts_is_let_in_at_last_and_put_down_to_what_it_may_be(problem, channel):
     model, safety, z, P = settled(problem)
-    safety["steps"]["out"][0, channel] = LEFT_OUT_UPDATES
+    safety["steps"]["out"][0, channel] = WAITS.left_out
     k, at = SHIFTS[channel], z.copy()
     measured = off_by(at, np.where(np.arange(3) == channel, 8.0, 0.0))
-    for _ in range(LEFT_OUT_UPDATES):
+    for _ in range(WAITS.left_out):
         assert safety["steps"]["out"][0][channel] > 0
         assert z[k] == pytest.approx(at[k], abs=0.01)
         z, P, innovation, *_ = corrected(problem, safety, z, P, measured.copy(), WHITE, COLOURED, np.inf, model)
@@ -227,7 +241,7 @@ def weighed_after_a_step(problem, channel, at):
     weights, model, *_ = problem
     twin, memory = machine((weights, model._replace(settings=OFF._replace(steps=True)), *problem[2:]))
     memory["P"], memory["safety"]["steps"]["way"], memory["safety"]["counts"][0, UPDATES] = 1e-6 * np.eye(SIZE), at, 1
-    said, room = np.zeros(1, SAID), scratch(weights)
+    said, room = np.zeros(1, said_type(PARTS)), scratch(weights, PARTS)
     while memory["rivals"]["left"][0] == 0:
         measured = off_by(memory["z"][0], np.where(np.arange(3) == channel, 20.0, 0.0))
         arguments = (np.zeros(5, np.float32), measured, np.zeros(3), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
@@ -240,19 +254,19 @@ def test_health_that_moved_may_go_back_when_an_output_steps_and_none_else(proble
     was = problem[3][ZETA:NOISE] + np.array([0.3, -0.2, 0.1, 0.0, 0.4])
     for at, goes in ((was, True), (problem[3][ZETA:NOISE], False)):
         rivals = weighed_after_a_step(problem, channel, at)["rivals"][0]
-        assert np.isfinite(rivals["score"][BACK]) == goes
-        assert np.isfinite(np.delete(rivals["score"], BACK)).all()
+        assert np.isfinite(rivals["score"][CAUSES.back]) == goes
+        assert np.isfinite(np.delete(rivals["score"], CAUSES.back)).all()
         if goes:
-            assert (np.diag(rivals["P"][BACK])[[ZETA, ZETA + 1, BIAS]] > 0.01).all()
+            assert (np.diag(rivals["P"][CAUSES.back])[[ZETA, ZETA + 1, BIAS]] > 0.01).all()
             # What the bias does not explain any more is temperature.
-            assert rivals["z"][BACK][PROBE] != pytest.approx(rivals["z"][NOTHING][PROBE], abs=0.1)
+            assert rivals["z"][CAUSES.back][PROBE] != pytest.approx(rivals["z"][NOTHING][PROBE], abs=0.1)
 
 
 @pytest.mark.parametrize("channel", [0, 2, 4, 5])
 def test_health_stays_while_the_query_is_unknown_and_as_long_as_the_window_holds_it(problem, channel):
     weights = problem[0]
     twin, memory = machine(problem)
-    said, room = np.zeros(1, SAID), scratch(weights)
+    said, room = np.zeros(1, said_type(PARTS)), scratch(weights, PARTS)
     rng = np.random.default_rng(0)
     mean = twin["front"]["mean"][0]
     lost = round((UNKNOWN_S + 2.0) / SAMPLE_PERIOD_S)
@@ -282,7 +296,7 @@ def test_while_the_query_is_unknown_nothing_slow_is_corrected_and_health_is_not_
     for _ in range(2 * OUTSIDE_MOST):
         before = z.copy()
         z, P, *_ = corrected(problem, safety, z, P, off_by(z, 40.0), WHITE, COLOURED, 6.0, model)
-        slow = np.isin(np.arange(SIZE), SLOW)
+        slow = model.slow
         assert np.array_equal(z[slow], before[slow])
         assert (z[~slow] != before[~slow]).all()
     assert not safety["counts"][0][[FROZEN, INFLATING]].any()

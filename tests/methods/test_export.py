@@ -16,19 +16,23 @@ from twinbench.bench.cells import make_cell
 from twinbench.bench.cli.main import main
 from twinbench.bench.profile import load_profile
 from twinbench.common.store import Store
-from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.coordinates import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.cycle import INNOVATION_CLIP_SD, scratch, standardise
 from twinbench.methods.deeponet_kalman.export import INPUTS, filter_arrays, operator_graph
 from twinbench.methods.deeponet_kalman.layout import stream_type
-from twinbench.methods.deeponet_kalman.method import ZETA_HIGH, ZETA_LOW, DeepONetKalman
-from twinbench.methods.deeponet_kalman.model import NOISE, ZETA
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+from twinbench.methods.deeponet_kalman.parts import parts_of
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT, heads_with_jacobian, push
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import Sample
 from twinbench.methods.operator import SLOW_TAU_S, WINDOW, Operator
 from twinbench.methods.training import load_weights
-from twinbench.physics.health import ZETA_SCALE, to_theta
 
+CHANNELS, SAMPLE_PERIOD_S = COMPRESSOR.channels, COMPRESSOR.sample_period_s
+ZETA, NOISE = parts_of(COMPRESSOR).zeta, parts_of(COMPRESSOR).noise
+ZETA_LOW, ZETA_HIGH = COMPRESSOR.zeta_bounds
+to_theta = COMPRESSOR.coordinates.to_theta
 PAGE = (Path(__file__).parents[2] / "docs/controller.md").read_text(encoding="utf-8")
 LOOP, ON_A_RECORDING, ONLINE = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 UNGUARDED = {
@@ -82,7 +86,9 @@ class Reference:
         for now in temperature:
             slow += (1.0 - np.exp(-SAMPLE_PERIOD_S / np.array(SLOW_TAU_S))) * (now - slow)
         query = np.clip(
-            (query_of(filled[-1]) - twin.scaling.mean) / twin.scaling.scale, -STANDARDISED_LIMIT, STANDARDISED_LIMIT
+            (query_of(COMPRESSOR, filled[-1]) - twin.scaling.mean) / twin.scaling.scale,
+            -STANDARDISED_LIMIT,
+            STANDARDISED_LIMIT,
         )
         self.time = torch.tensor([SAMPLE_PERIOD_S], dtype=torch.float64)
         read = (values[index], masks[index[1:]].astype(float), temperature[-1] - slow, query)
@@ -131,7 +137,7 @@ def test_the_graph_is_the_torch_operator_and_its_jacobian_autograds(twin, stream
 
 def test_the_graph_is_the_compiled_stream(twin, streamed):
     ticks, _ = streamed
-    weights, room = twin.weights, scratch(twin.weights)
+    weights, room = twin.weights, scratch(twin.weights, twin.parts)
     stream, t = np.zeros(1, stream_type(weights))[0], room[0]["filter"]["operator"]
     condition = np.empty(9, np.float32)
     for filled, masks, x, zeta, increment, jacobian in ticks:
@@ -145,7 +151,7 @@ def test_the_graph_is_the_compiled_stream(twin, streamed):
 
 
 def unguarded(twin: DeepONetKalman) -> DeepONetKalman:
-    plain = DeepONetKalman(**DeepONetKalman.contract_settings, **UNGUARDED)
+    plain = DeepONetKalman(COMPRESSOR, **DeepONetKalman.contract_settings, **UNGUARDED)
     plain.arrays = twin.arrays
     plain.restore()
     return plain

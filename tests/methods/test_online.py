@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from helpers.compressor_recordings import small_batch, trained_twin
 
-from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.data.disturb import FAULTS, with_fault
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.estimator import FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED, Sample
-from twinbench.physics.health import HIGH, LOW
 
 SAMPLES = 12_000
+CHANNELS, SAMPLE_PERIOD_S = COMPRESSOR.channels, COMPRESSOR.sample_period_s
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def readings() -> tuple[np.ndarray, np.ndarray]:
     """(N, 7) readings with every fault of the benchmark, one after the other, and how late they come."""
     rng = np.random.default_rng(8)
     truth = small_batch(5, sequences=1, samples=SAMPLES).truth
-    measured = corrupt(truth.inputs[0], truth.outputs[0], Corruption(), rng)[:SAMPLES]
+    measured = corrupt(COMPRESSOR, truth.inputs[0], truth.outputs[0], Corruption(), rng)[:SAMPLES]
     pieces = np.array_split(measured, len(FAULTS))
     with_faults = [
         with_fault(piece, replace(f, seconds=10.0, rise_s=min(f.rise_s, 4.0)), rng)
@@ -53,7 +53,9 @@ def test_it_equals_the_plain_form_over_a_whole_sequence_with_every_fault(twin, r
     """
     online, plain = Online(twin), PlainTwin(twin)
     least = np.zeros(10)
-    least[-1] = HIGH[-1] - LOW[-1]  # the bias of the thermometer crosses zero
+    least[-1] = (
+        COMPRESSOR.coordinates.high[-1] - COMPRESSOR.coordinates.low[-1]
+    )  # the bias of the thermometer crosses zero
     flags, weighed, off, gaps = 0, 0, np.zeros(SAMPLES), np.empty(SAMPLES)
     for k, (measured, lag_s) in enumerate(zip(*readings, strict=True)):
         online.update(measured, lag_s)

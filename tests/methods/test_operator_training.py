@@ -8,15 +8,15 @@ import torch
 from helpers.compressor_recordings import small_batch, trained_twin
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS, HEALTH, Batch
+from twinbench.data.batch import Batch
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.augmentation import (
     DROPOUT,
-    FLOW,
     GAPS,
     MOST_GAPS,
-    PRESSURES,
-    TEMPERATURE,
     augmented,
+    lagging,
+    silent_channels,
 )
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman, check_audit
 from twinbench.methods.deeponet_kalman.operator_training import Recipe, Scales, audit, feasibility, fit_operator
@@ -43,7 +43,7 @@ def trained(train: Batch, validation: Batch, perturbed: bool):
     rng, _ = seeded(0)
     source = WindowSource.fit(train, FrontEnd.fit(train))
     transitions = draw_transitions(train, 20_000, rng, Sampling(perturbed=perturbed))
-    scales = Scales.fit(transitions)
+    scales = Scales.fit(COMPRESSOR, transitions)
     operator = Operator()
     fit_operator(operator, source, transitions, scales, rng, Recipe(250, 256, 1e-2))
     held_out = WindowSource(validation, FrontEnd.fit(train), source.query_mean, source.query_scale)
@@ -58,7 +58,7 @@ def counterfactual(train, validation):
 def test_counterfactuals_give_true_sensitivities(counterfactual):
     _, checked = counterfactual
     assert (checked.G_cosine > 0.9).all()
-    check_audit(checked.G_cosine, checked.G_size)
+    check_audit(COMPRESSOR, checked.G_cosine, checked.G_size)
 
 
 def test_windows_of_transients_are_drawn_more_often_than_there_are(train):
@@ -83,7 +83,7 @@ def test_what_the_operator_errs_by_at_first_is_told_from_what_it_errs_by_for_goo
     training = "twinbench.methods.deeponet_kalman.operator_training"
     monkeypatch.setattr(f"{training}._along_the_recordings", lambda *_: residual.reshape(-1, 200, 5))
     source = WindowSource.fit(train, FrontEnd.fit(train))
-    scales = Scales.fit(draw_transitions(train, 1000, np.random.default_rng(0)))
+    scales = Scales.fit(COMPRESSOR, draw_transitions(train, 1000, np.random.default_rng(0)))
     checked = audit(counterfactual[0], source, validation, scales, np.random.default_rng(0), count=400)
     np.testing.assert_allclose(checked.first_sd, 0.1)
     np.testing.assert_allclose(checked.slow_sd, [0.0, 0.0, 0.0, 0.0, 0.01 * np.sqrt(0.8)])
@@ -93,11 +93,11 @@ def test_the_recordings_alone_teach_the_operator_to_ignore_health(train, validat
     """The identifiability trap, as a negative control."""
     _, checked = trained(train, validation, perturbed=False)
     with pytest.raises(BadInput, match="fails its audit: its sensitivity to capacity"):
-        check_audit(checked.G_cosine, checked.G_size)
+        check_audit(COMPRESSOR, checked.G_cosine, checked.G_size)
 
 
 def test_a_model_that_fails_its_audit_is_not_loaded(tmp_path):
-    twin = DeepONetKalman(**trained_twin().config)
+    twin = DeepONetKalman(COMPRESSOR, **trained_twin().config)
     twin.arrays = {
         **trained_twin().arrays,
         "audit.G_cosine": np.ones(4),
@@ -118,7 +118,7 @@ def test_transitions_are_what_the_plant_does(train):
     row = int(np.flatnonzero(drawn.dt_s == 0.1)[0])
     x = np.concatenate([drawn.x[row], hidden[row]])[None]
     u = train.truth.inputs[drawn.sequence[row], drawn.sample[row]][None]
-    after = advance(PLANT, x, u, 0.1, 4, Varying(HEALTH, drawn.theta[row][None]))
+    after = advance(PLANT, x, u, 0.1, 4, Varying(COMPRESSOR.health_names, drawn.theta[row][None]))
     assert drawn.x_next[row] == pytest.approx(after[0, :5])
 
 
@@ -140,12 +140,15 @@ def test_plant_sensitivities_have_the_signs_of_the_machine(train):
 
 def test_feasibility_is_zero_inside_and_grows_outside():
     x = torch.tensor([[0.93, 3.1, 430.0, 355.0, 1.0]])
-    suction = torch.tensor([[0.95, 298.0]])
-    assert feasibility(x, suction) == 0
-    for column, value in ((4, -0.1), (2, 280.0), (1, 8.0)):
-        bad = x.clone()
-        bad[0, column] = value
-        assert feasibility(bad, suction) > 0
+    low, high = (torch.from_numpy(bound[:5].astype(np.float32)) for bound in COMPRESSOR.state_bounds)
+    scale = torch.from_numpy(COMPRESSOR.scales[:5].astype(np.float32))
+    assert feasibility(x, low, high, scale) == 0
+    for column in range(5):
+        for outside in (low - scale, high + scale):
+            bad, worse = x.clone(), x.clone()
+            bad[0, column] = outside[column]
+            worse[0, column] = 2.0 * outside[column] - x[0, column]
+            assert feasibility(worse, low, high, scale) > feasibility(bad, low, high, scale) > 0
 
 
 def test_same_seed_same_weights(train, validation):
@@ -155,7 +158,7 @@ def test_same_seed_same_weights(train, validation):
         source = WindowSource.fit(train, FrontEnd.fit(train))
         transitions = draw_transitions(train, 600, rng)
         operator = Operator()
-        fit_operator(operator, source, transitions, Scales.fit(transitions), rng, Recipe(5, 32, 1e-3))
+        fit_operator(operator, source, transitions, Scales.fit(COMPRESSOR, transitions), rng, Recipe(5, 32, 1e-3))
         results.append(weights_of(operator))
     assert all(np.array_equal(results[0][name], results[1][name]) for name in results[0])
     again = Operator()
@@ -174,7 +177,7 @@ def setting(train, count=3000, each=1):
     rng, _ = seeded(0)
     source = WindowSource.fit(train, FrontEnd.fit(train))
     transitions = draw_transitions(train, count, rng, Sampling(each=each))
-    return source, transitions, Scales.fit(transitions), rng
+    return source, transitions, Scales.fit(COMPRESSOR, transitions), rng
 
 
 def test_heads_that_do_not_see_health_have_no_sensitivity_to_it(train):
@@ -204,11 +207,12 @@ def test_augmentation_is_what_sensors_do(train):
     source, *_ = setting(train, 60)
     rng = np.random.default_rng(3)
     sequence, sample = rng.integers(3, size=400), rng.integers(200, 2000, size=400)
+    channels, (temperature,), (flow,) = COMPRESSOR.channels, lagging(COMPRESSOR), silent_channels(COMPRESSOR)
     plain = source.at(sequence, sample)
     noisy = augmented(plain, source, rng)
     mean, scale = source.front_end.mean, source.front_end.scale
     change = (noisy.values - plain.values).numpy()
-    p_suc, p_dis = (CHANNELS.index(c) for c in PRESSURES)
+    p_suc, p_dis = (channels.index(c) for c in COMPRESSOR.drift.channels)
     # The drift of the two pressures is one and the same share of the reading.
     share = [
         (change[:, 1:, c] * scale[c]).mean(axis=1) / (plain.values[:, 1:, c].numpy() * scale[c] + mean[c]).mean(axis=1)
@@ -216,13 +220,13 @@ def test_augmentation_is_what_sensors_do(train):
     ]
     assert np.corrcoef(share)[0, 1] > 0.9
     silent = (plain.masks - noisy.masks).numpy()
-    gappy = np.delete(silent, FLOW, axis=2).any(axis=(1, 2))
+    gappy = np.delete(silent, flow, axis=2).any(axis=(1, 2))
     assert gappy.mean() == pytest.approx(GAPS, abs=0.06)
     assert silent[gappy].mean() == pytest.approx(0.5 * MOST_GAPS, abs=0.05)
-    held = np.diff(noisy.values.numpy()[gappy], axis=1)[np.delete(silent, FLOW, axis=2)[gappy].any(axis=2)]
-    assert (np.delete(held, FLOW, axis=1) == 0.0).any(axis=1).all(), "what is missing reads as the last before it"
-    assert silent[~gappy][..., FLOW].any(axis=1).mean() == pytest.approx(DROPOUT, abs=0.06)
-    assert np.abs(change[..., TEMPERATURE]).max() < 0.5
+    held = np.diff(noisy.values.numpy()[gappy], axis=1)[np.delete(silent, flow, axis=2)[gappy].any(axis=2)]
+    assert (np.delete(held, flow, axis=1) == 0.0).any(axis=1).all(), "what is missing reads as the last before it"
+    assert silent[~gappy][..., flow].any(axis=1).mean() == pytest.approx(DROPOUT, abs=0.06)
+    assert np.abs(change[..., temperature]).max() < 0.5
     assert torch.equal(noisy.slow, plain.slow)
     again = source.at(sequence, sample)
     assert torch.equal(again.values, plain.values)

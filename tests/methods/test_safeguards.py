@@ -4,34 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from augmented_filter import OFF
+from augmented_filter import OFF, PARTS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from twinbench.data.scenario import WORN
+from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.safeguards import (
     CHANNEL,
-    CHI2_GATE,
     FROZEN,
     FROZEN_MOST,
     INFLATING,
     INFLATION_UPDATES,
     INSIDE_LEAST,
-    MISMATCH_KEEP,
-    N_HEALTH,
     OUTSIDE,
     OUTSIDE_MOST,
     PUSHED,
-    WIDEST,
     Envelope,
     bound_health,
     carry_sensitivity,
     distance,
     empty_safety,
+    gate_of,
     gather,
     informed,
     left_out,
+    memories_of,
     noise_factor,
     note_mismatch,
     note_push,
@@ -39,11 +37,12 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     trust,
     walk_factor,
     watch,
+    widest_of,
 )
 from twinbench.methods.estimator import Z95
 from twinbench.methods.kalman import gain, joseph
-from twinbench.physics.health import HEALTHY, SPAN, to_theta
 
+MEMORIES, GATE = memories_of(COMPRESSOR), gate_of(PARTS.outputs)
 BOX = Envelope(np.full(5, -2.0), np.full(5, 2.0))
 
 
@@ -88,7 +87,16 @@ def test_only_what_the_readings_tell_apart_is_corrected():
     H[0, 6], H[0, 7], H[1, 8] = 2.0, 2.0, 1.0
     information = np.zeros((5, 5))
     for _ in range(100):
-        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.array([0.0, 0.0, np.nan]), np.empty(5))
+        gather(
+            MEMORIES.observed,
+            information,
+            np.zeros((6, 5)),
+            H,
+            6,
+            np.ones(3),
+            np.array([0.0, 0.0, np.nan]),
+            np.empty(5),
+        )
     projector = projector_of(information, 1.0)
     assert np.trace(projector) == pytest.approx(2.0, abs=1e-3)
     assert projector @ [1.0, -1.0, 0.0, 0.0, 0.0] == pytest.approx(np.zeros(5), abs=1e-12)
@@ -96,7 +104,16 @@ def test_only_what_the_readings_tell_apart_is_corrected():
     assert np.trace(projector_of(np.diag([2.0, 0.0, 0.0, 0.0, 0.0]), 2.0)) == pytest.approx(0.5)
     H[0, 7] = -2.0
     for _ in range(100):
-        gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.array([0.0, 0.0, np.nan]), np.empty(5))
+        gather(
+            MEMORIES.observed,
+            information,
+            np.zeros((6, 5)),
+            H,
+            6,
+            np.ones(3),
+            np.array([0.0, 0.0, np.nan]),
+            np.empty(5),
+        )
     assert np.trace(projector_of(information, 1.0)) == pytest.approx(3.0, abs=1e-3)
 
 
@@ -113,7 +130,7 @@ def test_a_missing_channel_tells_nothing():
     H = np.zeros((3, 11))
     H[:, 6] = 1.0
     information = np.zeros((5, 5))
-    gather(information, np.zeros((6, 5)), H, 6, np.ones(3), np.full(3, np.nan), np.empty(5))
+    gather(MEMORIES.observed, information, np.zeros((6, 5)), H, 6, np.ones(3), np.full(3, np.nan), np.empty(5))
     assert not information.any()
 
 
@@ -123,10 +140,10 @@ def test_mismatch_is_the_noise_that_is_really_there():
     C = np.zeros((3, 3))
     root = np.linalg.cholesky(explained + R)
     for _ in range(4000):
-        note_mismatch(C, root @ rng.normal(size=3), explained)
+        note_mismatch(MEMORIES.mismatch, C, root @ rng.normal(size=3), explained)
     assert np.diag(C) == pytest.approx(np.diag(R), rel=0.5)
     before = C.copy()
-    note_mismatch(C, np.array([np.nan, 1.0, 1.0]), explained)
+    note_mismatch(MEMORIES.mismatch, C, np.array([np.nan, 1.0, 1.0]), explained)
     assert np.array_equal(C[0], before[0])
 
 
@@ -136,16 +153,16 @@ def test_r_widens_with_the_noise_and_is_left_alone_where_the_data_sheet_holds(tr
     strength = OFF._replace(r_gain=1.0)
     C, factors = np.zeros((3, 3)), []
     for n in range(3000):
-        note_mismatch(C, np.sqrt(truth) * rng.normal(size=3), np.zeros((3, 3)))
-        factors.append(noise_factor(strength, C, 1.0, n + 1, 0))
+        note_mismatch(MEMORIES.mismatch, C, np.sqrt(truth) * rng.normal(size=3), np.zeros((3, 3)))
+        factors.append(noise_factor(strength, MEMORIES.mismatch, C, 1.0, n + 1, 0))
     assert low <= np.mean(factors[1000:]) <= high
     assert max(factors) <= strength.r_most
-    assert noise_factor(OFF, C, 1.0, 3000, 0) == 1.0
+    assert noise_factor(OFF, MEMORIES.mismatch, C, 1.0, 3000, 0) == 1.0
 
 
 def test_r_is_bounded():
     C = np.eye(3) * 1e6
-    assert noise_factor(OFF._replace(r_gain=1.0, r_most=7.0), C, 1.0, 5000, 0) == 7.0
+    assert noise_factor(OFF._replace(r_gain=1.0, r_most=7.0), MEMORIES.mismatch, C, 1.0, 5000, 0) == 7.0
 
 
 def test_a_parameter_that_is_pushed_one_way_walks_faster_and_the_others_do_not():
@@ -153,24 +170,24 @@ def test_a_parameter_that_is_pushed_one_way_walks_faster_and_the_others_do_not()
     strength = OFF._replace(q_gain=0.1, q_most=20.0)
     push, quiet = np.zeros(5), []
     for _ in range(5000):
-        note_push(push, rng.normal(size=5), np.ones(5))
-        quiet.append(walk_factor(strength, push[1]))
+        note_push(MEMORIES.push, push, rng.normal(size=5), np.ones(5))
+        quiet.append(walk_factor(strength, MEMORIES.push, push[1]))
     assert np.mean(quiet) < 1.1
     for _ in range(200):
-        note_push(push, rng.normal([2.0, 0.0, 0.0, 0.0, 0.0]), np.ones(5))
-    assert walk_factor(strength, push[0]) == strength.q_most
-    assert walk_factor(strength, push[1]) < 2.0
-    assert walk_factor(OFF, push[0]) == 1.0
+        note_push(MEMORIES.push, push, rng.normal([2.0, 0.0, 0.0, 0.0, 0.0]), np.ones(5))
+    assert walk_factor(strength, MEMORIES.push, push[0]) == strength.q_most
+    assert walk_factor(strength, MEMORIES.push, push[1]) < 2.0
+    assert walk_factor(OFF, MEMORIES.push, push[0]) == 1.0
 
 
 def test_what_counts_as_chance_is_chi_square():
     assert stats.chi2.sf(PUSHED, 1) == pytest.approx(0.01, rel=0.01)
-    assert stats.chi2.sf(CHI2_GATE, [1, 2, 3]) == pytest.approx(1e-3, rel=1e-3)
-    assert 0.0 < MISMATCH_KEEP < 1.0
+    assert stats.chi2.sf(GATE, [1, 2, 3]) == pytest.approx(1e-3, rel=1e-3)
+    assert all(0.0 < keep < 1.0 for keep in MEMORIES)
 
 
 def test_a_channel_far_off_is_left_out_and_a_lasting_shift_is_let_in():
-    strength, counts, S = OFF._replace(channel_gate=5.0), empty_safety(1)["counts"][0], np.eye(3)
+    strength, counts, S = OFF._replace(channel_gate=5.0), empty_safety(PARTS, 1)["counts"][0], np.eye(3)
     kept = []
     for _ in range(OUTSIDE_MOST + 3):
         innovation = np.array([0.5, 40.0, np.nan])
@@ -183,11 +200,11 @@ def test_a_channel_far_off_is_left_out_and_a_lasting_shift_is_let_in():
 
 
 def run_of(nis: float, updates: int, counts: np.ndarray) -> list[bool]:
-    return [bool(watch(counts, nis, 3)) for _ in range(updates)]
+    return [bool(watch(GATE, counts, nis, 3)) for _ in range(updates)]
 
 
 def test_five_updates_outside_the_gate_freeze_health_and_consistency_frees_it():
-    counts = empty_safety(1)["counts"][0]
+    counts = empty_safety(PARTS, 1)["counts"][0]
     assert run_of(100.0, OUTSIDE_MOST - 1, counts) == [False] * (OUTSIDE_MOST - 1)
     assert run_of(1.0, 1, counts) == [False]
     assert run_of(100.0, OUTSIDE_MOST, counts)[-1]
@@ -199,17 +216,17 @@ def test_five_updates_outside_the_gate_freeze_health_and_consistency_frees_it():
 
 
 def test_what_stays_inconsistent_is_let_through_after_a_second():
-    counts = empty_safety(1)["counts"][0]
+    counts = empty_safety(PARTS, 1)["counts"][0]
     run_of(100.0, OUTSIDE_MOST + FROZEN_MOST, counts)
     assert counts[FROZEN] == 0
     assert counts[INFLATING] == INFLATION_UPDATES
 
 
 def test_no_reading_says_nothing_about_consistency():
-    counts = empty_safety(1)["counts"][0]
+    counts = empty_safety(PARTS, 1)["counts"][0]
     run_of(100.0, 2, counts)
     before = counts.copy()
-    assert not watch(counts, np.nan, 0)
+    assert not watch(GATE, counts, np.nan, 0)
     assert np.array_equal(counts, before)
 
 
@@ -236,14 +253,15 @@ def test_a_variance_is_bounded_by_a_reading_without_news(seed):
     R = np.array([[variance / (variance - 1.0)]])
     K, _, _ = gain(P, np.zeros(1), H, R)
     expected = joseph(P, K, H, R)
-    bound_health(P, 2, np.ones(N_HEALTH), np.empty(8))
+    bound_health(P, 2, np.ones(PARTS.health), np.empty(8))
     assert P == pytest.approx(expected, abs=1e-9)
     assert P[4, 4] == pytest.approx(1.0)
 
 
 def test_the_interval_of_what_nothing_is_known_of_spans_a_machines_life():
-    half = Z95 * np.sqrt(WIDEST)
-    ends = np.sort(np.stack([to_theta(-half), to_theta(half)]), axis=0)
-    share = (np.clip(WORN, *ends) - HEALTHY)[:4] / (WORN - HEALTHY)[:4]
+    half, to_theta = Z95 * np.sqrt(widest_of(COMPRESSOR)), COMPRESSOR.coordinates.to_theta
+    ends, healthy = np.sort(np.stack([to_theta(-half), to_theta(half)]), axis=0), COMPRESSOR.coordinates.healthy
+    worn = np.array([h.ends[1] for h in COMPRESSOR.health])
+    share = (np.clip(worn, *ends) - healthy)[:4] / (worn - healthy)[:4]
     assert (share > 0.95).all()
-    assert ends[:, 4] == pytest.approx([-SPAN[4], SPAN[4]], rel=0.05)
+    assert ends[:, 4] == pytest.approx([-COMPRESSOR.span[4], COMPRESSOR.span[4]], rel=0.05)

@@ -8,17 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from twinbench.data.batch import HEALTH, OUTPUTS
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.motor import MOTOR
 from twinbench.methods.weighing import (
-    BACK,
-    FAILING,
-    FAILS,
     FAILS_SD,
     LEAP,
-    LOG_PRIOR,
     MOST_SURPRISE,
-    N_CAUSES,
     NOTHING,
+    causes_of,
     leap,
     likeliest,
     log_likelihood,
@@ -72,12 +69,14 @@ def test_an_output_that_fails_may_read_anything():
 
 
 def test_causes_are_nothing_a_leap_each_a_return_and_a_failure_each():
-    assert [NOTHING, LEAP, BACK, FAILS, N_CAUSES] == [0, 1, 6, 7, 9]
-    assert LEAP + len(HEALTH) == BACK
-    assert [OUTPUTS[c] for c in FAILING] == ["p_dis_bar", "m_flow_kg_s"]
-    assert np.exp(LOG_PRIOR).sum() == pytest.approx(1.0)
-    assert likeliest(LOG_PRIOR) == NOTHING
-    assert len(set(np.delete(LOG_PRIOR, NOTHING))) == 1
+    for machine, failing in ((COMPRESSOR, ["p_dis_bar", "m_flow_kg_s"]), (MOTOR, ["speed_rad_s", "T_wind_K"])):
+        causes = causes_of(machine)
+        assert [NOTHING, LEAP, causes.back, causes.fails, causes.count] == [0, 1, 6, 7, 9]
+        assert LEAP + len(machine.health) == causes.back
+        assert [machine.outputs[c] for c in causes.failing] == failing
+        assert np.exp(causes.log_prior).sum() == pytest.approx(1.0)
+        assert likeliest(causes.log_prior) == NOTHING
+        assert len(set(np.delete(causes.log_prior, NOTHING))) == 1
 
 
 def test_a_leap_widens_one_entry_and_keeps_its_covariances():

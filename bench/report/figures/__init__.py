@@ -189,7 +189,7 @@ def _times(summary: Summary, latency: pd.DataFrame) -> Iterator[Drawing]:
         "latency",
         "Time of one update of one machine, measured serially. Dashed: the sample period, within which a twin must "
         "be done.",
-        latency_percentiles(latency) if len(latency) else None,
+        latency_percentiles(latency, summary.subject.period_s) if len(latency) else None,
         "no latency was measured in this run",
         "Time of one update",
     )

@@ -13,17 +13,17 @@ from twinbench.bench.roster import PROPOSED, UNRANKED, label, ordered
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import PARAMETERS, Summary
 from twinbench.common.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, log_axis, styled
-from twinbench.data.batch import SAMPLE_PERIOD_S
 
 PERCENTILES = ("p50_us", "p95_us", "p99_us", "max_us")
 
 
 @styled
-def latency_percentiles(latency: pd.DataFrame) -> Figure:
-    """Median, 95th and 99th percentile and maximum of one update, against the 20 Hz sample period.
+def latency_percentiles(latency: pd.DataFrame, period_s: float) -> Figure:
+    """Median, 95th and 99th percentile and maximum of one update, against the sample period.
 
     Args:
         latency: columns estimator, mode, implementation, window, p50_us, p95_us, p99_us, max_us.
+        period_s: the machine's sample period.
     """
     rows = _sorted(latency)
     look = looks(list(rows["estimator"]))
@@ -37,7 +37,7 @@ def latency_percentiles(latency: pd.DataFrame) -> Figure:
         axes.plot(p50, y, marker, color=colour, markerfacecolor=face(name, look[name]), markersize=5)
         axes.plot([p95, p99], [y, y], "|", color=colour, markersize=8, markeredgewidth=1.2)
         axes.plot(largest, y, ".", color=colour, markersize=4)
-    period_us = 1e6 * SAMPLE_PERIOD_S
+    period_us = 1e6 * period_s
     axes.axvline(period_us, color=INK, linewidth=0.9, linestyle="--")
     log_axis(axes, np.append(times_us.ravel(), period_us), "x")
     axes.set_yticks(range(len(rows)), _names(rows))
@@ -49,7 +49,7 @@ def latency_percentiles(latency: pd.DataFrame) -> Figure:
         Line2D([], [], color=MUTED, marker="o", markersize=5, linestyle="none", label="median"),
         Line2D([], [], color=MUTED, marker="|", markersize=8, linestyle="none", label="95th and 99th percentile"),
         Line2D([], [], color=MUTED, marker=".", markersize=4, linestyle="none", label="maximum"),
-        Line2D([], [], color=INK, linewidth=0.9, linestyle="--", label="sample period, 50 ms"),
+        Line2D([], [], color=INK, linewidth=0.9, linestyle="--", label=f"sample period, {1e3 * period_s:g} ms"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, columnspacing=1.4)
     return figure

@@ -16,7 +16,7 @@ from twinbench.bench.report.figures.looks import legend_handles, line_of, looks
 from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, TRIVIAL, axis_label, label, ordered
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, ZERO_C_K, canvas, styled, thin
 from twinbench.data.batch import ESTIMATED, Array
-from twinbench.methods.observe import observe
+from twinbench.machines.compressor import COMPRESSOR
 
 STATE_PANELS = (("pressure", "bar", "bar"), ("temperature", "°C", "K"), ("mass flow", "g/s", "g/s"))
 TRUTH_STYLE: dict[str, Any] = {"color": "#aab4bd", "linewidth": 4.0, "solid_capstyle": "round"}
@@ -31,7 +31,7 @@ def states(estimated: Array) -> Array:
     """
     healthy_sensor = estimated.copy()
     healthy_sensor[..., ESTIMATED.index("T_bias_K")] = 0.0
-    return observe(healthy_sensor) * [1.0, 1.0, 1e3] - [0.0, ZERO_C_K, 0.0]
+    return COMPRESSOR.observe(healthy_sensor) * [1.0, 1.0, 1e3] - [0.0, ZERO_C_K, 0.0]
 
 
 def _banded(names: list[str]) -> str:

@@ -1,0 +1,168 @@
+"""The report of a run on a machine that is not the paper's: its tables, and the sentences that their tests hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from twinbench.bench.report.measured import (
+    INTERVALS,
+    MARKS,
+    TIMES,
+    Measure,
+    definitions,
+    full,
+    measured,
+    metric_cell,
+    references,
+    skill_cell,
+)
+from twinbench.bench.report.provenance import bullets, profile_of, provenance_of, write_tables
+from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.report.verdicts import CALIBRATED_PCT
+from twinbench.bench.report.words import names_of
+from twinbench.bench.results import Results
+from twinbench.bench.roster import PROPOSED, REFERENCE, UNRANKED, is_ablation, label
+from twinbench.bench.statistics.subject import Subject
+from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, summarise
+from twinbench.common.page import render, write_bytes
+
+
+def write_other(results: Results) -> Table:
+    """Write ``tables/``, ``answer.md`` and ``report.html`` beside what the run left.
+
+    Returns:
+        The comparison of the estimators, for a terminal.
+    """
+    whole = ~results.scores["estimator"].map(is_ablation)
+    failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
+    summary = summarise(results.scores[whole], failures, subject=results.subject)
+    tables = tables_of(summary, results.cost)
+    said = sentences(summary)
+    write_tables(results.out, tables)
+    write_bytes(results.out / "answer.md", bullets(*said).encode())
+    page = render(
+        Path(__file__).parent / "templates" / "report.html.j2",
+        headline=said[0],
+        answer=said[1:],
+        certainty="",
+        profile=profile_of(results),
+        references=[label(name) for name in UNRANKED],
+        tables=tables,
+        figures=[],
+        failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
+        provenance=provenance_of(results.manifest),
+    )
+    write_bytes(results.out / "report.html", page.encode())
+    return tables[0]
+
+
+def tables_of(summary: Summary, cost: pd.DataFrame) -> list[Table]:
+    """The comparison, then health, forecasts and calibrated intervals quantity by quantity.
+
+    Args:
+        cost: columns estimator, seed, stage, cpu_s.
+    """
+    subject = summary.subject
+    health = [Measure(f"{h.name}_life_pct", h.label, "error, % of life") for h in subject.health]
+    moving = [Measure(f"health_{kind}_pct", kind, "parameters, % of life") for kind in ("moving", "still")]
+    foretold = [
+        Measure(f"{o.key}_open{lead}_pct", o.reads, f"{lead} s ahead, %") for lead in (60, 10) for o in subject.outputs
+    ]
+    calibrated = [Measure(f"calibrated_coverage_{q.name}_pct", q.label, "inside, %") for q in subject.quantities]
+    title = "Coverage of the 95 % intervals after calibration"
+    return [
+        comparison(summary, cost),
+        measured("health", "Health", [Measure(LIFE, "mean", "error, % of life"), *health, *moving], summary),
+        measured("forecast", "Forecasts", foretold, summary),
+        measured("calibrated", title, calibrated, summary),
+    ]
+
+
+def comparison(summary: Summary, cost: pd.DataFrame) -> Table:
+    """Rows: the estimators. Health, what it is worth, filtered states, forecast, intervals, training.
+
+    Args:
+        cost: columns estimator, seed, stage, cpu_s.
+    """
+    subject, names = summary.subject, summary.estimators
+    states = [Measure(m, o.says, "filtered, %") for m, o in zip(subject.state_errors, subject.outputs, strict=True)]
+    measures = [Measure(LIFE, "% of life", "health"), *states, Measure(FORECAST, "mean, %", "60 s ahead")]
+    parts = [(Column(m.head, m.group), [metric_cell(summary, e, m.metric) for e in names]) for m in measures]
+    parts.insert(1, (Column("skill", "health"), [skill_cell(summary, e, LIFE) for e in names]))
+    ends = [coverage_ends(summary, e) for e in names]
+    for i, head in enumerate(("lowest", "highest")):
+        cells = [Cell(number(found[i][0]), found[i][1]) if found else Cell("–") for found in ends]
+        parts.append((Column(head, "coverage, %"), cells))
+    minutes = cost[cost["stage"] == "fit"].groupby("estimator")["cpu_s"].mean() / 60.0
+    parts.append((Column("min", "training"), [Cell(number(float(minutes.get(e, np.nan)))) for e in names]))
+    frame = full(measures, summary)
+    for column in ("value", "low", "high"):
+        frame[f"skill_{column}"] = [getattr(summary.skill(e, LIFE), column) for e in names]
+    rows = zip([Cell(label(e)) for e in names], *(cells for _, cells in parts), strict=True)
+    notes = (*summary.notes, INTERVALS, TIMES, MARKS, *references(summary))
+    columns = (Column("estimator"), *(column for column, _ in parts))
+    title = f"{subject.says or subject.machine}: comparison on the test recordings"
+    return Table("comparison", title, frame, columns, tuple(rows), notes, definitions(measures, subject))
+
+
+def coverage_ends(summary: Summary, estimator: str) -> tuple[tuple[float, str], tuple[float, str]] | None:
+    """Lowest and highest calibrated coverage of all quantities, in %, each with whose it is; None without any."""
+    found = [
+        (summary.value(estimator, f"calibrated_coverage_{q.name}_pct").mean, q.label)
+        for q in summary.subject.quantities
+    ]
+    known = [pair for pair in found if math.isfinite(pair[0])]
+    return (min(known), max(known)) if known else None
+
+
+def sentences(summary: Summary) -> list[str]:
+    """What the tables' tests hold: who leads in health and in the forecast, and how near the proposed method comes."""
+    said = [_leader(summary, LIFE, "health"), _leader(summary, FORECAST, "the 60 s forecast")]
+    return [text for text in said if text] + list(_proposed(summary, summary.subject))
+
+
+def _leader(summary: Summary, metric: str, what: str) -> str:
+    known = {e: summary.value(e, metric).mean for e in summary.estimators if e not in UNRANKED}
+    known = {e: value for e, value in known.items() if math.isfinite(value) and e not in summary.failures}
+    if not known:
+        return f"Nobody has an error in {what}."
+    best = min(known, key=known.__getitem__)
+    value = summary.value(best, metric)
+    told = [label(e) for e in known if e != best and summary.told_apart(best, e, metric)]
+    same = [label(e) for e in known if e != best and not summary.told_apart(best, e, metric)]
+    text = f"{label(best)} has the least error in {what}: {number(value.mean)} %"
+    if math.isfinite(value.low):
+        text += f" (95 % interval {span(value.low, value.high, to=True)})"
+    if told:
+        text += f"; Wilcoxon's test with Holm's correction tells it from {names_of(told)}"
+    return text + (f"; it is not told from {names_of(same)}." if same else ".")
+
+
+def _proposed(summary: Summary, subject: Subject) -> Iterator[str]:
+    if PROPOSED not in summary.estimators:
+        return
+    skill = summary.skill(PROPOSED, LIFE)
+    if math.isfinite(skill.low):
+        yield (
+            f"{label(PROPOSED)} has a skill of {number(skill.value, 2)} in health over {label(skill.against)} "
+            f"({span(skill.low, skill.high, to=True)})."
+        )
+    wanted = {LIFE: "health", **{m: o.says for m, o in zip(subject.state_errors, subject.outputs, strict=True)}}
+    times = [(says, summary.value(PROPOSED, m)) for m, says in wanted.items()]
+    if REFERENCE in summary.estimators and all(math.isfinite(v.times) for _, v in times):
+        listed = "; ".join(f"{s} {number(v.times)} ({span(v.times_low, v.times_high, to=True)})" for s, v in times)
+        yield f"It errs this many times as much as the reference (95 % interval): {listed}."
+    ends = coverage_ends(summary, PROPOSED)
+    if ends is not None:
+        (low, of_low), (high, of_high) = ends
+        right = CALIBRATED_PCT[0] <= low and high <= CALIBRATED_PCT[1]
+        yield (
+            f"Its calibrated 95 % intervals hold the truth {number(low)} % of the time at least ({of_low}) and "
+            f"{number(high)} % at most ({of_high}). All between {CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} %: "
+            f"{'yes' if right else 'no'}."
+        )

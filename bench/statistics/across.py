@@ -1,0 +1,71 @@
+"""How estimators compare over several machines: ranks over all recordings, and on how many machines one is ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from twinbench.bench.roster import UNRANKED, WITHOUT_EQUATIONS, ordered
+from twinbench.bench.statistics.apart import complete
+from twinbench.bench.statistics.bootstrap import SequenceScores
+from twinbench.bench.statistics.ranks import Ranking, rank
+from twinbench.bench.statistics.summary import LIFE, Summary
+
+
+def pooled(tables: Mapping[str, SequenceScores]) -> SequenceScores:
+    """One metric over all machines: every recording is a block of its own. Reference rows are left out.
+
+    Who lacks a recording of any machine has a reason, and no rank.
+
+    Args:
+        tables: by machine, of the same metric.
+    """
+    names = ordered({e for table in tables.values() for e in table.estimators if e not in UNRANKED})
+    reasons: dict[str, str] = {}
+    for name in names:
+        lost = [machine for machine, table in tables.items() if name not in complete(table)]
+        if lost:
+            reasons[name] = f"no complete scores on {', '.join(lost)}"
+    blocks = []
+    for table in tables.values():
+        nothing = np.full(len(table.sequences), np.nan)
+        blocks.append([table.row(name) if name in table.estimators else nothing for name in names])
+    return SequenceScores(
+        next(iter(tables.values())).metric,
+        tuple(names),
+        tuple(f"{machine}/{sequence}" for machine, table in tables.items() for sequence in table.sequences),
+        np.concatenate(blocks, axis=1),
+        reasons,
+        (),
+    )
+
+
+def rank_across(summaries: Mapping[str, Summary], metric: str = LIFE) -> Ranking:
+    """Ranks over the recordings of all machines, by Friedman and Nemenyi as on one machine.
+
+    Args:
+        summaries: by machine.
+        metric: what is ranked by.
+
+    Raises:
+        ValueError: fewer than two estimators are complete on every machine.
+    """
+    tables = {machine: s.by_sequence[metric] for machine, s in summaries.items() if metric in s.by_sequence}
+    if len(tables) < len(summaries):
+        raise ValueError(f"no scores of {metric} on {', '.join(set(summaries) - set(tables))}")
+    return rank(pooled(tables))
+
+
+def is_ahead(summary: Summary, estimator: str, metric: str = LIFE) -> bool | None:
+    """Do the tests of one machine call it better than every other estimator without plant equations?
+
+    Returns:
+        None where there is nothing to say: a reference row, no complete scores, or nobody to be ahead of.
+    """
+    table = summary.by_sequence.get(metric)
+    known = complete(table) if table is not None else []
+    others = [e for e in known if e in WITHOUT_EQUATIONS and e != estimator]
+    if estimator in UNRANKED or estimator not in known or not others:
+        return None
+    return all(summary.better(estimator, other, metric) for other in others)
