@@ -232,8 +232,7 @@ class PlainTwin:
 
     def _predict(self, away: float, part: float) -> None:
         """Eqs. (6) and (7) over a part of the tick."""
-        m, safety, z, n = self.model, self.safety, self.z, self.parts.states
-        states, noise, error, lag = self.states, self.noise, self.error, slice(n, self.parts.zeta)
+        m, safety, z = self.model, self.safety, self.z
         scaled, jacobian = self.increments()
         size, n, zeta, error = self.parts.size, self.parts.states, self.parts.zeta, self.parts.error
         noise = slice(self.parts.noise, error)
