@@ -202,7 +202,7 @@ class Subject:
     def trace(self, name: str) -> Trace:
         """The run over one of the recordings."""
         if name not in self._traces:
-            self._traces[name] = self.record(self.fitted, self.recordings[name])
+            self._traces[name] = record(self.fitted, self.recordings[name])
         return self._traces[name]
 
     def state_after(self, estimator: Estimator, measured: Array) -> State:

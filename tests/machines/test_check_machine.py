@@ -181,7 +181,7 @@ REFUSED: dict[str, tuple[dict[str, object], str]] = {
 @pytest.mark.parametrize(("changes", "says"), REFUSED.values(), ids=REFUSED)
 def test_what_is_wrong_is_refused_in_one_line(changes: dict[str, object], says: str) -> None:
     machine: Machine = replace(TWO_TANKS, **changes)  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="machine|simulator") as caught:
+    with pytest.raises(ValueError, match=r"machine|simulator") as caught:
         check_machine(machine)
     line = str(caught.value)
     assert line.startswith(f"machine {machine.name!r}: ")
