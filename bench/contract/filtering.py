@@ -8,7 +8,7 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import NotOffered, at_most, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import FLOAT64_ROUND_OFF, SHORT_RUN, Subject, stacked, ticked
+from twinbench.bench.contract.subject import FLOAT64_ROUND_OFF, SHORT_RUN, Subject, begun, stacked, ticked
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Estimator
 
@@ -21,7 +21,7 @@ def _implementations(s: Subject) -> str:
     # Each tick from the same state: left to themselves, finite differences let round-off grow to 1e-8.
     said: list[list[tuple[Any, ...]]] = [[] for _ in s.kind.implementations]
     measured = s.recordings["missing"][:, : 2 * SHORT_RUN]
-    state = s.begun(first, len(measured))
+    state = begun(first, len(measured))
     for k in range(measured.shape[1]):
         before = state
         state, info = first.step(before, s.ground.sample_at(measured, k))

@@ -11,7 +11,7 @@ import numpy as np
 
 from twinbench.bench.contract.outcome import Broken, NotOffered, need
 from twinbench.bench.contract.promise import promise
-from twinbench.bench.contract.subject import SHORT_RUN, SUBJECT_SEED, Subject, same
+from twinbench.bench.contract.subject import SHORT_RUN, SUBJECT_SEED, Subject, record, same
 from twinbench.bench.evaluate import run
 from twinbench.bench.profile import Evaluation
 from twinbench.bench.registry import wrong_name
@@ -94,13 +94,13 @@ def _fit_is_pure(s: Subject) -> str:
 @promise("only fit reads the truth")
 def _no_truth(s: Subject) -> str:
     measured = s.recordings["undisturbed"][:, :SHORT_RUN]
-    before = s.record(s.again.estimator, measured)
+    before = record(s.again.estimator, measured)
     for batch in s.again.copies:  # whatever is still tied to the sequences it was fitted to changes with them
         assert batch.truth is not None
         for array in (batch.measured, batch.truth.states, batch.truth.health, batch.truth.outputs, batch.truth.inputs):
             array[:] = 0.0
     s.again.estimator.restore()
-    need(same(s.record(s.again.estimator, measured), before), "its estimates change with the truth it was fitted to")
+    need(same(record(s.again.estimator, measured), before), "its estimates change with the truth it was fitted to")
     try:
         run(s.fitted, s.ground.benchmark.test, Evaluation(), SUBJECT_SEED)
     except ValueError:
@@ -118,7 +118,7 @@ def _save_and_load(s: Subject) -> str:
         loaded = s.kind.load(path, s.machine)
     need(loaded.config == s.fitted.config, "the settings came back changed")
     measured = s.recordings["undisturbed"][:, :SHORT_RUN]
-    need(same(s.record(loaded, measured), s.record(s.fitted, measured)), "the loaded one estimates differently")
+    need(same(record(loaded, measured), record(s.fitted, measured)), "the loaded one estimates differently")
     inputs = s.ground.future(SHORT_RUN, 20)
     forecasts = [e.forecast(s.state_after(e, measured), inputs) for e in (s.fitted, loaded)]
     need(same(*forecasts), "the loaded one forecasts differently")
@@ -131,9 +131,9 @@ def _restore_twice(s: Subject) -> str:
     estimator.arrays = {name: array.copy() for name, array in s.fitted.arrays.items()}
     estimator.restore()
     measured = s.recordings["undisturbed"][:, :SHORT_RUN]
-    once = s.record(estimator, measured)
+    once = record(estimator, measured)
     estimator.restore()
-    need(same(s.record(estimator, measured), once), "it estimates differently after a second restore")
+    need(same(record(estimator, measured), once), "it estimates differently after a second restore")
     for name, array in s.fitted.arrays.items():
         need(same(array, estimator.arrays[name]), f"restore changed the learnt array {name}")
     return f"{SHORT_RUN} ticks equal bit for bit"

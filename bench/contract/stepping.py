@@ -16,6 +16,8 @@ from twinbench.bench.contract.subject import (
     SUBJECT_SEED,
     Subject,
     Trace,
+    begun,
+    record,
     same,
     snapshot,
 )
@@ -60,7 +62,7 @@ def _shapes(s: Subject) -> str:
 def _step_is_pure(s: Subject) -> str:
     measured = s.recordings["late"]
     tried = (0, 1, 39, 40, 41, 63, 64, 65, 200, 399)
-    state = s.begun(s.fitted, 2)
+    state = begun(s.fitted, 2)
     for k in range(measured.shape[1]):
         if k not in tried:
             state, _ = s.fitted.step(state, s.ground.sample_at(measured, k))
@@ -80,8 +82,8 @@ def _step_is_pure(s: Subject) -> str:
 @promise("a batch gives what single runs give")
 def _batch_equals_loop(s: Subject) -> str:
     measured = s.recordings["missing"][:, 300 : 300 + SHORT_RUN]
-    together = s.record(s.fitted, measured)
-    alone = [s.record(s.fitted, measured[b : b + 1]) for b in range(2)]
+    together = record(s.fitted, measured)
+    alone = [record(s.fitted, measured[b : b + 1]) for b in range(2)]
     single = Trace(*(np.concatenate(parts, axis=1) for parts in zip(*alone, strict=True)))
     return at_most(s.deviation(together, single), FLOAT32_ROUND_OFF, "largest deviation in typical changes")
 
@@ -91,7 +93,7 @@ def _independent(s: Subject) -> str:
     calm, wild = s.recordings["undisturbed"][:, :SHORT_RUN].copy(), s.recordings["absurd"]
     mixed = calm.copy()
     mixed[0] = wild[0]
-    a, b = s.record(s.fitted, calm), s.record(s.fitted, mixed)
+    a, b = record(s.fitted, calm), record(s.fitted, mixed)
     second = [Trace(*(part[:, 1] for part in trace)) for trace in (a, b)]
     return at_most(s.deviation(*second), FLOAT64_ROUND_OFF, "absurd readings of one machine moved another by")
 
@@ -123,7 +125,7 @@ def _causal(s: Subject) -> str:
 @promise("readings may come as float32")
 def _float32(s: Subject) -> str:
     rounded = s.recordings["undisturbed"][:, :SHORT_RUN].astype(np.float32)
-    narrow = s.record(s.fitted, rounded)  # type: ignore[arg-type]
+    narrow = record(s.fitted, rounded)  # type: ignore[arg-type]
     for name in ("mean", "low", "high", "cov"):
         need(getattr(narrow, name).dtype == np.float64, f"{name} is {getattr(narrow, name).dtype}, must be float64")
-    return at_most(s.deviation(narrow, s.record(s.fitted, rounded.astype(np.float64))), FLOAT32, "largest deviation")
+    return at_most(s.deviation(narrow, record(s.fitted, rounded.astype(np.float64))), FLOAT32, "largest deviation")

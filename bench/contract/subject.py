@@ -146,6 +146,11 @@ def ground_of(machine: Machine) -> Ground:
     return Ground(machine)
 
 
+def small_benchmark(machine: Machine = COMPRESSOR) -> Split:
+    """The sequences that promises are tried on, of a machine."""
+    return ground_of(machine).benchmark
+
+
 class Fit(NamedTuple):
     """An estimator, the copies of the sequences it was fitted to, and their fingerprints when it was done."""
 
@@ -197,29 +202,8 @@ class Subject:
     def trace(self, name: str) -> Trace:
         """The run over one of the recordings."""
         if name not in self._traces:
-            self._traces[name] = self.record(self.fitted, self.recordings[name])
+            self._traces[name] = record(self.fitted, self.recordings[name])
         return self._traces[name]
-
-    def record(self, estimator: Estimator, measured: Array) -> Trace:
-        """Step through readings from the beginning and keep everything.
-
-        Args:
-            measured: (B, N, nu + ny) readings in the channels' units; NaN means missing.
-        """
-        state = self.begun(estimator, len(measured))
-        ticks = []
-        for k in range(measured.shape[1]):
-            state, info = estimator.step(state, self.ground.sample_at(measured, k))
-            ticks.append(ticked(state, info))
-        return stacked(ticks)
-
-    def begun(self, estimator: Estimator, machines: int) -> State:
-        """The state before the first sample; not of its shape, it would make everything that follows slow."""
-        state = estimator.init(machines)
-        shape = np.asarray(getattr(state, "mean", None)).shape
-        expected = (machines, len(self.machine.quantities))
-        need(shape == expected, f"init gives a state whose mean has shape {shape}, must be {expected}")
-        return state
 
     def state_after(self, estimator: Estimator, measured: Array) -> State:
         """The state after the last of the readings.
@@ -227,7 +211,7 @@ class Subject:
         Args:
             measured: (B, N, nu + ny) readings in the channels' units; NaN means missing.
         """
-        state = self.begun(estimator, len(measured))
+        state = begun(estimator, len(measured))
         for k in range(measured.shape[1]):
             state, _ = estimator.step(state, self.ground.sample_at(measured, k))
         return state
@@ -251,6 +235,29 @@ class Subject:
             bad = ~np.isfinite(values).all(axis=tuple(range(1, values.ndim)))
             at_s = np.argmax(bad) * self.machine.sample_period_s
             need(not bad.any(), f"{name} is not finite from {at_s:.2f} s on")
+
+
+def begun(estimator: Estimator, machines: int) -> State:
+    """The state before the first sample; not of its shape, it would make everything that follows slow."""
+    state = estimator.init(machines)
+    shape = np.asarray(getattr(state, "mean", None)).shape
+    expected = (machines, len(estimator.machine.quantities))
+    need(shape == expected, f"init gives a state whose mean has shape {shape}, must be {expected}")
+    return state
+
+
+def record(estimator: Estimator, measured: Array) -> Trace:
+    """Step through readings from the beginning and keep everything.
+
+    Args:
+        measured: (B, N, nu + ny) readings in the channels' units; NaN means missing.
+    """
+    state, ground = begun(estimator, len(measured)), ground_of(estimator.machine)
+    ticks = []
+    for k in range(measured.shape[1]):
+        state, info = estimator.step(state, ground.sample_at(measured, k))
+        ticks.append(ticked(state, info))
+    return stacked(ticks)
 
 
 def ticked(state: State, info: Info) -> tuple[Any, ...]:

@@ -7,7 +7,7 @@ import pytest
 
 from twinbench.baselines.always_prior import AlwaysPrior
 from twinbench.baselines.oracle import Oracle
-from twinbench.bench.contract.subject import record, recordings, small_benchmark
+from twinbench.bench.contract.subject import ground_of, record, small_benchmark
 from twinbench.machines.compressor import COMPRESSOR
 
 STATES = len(COMPRESSOR.estimated)
@@ -37,7 +37,9 @@ def test_it_says_what_the_filters_say_before_they_look(fitted):
 
 def test_it_says_so_whatever_is_measured(fitted):
     prior, _ = fitted
-    calm, absurd = (record(prior, recordings()[name][:, :200]) for name in ("undisturbed", "absurd"))
+    calm, absurd = (
+        record(prior, ground_of(COMPRESSOR).recordings[name][:, :200]) for name in ("undisturbed", "absurd")
+    )
     np.testing.assert_array_equal(calm.mean, absurd.mean)
     assert np.ptp(calm.mean, axis=0).max() == 0.0
     assert np.isnan(calm.nis).all()
