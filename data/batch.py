@@ -9,17 +9,6 @@ import numpy as np
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.machines.coordinates import Array
 from twinbench.machines.machine import Machine
-from twinbench.physics.places import places
-
-INPUTS = ("p_suc_bar", "T_suc_K", "N_rpm", "valve")
-OUTPUTS = ("p_dis_bar", "T_dis_K", "m_flow_kg_s")
-CHANNELS = INPUTS + OUTPUTS
-STATES = ("p_int_bar", "p_exh_bar", "T_gas_K", "T_wall_K", "flow_memory")
-HEALTH = ("capacity", "efficiency", "leakage", "heat_transfer", "T_bias_K")
-ESTIMATED = STATES + HEALTH
-STATE, CHANNEL, ESTIMATE = places(STATES), places(CHANNELS), places(ESTIMATED)
-"""Where states, channels and estimated quantities stand, by name; inputs stand first among the channels."""
-SAMPLE_PERIOD_S = 0.05
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, Batch
+from twinbench.data.batch import Batch
 from twinbench.data.benchmark import run
 from twinbench.data.corrupt import Corruption
 from twinbench.data.fresh import HEALTHY, MIX, WORN, draw
 from twinbench.data.scenario import Change, Scenario
-from twinbench.machines.compressor import Loads
+from twinbench.machines.compressor import SAMPLE_PERIOD_S, Loads
 
 WARMUP_MINUTES = 5.0
 SCENE_MINUTES = 30.0

@@ -12,6 +12,7 @@ from twinbench.machines.machine import Health, Lag, Machine, Reading
 from twinbench.machines.sensors import Drift, Growth, Noise
 from twinbench.physics.compressor import M_REF_KG_S, PLANT, U, Y
 from twinbench.physics.nominal import NOMINAL, RECALIBRATED
+from twinbench.physics.places import places
 from twinbench.physics.steady import steady_state, valve_for
 
 N_LIMITS_RPM = (900.0, 1800.0)
@@ -202,3 +203,9 @@ COMPRESSOR = Machine(
     recombine=recombined,
     stretched=stretched,
 )
+
+INPUTS, OUTPUTS, CHANNELS = COMPRESSOR.inputs, COMPRESSOR.outputs, COMPRESSOR.channels
+STATES, HEALTH, ESTIMATED = COMPRESSOR.estimated, COMPRESSOR.health_names, COMPRESSOR.quantities
+STATE, CHANNEL, ESTIMATE = places(STATES), places(CHANNELS), places(ESTIMATED)
+"""Where states, channels and estimated quantities stand, by name; inputs stand first among the channels."""
+SAMPLE_PERIOD_S = COMPRESSOR.sample_period_s

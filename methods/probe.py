@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.machines.compressor import SAMPLE_PERIOD_S
 from twinbench.physics.compressor import PLANT, P
 
 TAU_PROBE_S = float(PLANT.theta()[P.tau_T_s])

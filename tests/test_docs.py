@@ -18,7 +18,7 @@ from twinbench.bench.contract import run_battery
 from twinbench.bench.contract.subject import small_benchmark
 from twinbench.bench.registry import discover, find
 from twinbench.bench.roster import TRIVIAL
-from twinbench.data.batch import OUTPUTS
+from twinbench.machines.compressor import OUTPUTS
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import simulate
 from twinbench.physics.nominal import NOMINAL

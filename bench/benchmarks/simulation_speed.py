@@ -31,8 +31,9 @@ from scipy.integrate import solve_ivp  # noqa: E402
 
 from twinbench.common.store import write_text  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Array  # noqa: E402
+from twinbench.data.batch import Array  # noqa: E402
 from twinbench.data.benchmark import design, simulate_benchmark  # noqa: E402
+from twinbench.machines.compressor import HEALTH, SAMPLE_PERIOD_S  # noqa: E402
 from twinbench.physics.compile import compiled  # noqa: E402
 from twinbench.physics.compressor import PLANT, balance, flux  # noqa: E402
 from twinbench.physics.integrate import Varying, simulate  # noqa: E402

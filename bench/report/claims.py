@@ -20,10 +20,9 @@ from twinbench.bench.statistics.health import TERMINAL_S
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import PARAMETERS, Summary
 from twinbench.bench.statistics.tracking import effective_delay, health_change, recovery_time
-from twinbench.data.batch import ESTIMATED, HEALTH, STATES
 from twinbench.data.disturb import CONDITIONS
 from twinbench.data.scenes import RAMP_BEGINS_S, RAMP_NAMES, RAMP_S
-from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.compressor import COMPRESSOR, ESTIMATED, HEALTH, STATES
 
 SETTLED_S = 30.0
 """After a scene begins: what a filter finds out in this time is not what the paper's figures show."""

@@ -16,9 +16,9 @@ from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_tab
 from twinbench.bench.statistics.scores import parameter_error_series
 from twinbench.bench.statistics.strata import in_stratum, select
 from twinbench.bench.statistics.tracking import health_change
-from twinbench.data.batch import HEALTH, OUTPUTS, Array, Batch
+from twinbench.data.batch import Array, Batch
 from twinbench.data.scenes import ONSET_S
-from twinbench.machines.compressor import COMPRESSOR
+from twinbench.machines.compressor import COMPRESSOR, HEALTH, OUTPUTS
 
 SHOWN = ("capacity", "leakage", "heat_transfer", "T_bias_K")
 """The health parameters that degrade in the benchmark, as in the paper's Fig. 4."""

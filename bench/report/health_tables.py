@@ -12,7 +12,7 @@ from twinbench.bench.report.table_formats import Cell, Column, Table
 from twinbench.bench.roster import QUANTITIES, label
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, Summary
-from twinbench.data.batch import ESTIMATED, HEALTH
+from twinbench.machines.compressor import ESTIMATED, HEALTH
 
 KNOWN_OF = (
     Measure(LIFE, "mean of five", "error, % of life"),

@@ -21,7 +21,7 @@ from twinbench.bench.report.measured import (
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
 from twinbench.bench.roster import QUANTITIES, label
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
-from twinbench.data.batch import ESTIMATED
+from twinbench.machines.compressor import ESTIMATED
 
 COMPARED = (
     Measure(LIFE, "health", "error, % of life"),

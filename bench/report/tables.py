@@ -13,7 +13,7 @@ from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
 from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
-from twinbench.data.batch import ESTIMATED, HEALTH
+from twinbench.machines.compressor import ESTIMATED, HEALTH
 
 FORETOLD = (
     Measure("p_open60_pct", "p", "60 s ahead, %"),

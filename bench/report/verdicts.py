@@ -20,7 +20,7 @@ from twinbench.bench.roster import PROPOSED, QUANTITIES, REFERENCE, TRIVIAL, TRU
 from twinbench.bench.statistics.bootstrap import INTERVAL_LEVEL
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, Value
-from twinbench.data.batch import HEALTH
+from twinbench.machines.compressor import HEALTH
 from twinbench.methods.estimator import Z95
 
 TIMES_ALLOWED = 1.15

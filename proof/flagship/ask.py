@@ -18,7 +18,7 @@ from pathlib import Path
 
 from twinbench.common.orphans import end_with_parent
 from twinbench.common.store import write_text
-from twinbench.data.batch import HEALTH
+from twinbench.machines.compressor import HEALTH
 from twinbench.physics.known_health import with_known_health
 from twinbench.physics.simulator import Simulator
 from twinbench.proof.blind import conceal

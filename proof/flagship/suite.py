@@ -21,8 +21,9 @@ from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.versions import code_version, provenance
 from twinbench.common.workers import side_by_side
-from twinbench.data.batch import HEALTH, Batch
+from twinbench.data.batch import Batch
 from twinbench.data.recording import truth_table
+from twinbench.machines.compressor import HEALTH
 from twinbench.mismatch.model import load_simulator
 from twinbench.proof.concealed.gates import as_markdown
 from twinbench.proof.concealed.seal import Sealed, check, seal

@@ -17,7 +17,7 @@ import pytest
 from helpers.refusals import listing, refused
 from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
-from twinbench.data.batch import CHANNELS, ESTIMATED
+from twinbench.machines.compressor import CHANNELS, ESTIMATED
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.conformal import factors, nonconformity, stretch
-from twinbench.data.batch import ESTIMATED, Batch, Truth
+from twinbench.data.batch import Batch, Truth
+from twinbench.machines.compressor import ESTIMATED
 
 TICKS = 400
 

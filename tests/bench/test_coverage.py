@@ -21,7 +21,8 @@ from twinbench.bench.statistics.coverage import (
 )
 from twinbench.bench.statistics.regimes import AFTER_HEALTH_S, AFTER_LOAD_S, REGIMES, regimes
 from twinbench.bench.statistics.scores import score
-from twinbench.data.batch import ESTIMATED, Batch, Truth
+from twinbench.data.batch import Batch, Truth
+from twinbench.machines.compressor import ESTIMATED
 
 RUNS, TICKS = 400, 30
 SURE = 0.999

@@ -12,7 +12,8 @@ from hypothesis.extra.numpy import arrays
 
 from twinbench.bench.evaluate import fill_gaps, run
 from twinbench.bench.profile import Evaluation
-from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.data.batch import Batch, Truth
+from twinbench.machines.compressor import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.methods.estimator import Estimator, gaussian_state, no_info
 
 TICKS = 401

@@ -7,9 +7,9 @@ import pytest
 
 from twinbench.bench.statistics.health import HEALTH_DEFINITIONS, health_scores, true_start_held
 from twinbench.bench.statistics.tracking import change_scores, health_changes
-from twinbench.data.batch import HEALTH, Batch, Truth
+from twinbench.data.batch import Batch, Truth
 from twinbench.data.population import COMMISSIONING_S
-from twinbench.physics.health import HEALTHY, SPAN
+from twinbench.machines.compressor import COMPRESSOR, HEALTH
 
 TIME_S = np.arange(0.0, 1500.0, 100.0)  # 15 ticks, 3 of them commissioning
 RANKED = TIME_S >= COMMISSIONING_S
@@ -17,18 +17,18 @@ RANKED = TIME_S >= COMMISSIONING_S
 
 def truth() -> np.ndarray:
     """(3, 15, 5): capacity steps by half its life at 700 s; leakage ramps over 600 s; nothing moves."""
-    health = np.tile(HEALTHY, (3, len(TIME_S), 1))
-    health[0, TIME_S >= 700.0, 0] -= 0.5 * SPAN[0]
+    health = np.tile(COMPRESSOR.coordinates.healthy, (3, len(TIME_S), 1))
+    health[0, TIME_S >= 700.0, 0] -= 0.5 * COMPRESSOR.span[0]
     # At most 4 % of the life in a tick: no step.
-    health[1, :, 2] += 0.24 * SPAN[2] * np.clip((TIME_S - 600.0) / 600.0, 0.0, 1.0)
+    health[1, :, 2] += 0.24 * COMPRESSOR.span[2] * np.clip((TIME_S - 600.0) / 600.0, 0.0, 1.0)
     return health
 
 
 def test_errors_count_in_shares_of_a_life_from_minute_five_on():
     true = truth()
     estimated = true.copy()
-    estimated[..., 0] += 0.1 * SPAN[0]
-    estimated[..., 4] -= np.where(RANKED, 0.2, 0.5) * SPAN[4]
+    estimated[..., 0] += 0.1 * COMPRESSOR.span[0]
+    estimated[..., 4] -= np.where(RANKED, 0.2, 0.5) * COMPRESSOR.span[4]
     found = health_scores(TIME_S, estimated, true)
     assert set(found) == set(HEALTH_DEFINITIONS)
     np.testing.assert_allclose(found["capacity_life_pct"], 10.0)
@@ -52,8 +52,8 @@ def test_a_step_of_the_sensors_bias_is_no_step_of_the_machine():
 
 
 def test_where_everything_moves_nothing_is_still_and_no_commissioning_is_no_score():
-    true = np.tile(HEALTHY, (1, len(TIME_S), 1))
-    true[:, TIME_S >= 700.0] += 0.5 * SPAN
+    true = np.tile(COMPRESSOR.coordinates.healthy, (1, len(TIME_S), 1))
+    true[:, TIME_S >= 700.0] += 0.5 * COMPRESSOR.span
     found = health_scores(TIME_S, true, true, since_s=0.0)
     assert np.isnan(found["health_still_pct"]).all()
     assert np.isnan(found["health_commissioning_pct"]).all()
@@ -75,7 +75,7 @@ def test_the_true_start_errs_by_what_has_changed_since():
 def worn_and_back() -> tuple[np.ndarray, np.ndarray]:
     """Capacity wears from 400 to 700 s with a pause, and is as before at 900 s; the bias steps at 500 s."""
     time_s = np.arange(0.0, 1500.0)
-    health = np.tile(HEALTHY, (len(time_s), 1))
+    health = np.tile(COMPRESSOR.coordinates.healthy, (len(time_s), 1))
     health[:, 0] -= 0.06 * np.interp(time_s, [400.0, 500.0, 600.0, 700.0], [0.0, 0.5, 0.5, 1.0]) * (time_s < 900.0)
     health[time_s >= 500.0, 4] = 3.0
     return time_s, health
@@ -88,7 +88,7 @@ def test_every_change_is_found_and_a_pause_is_none():
     assert worn.size == pytest.approx(0.06)
     assert (back.start_s, back.end_s, back.until_s) == (900.0, 900.0, np.inf)
     assert (HEALTH[step.parameter], step.start_s, step.end_s, step.size) == ("T_bias_K", 500.0, 500.0, 3.0)
-    assert health_changes(time_s, np.tile(HEALTHY, (len(time_s), 1))) == []
+    assert health_changes(time_s, np.tile(COMPRESSOR.coordinates.healthy, (len(time_s), 1))) == []
 
 
 def test_each_change_has_its_own_delay_and_recovery():

@@ -19,9 +19,10 @@ from twinbench.bench.results import HARDER
 from twinbench.bench.robustness import METRICS
 from twinbench.bench.statistics.scores import score
 from twinbench.bench.statistics.summary import summarise
-from twinbench.data.batch import ESTIMATED, Batch, Truth
+from twinbench.data.batch import Batch, Truth
 from twinbench.data.disturb import CONDITIONS
 from twinbench.data.scenes import ONSET_S, load_ramps, wearing
+from twinbench.machines.compressor import ESTIMATED
 
 EVERY = 20
 

@@ -14,7 +14,8 @@ from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.bootstrap import NOT_EVERYWHERE
 from twinbench.bench.statistics.scores import DEFINITIONS, IDEAL, METRICS, parameter_error_series, score
 from twinbench.bench.statistics.tracking import health_change
-from twinbench.data.batch import ESTIMATED, HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.data.batch import Batch, Truth
+from twinbench.machines.compressor import ESTIMATED, HEALTH, SAMPLE_PERIOD_S
 
 N = 12_001  # ten minutes
 STRIDE = SAMPLE_TICKS = 20

@@ -13,7 +13,7 @@ from twinbench.bench.report.paper import NONE, paper_says
 from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS
 from twinbench.bench.statistics.summary import LIFE, PARAMETERS, Summary, summarise
-from twinbench.data.batch import ESTIMATED, HEALTH
+from twinbench.machines.compressor import ESTIMATED, HEALTH
 
 SEQUENCES = 30
 NOTHING = pd.DataFrame(columns=["estimator", "condition", "metric", "value"])

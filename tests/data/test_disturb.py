@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twinbench.data.batch import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.data.benchmark import PARTS, DesignConfig, simulate_benchmark
 from twinbench.data.disturb import CONDITIONS, FAULTS, Condition, conditions, faults, simulate_condition, with_fault
+from twinbench.machines.compressor import CHANNELS, SAMPLE_PERIOD_S
 from twinbench.machines.motor import MOTOR
 from twinbench.machines.two_tanks import TWO_TANKS
 

@@ -14,8 +14,7 @@ import pandas as pd
 
 from fuzz.worker import Ended
 from twinbench.bench.cli.mismatch_status import STATUS
-from twinbench.data.batch import ESTIMATED, HEALTH
-from twinbench.physics.health import HIGH, LOW
+from twinbench.machines.compressor import COMPRESSOR, ESTIMATED, HEALTH
 
 EQUAL = 1e-6
 """Relative difference of numbers that are the same: parsing and unpacking cost a digit at most."""
@@ -121,7 +120,11 @@ def estimate(folder: Path, ended: Ended) -> Answer:
         need(((low <= value) & (value <= high)).all(), f"{name} is not inside its interval")
         if name in HEALTH:
             h = HEALTH.index(name)
-            need((low >= LOW[h] - 1e-6).all() and (high <= HIGH[h] + 1e-6).all(), f"{name} leaves its physical range")
+            need(
+                (low >= COMPRESSOR.coordinates.low[h] - 1e-6).all()
+                and (high <= COMPRESSOR.coordinates.high[h] + 1e-6).all(),
+                f"{name} leaves its physical range",
+            )
     intervals = {name: (columns[f"{name}_low"][-1], columns[f"{name}_high"][-1]) for name in HEALTH}
     return Answer(summary["says"], bool(remarks(summary)), columns, intervals)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from twinbench.data.batch import CHANNELS, INPUTS, OUTPUTS
+from twinbench.machines.compressor import CHANNELS, INPUTS, OUTPUTS
 
 TIME = "time_s"
 

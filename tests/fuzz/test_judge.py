@@ -156,7 +156,7 @@ def world(tmp_path_factory) -> World:
     (tables / ".done").write_text("x")
     shutil.copytree(folder / "run", folder / "unused")
     time_s = 0.05 * np.arange(1200)
-    from twinbench.data.batch import CHANNELS
+    from twinbench.machines.compressor import CHANNELS
 
     rows = {c: 3.0 + np.sin(time_s + i) for i, c in enumerate(CHANNELS)}
     compressor = pd.DataFrame({"time_s": time_s, **rows})

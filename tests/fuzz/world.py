@@ -13,7 +13,7 @@ import pandas as pd
 
 from fuzz.given import COMPRESSOR, TANK, TIME, Given
 from fuzz.profiles import TRAINED
-from twinbench.data.batch import SAMPLE_PERIOD_S
+from twinbench.machines.compressor import SAMPLE_PERIOD_S
 
 ESTIMATOR = "oracle"
 """Nothing to train, and it corrects itself by every reading."""

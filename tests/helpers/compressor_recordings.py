@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from twinbench.data.batch import HEALTH, SAMPLE_PERIOD_S, Batch, Truth
+from twinbench.data.batch import Batch, Truth
+from twinbench.machines.compressor import HEALTH, SAMPLE_PERIOD_S
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate

@@ -12,10 +12,10 @@ from twinbench.bench.cells import save_split
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.scores import score
 from twinbench.common.store import Store
-from twinbench.data.batch import ESTIMATED, Batch, Truth
+from twinbench.data.batch import Batch, Truth
 from twinbench.data.benchmark import Split
+from twinbench.machines.compressor import COMPRESSOR, ESTIMATED
 from twinbench.physics.compressor import M_REF_KG_S
-from twinbench.physics.health import HEALTHY, SPAN
 
 LEVELS = {
     "oracle": 1.0, "always_prior": 2.2, "nominal_ekf": 2.6, "gru_kf": 2.0, "lstm_rls": 5.0, "deeponet": 3.2,
@@ -33,13 +33,13 @@ def make_truth(sequences: int = 10, seconds: int = 600, seed: int = 0) -> Batch:
     t = np.arange(N, dtype=float)
     load = np.cumsum(np.where(rng.random((B, N)) < 0.015, rng.normal(0, 0.5, (B, N)), 0.0), axis=1)
     load = np.tanh(0.6 * np.apply_along_axis(lambda x: np.convolve(x, np.ones(15) / 15, "same"), 1, load))
-    health = np.tile(HEALTHY, (B, N, 1))
+    health = np.tile(COMPRESSOR.coordinates.healthy, (B, N, 1))
     done = np.clip((t - 0.3 * N) / (0.35 * N), 0, 1)
     for b in range(B):
         i = (0, 2, 3, 4, 1)[b % 5]
         direction = 1 if i in (2, 4) else -1
         course = (t > 0.4 * N).astype(float) if i == 4 else done
-        health[b, :, i] += direction * SPAN[i] * (0.5 + 0.5 * rng.random()) * course
+        health[b, :, i] += direction * COMPRESSOR.span[i] * (0.5 + 0.5 * rng.random()) * course
     flow = 1.0 + 0.25 * load
     states = np.stack(
         [0.93 - 0.02 * load, 3.3 + 0.9 * load, 430 + 30 * load, 355 + 8 * load, flow, 430 + 30 * load, 0.6 + 0 * load],

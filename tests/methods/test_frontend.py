@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twinbench.data.batch import SAMPLE_PERIOD_S, Batch
+from twinbench.data.batch import Batch
+from twinbench.machines.compressor import SAMPLE_PERIOD_S
 from twinbench.methods.frontend import STUCK_S, FrontEnd
 
 LEVEL = np.array([0.95, 298.0, 1350.0, 0.64, 3.1, 430.0, 0.12])

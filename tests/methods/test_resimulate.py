@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from twinbench.data.batch import HEALTH
 from twinbench.data.benchmark import DesignConfig, simulate_benchmark
+from twinbench.machines.compressor import COMPRESSOR, HEALTH
 from twinbench.methods.resimulate import resimulate
 from twinbench.physics.compressor import PLANT
-from twinbench.physics.health import HIGH, LOW
 from twinbench.physics.integrate import Varying, simulate
 
 
@@ -43,7 +42,7 @@ def test_the_recombined_ratios_stay_where_the_machine_is_run(both):
 def test_health_is_new_and_possible(both):
     train, more = both
     health = more.truth.health[3:]
-    assert ((health >= LOW) & (health <= HIGH)).all()
+    assert ((health >= COMPRESSOR.coordinates.low) & (health <= COMPRESSOR.coordinates.high)).all()
     assert (health[:3].std(axis=1) != train.truth.health.std(axis=1)).any()
     assert not np.array_equal(health[:3], health[3:])
 

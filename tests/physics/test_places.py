@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from twinbench.data.batch import CHANNEL, CHANNELS, ESTIMATE, ESTIMATED, STATE
-from twinbench.data.batch import STATES as ESTIMATED_STATES
+from twinbench.machines.compressor import CHANNEL, CHANNELS, ESTIMATE, ESTIMATED, STATE
+from twinbench.machines.compressor import STATES as ESTIMATED_STATES
 from twinbench.physics import compressor
 from twinbench.physics.compressor import FLUXES, INPUTS, OUTPUTS, PARAMETERS, PLANT, STATES, F, P, U, X, Y
 from twinbench.physics.fingerprint import Untold, fingerprint

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cache
 
-from twinbench.data.batch import HEALTH, Batch
+from twinbench.data.batch import Batch
+from twinbench.machines.compressor import HEALTH
 from twinbench.proof.flagship.plant import Item, draw
 from twinbench.proof.flagship.record import HELD_OUT, PROOF, TRAINING, record
 

@@ -15,7 +15,8 @@ from flagship_short import recorded
 from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.data.batch import CHANNELS, HEALTH, Batch
+from twinbench.data.batch import Batch
+from twinbench.machines.compressor import CHANNELS, HEALTH
 from twinbench.mismatch.model import model_toml
 from twinbench.physics.mechanisms import CATALOGUE
 from twinbench.physics.nominal import NOMINAL

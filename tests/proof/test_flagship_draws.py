@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from flagship_short import SHORT_TRAINING, recorded
 
-from twinbench.data.batch import CHANNELS, HEALTH
+from twinbench.machines.compressor import CHANNELS, HEALTH
 from twinbench.physics.compile import compiled
 from twinbench.physics.mechanisms import CATALOGUE
 from twinbench.physics.nominal import NOMINAL, REDUCED

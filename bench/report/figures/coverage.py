@@ -11,7 +11,7 @@ from twinbench.bench.report.figures.looks import face, legend_handles, looks
 from twinbench.bench.roster import QUANTITIES, label, ordered
 from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, canvas, styled
-from twinbench.data.batch import STATES
+from twinbench.machines.compressor import STATES
 
 
 @styled

@@ -15,8 +15,8 @@ from twinbench.bench.report.evidence import Example
 from twinbench.bench.report.figures.looks import legend_handles, line_of, looks
 from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, TRIVIAL, axis_label, label, ordered
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, ZERO_C_K, canvas, styled, thin
-from twinbench.data.batch import ESTIMATED, Array
-from twinbench.machines.compressor import COMPRESSOR
+from twinbench.data.batch import Array
+from twinbench.machines.compressor import COMPRESSOR, ESTIMATED
 
 STATE_PANELS = (("pressure", "bar", "bar"), ("temperature", "°C", "K"), ("mass flow", "g/s", "g/s"))
 TRUTH_STYLE: dict[str, Any] = {"color": "#aab4bd", "linewidth": 4.0, "solid_capstyle": "round"}
