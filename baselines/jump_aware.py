@@ -36,7 +36,7 @@ REJOINS_SD, REJOINS_UPDATES = 2.0, 10
 for longer after its fault has gone."""
 MOST_OUT_S = 120.0
 """Then it is believed in any case: what it reads is how the machine is."""
-SETTLING_S = 30.0
+UNSHAKEN_S = 30.0
 """At first the states find their place, and the readings surprise without cause: nothing is weighed. Less takes the
 start for a leap, more misses a real one."""
 
@@ -237,7 +237,7 @@ class JumpAwareEKF(ModelEKF):
         n, (causes, ny) = self._size, self.rules.failed.shape
         return Jumps(
             np.tile(no_shifts(ny), (batch, 1, 1, 1)),
-            np.full((batch, 1), -round(SETTLING_S / self.machine.sample_period_s)),
+            np.full((batch, 1), -round(UNSHAKEN_S / self.machine.sample_period_s)),
             np.zeros((batch, ny), np.int64),
             np.zeros((batch, ny), np.int64),
             np.zeros((batch, causes)),

@@ -32,7 +32,7 @@ from twinbench.methods.reporting import clean_flags, report
 LAG_S = 1.0
 """From a held-out error of the network to that which tells how long it stays, a sample at least. An AR(1) has the same
 time constant at any lag."""
-SLOWEST_S = 60.0
+LONGEST_ERROR_S = 60.0
 """The longest time that an error of the network is taken to stay; a recording is too short to tell longer ones."""
 POPULATION_S = 10.0
 """Between those of the training sequences' health that the population is made of: neighbours say the same."""
@@ -272,7 +272,7 @@ def _tau_s(error: Array, every_s: float) -> Array:
     """Time constants (m,) of errors (B, M, m) that are ``every_s`` apart."""
     lag = max(1, round(LAG_S / every_s))
     together = (error[:, lag:] * error[:, :-lag]).mean(axis=(0, 1)) / (error**2).mean(axis=(0, 1))
-    return np.minimum(-lag * every_s / np.log(np.clip(together, 0.01, 0.999)), SLOWEST_S)
+    return np.minimum(-lag * every_s / np.log(np.clip(together, 0.01, 0.999)), LONGEST_ERROR_S)
 
 
 def _nis(innovation: Array, S: Array) -> Array:

@@ -28,7 +28,7 @@ NOTES = (
     "Forecast intervals are those that fit the simulated calibration recordings of the machine.",
     "Beside each mean, its 95 % interval over recordings; there is none for a single recording.",
 )
-FEWEST = 6
+LEAST_RECORDINGS = 6
 """Recordings from which on estimators are told apart: with fewer even a sign test cannot reach 5 %."""
 
 
@@ -69,7 +69,7 @@ def says(scores: pd.DataFrame) -> list[str]:
     ]
     if not high < 1.0:
         sentences.append("Its interval does not show it to be better than holding the last reading.")
-    if n < FEWEST:
+    if n < LEAST_RECORDINGS:
         return [*sentences, f"{n} recording{'s are' if n > 1 else ' is'} too few to tell estimators apart."]
     others = [e for e in ranked if e != best]
     told = [label(e) for e in others if told_apart(by_recording, best, e)]

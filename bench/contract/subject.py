@@ -17,7 +17,7 @@ from twinbench.machines.machine import Machine
 from twinbench.methods.estimator import Estimator, Info, Sample, State
 
 SUBJECT_SEED = 1
-USUAL_S = 0.05
+USUAL_PERIOD_S = 0.05
 """The sample period that DESIGN is for: with another, recordings are longer or shorter, and have as many ticks."""
 DESIGN = DesignConfig(seed=7, n_train=3, n_validation=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
 FLOAT32_ROUND_OFF = 1e-5
@@ -74,7 +74,7 @@ class Ground:
     @cached_property
     def benchmark(self) -> Split:
         """Three training, one validation and two test sequences of 2400 ticks."""
-        longer = self.machine.sample_period_s / USUAL_S
+        longer = self.machine.sample_period_s / USUAL_PERIOD_S
         design = replace(
             DESIGN,
             minutes=float(np.clip(longer * DESIGN.minutes, 1.0, 600.0)),

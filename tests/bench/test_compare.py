@@ -11,7 +11,7 @@ import pytest
 from helpers.refusals import refused
 from helpers.tiny_run import run_here, twinbench, write_profile
 
-from twinbench.bench.compare.page import FEWEST, says, table
+from twinbench.bench.compare.page import LEAST_RECORDINGS, says, table
 from twinbench.bench.compare.scores import DEFINITIONS, promised, score
 from twinbench.bench.compare.watched import Watched, lead_ticks, origins, watch
 from twinbench.data.batch import Batch
@@ -141,8 +141,8 @@ def test_the_best_is_named_and_told_apart_only_where_the_test_does() -> None:
     assert "tells it from Nominal EKF and Nominal UKF" in said
     close = " ".join(says(made_up({"nominal_ekf": 0.6, "nominal_ukf": 0.6}, 12)))
     assert "It is not told apart from" in close
-    few = " ".join(says(made_up({"gru_kf": 0.3, "nominal_ekf": 0.6}, FEWEST - 1)))
-    assert f"{FEWEST - 1} recordings are too few to tell estimators apart." in few
+    few = " ".join(says(made_up({"gru_kf": 0.3, "nominal_ekf": 0.6}, LEAST_RECORDINGS - 1)))
+    assert f"{LEAST_RECORDINGS - 1} recordings are too few to tell estimators apart." in few
 
 
 def test_a_table_has_the_best_first_and_an_interval_where_there_are_several_recordings() -> None:
