@@ -149,7 +149,7 @@ MOTOR = Machine(
         ),
     ),
     noise=(
-        Noise("voltage_V", 0.3),
+        Noise("voltage_V", 0.05),
         Noise("load_Nm", 0.2),
         Noise("speed_rad_s", 0.4, 0.25, 0.3),
         Noise("amps_A", 0.3, 0.2, 0.5),
