@@ -32,7 +32,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_map(parser)
     parser.add_argument("--profile", default="quick", help="write the data of this profile (default: quick)")
     parser.add_argument(
-        "--part", choices=("train", "validation", "test"), default="test", help="split to write (default: test)"
+        "--part",
+        choices=("train", "validation", "calibration", "test"),
+        default="test",
+        help="split to write (default: test)",
     )
     parser.add_argument(
         "--format", choices=("csv", "parquet"), default="csv", help="format of the files (default: csv)"

@@ -31,6 +31,7 @@ from twinbench.common.threads import pin_torch
 from twinbench.common.versions import code_version
 from twinbench.data.recording import Recording, check_overlap, read_recording
 from twinbench.data.units import limits_of, units_of
+from twinbench.machines.coordinates import Array
 from twinbench.machines.load import load_machine
 from twinbench.machines.machine import Machine
 
@@ -152,11 +153,25 @@ def _answer(recording: Recording, references: References, who: str) -> _Answer:
     filled = replace(batch, measured=joined(batch.measured, manner, len(batch.machine.inputs)))
     estimates, seen = watch(references.estimator, filled, every, references.cell.seed)
     quality = judge(batch.measured[0], manner, estimates, seen, references, who)
+    factors = references.factors()
+    if factors is not None:
+        estimates = _calibrated(estimates, factors, batch.machine)
     warning = "" if quality.usable else f"not usable: {quality.verdict}"
     readings = Readings(
         batch.machine, batch.time_s, batch.measured[0], seen.accepted[0], manner, *references.envelope, warning
     )
-    return _Answer(estimates, readings, quality, _summarise(recording, references.machine, who, estimates, quality))
+    summary = _summarise(recording, references.machine, who, estimates, quality)
+    return _Answer(estimates, readings, quality, {**summary, "calibrated": factors is not None})
+
+
+def _calibrated(estimates: Estimates, factors: Array, machine: Machine) -> Estimates:
+    """The same with the intervals that fit the run's calibration recordings, health within its physical bounds."""
+    wide = replace(estimates, factors=factors).calibrated()
+    low, high = wide.low.copy(), wide.high.copy()
+    for part in (low, high):
+        n = len(machine.estimated)
+        part[..., n:] = np.clip(part[..., n:], machine.coordinates.low, machine.coordinates.high)
+    return replace(wide, low=low, high=high)
 
 
 def _read(paths: Sequence[Path], mapping: Sequence[str], machine: Machine) -> list[Recording]:

@@ -133,6 +133,13 @@ class References:
         split = cells.load_split(store, cell)
         self.validation, self.envelope = split.validation, Envelope.of(split.train)
 
+    def factors(self) -> Array | None:
+        """What intervals are stretched by so that they hold what they promise, (n,); None if the run has no such."""
+        if not self.store.has("estimate", self.cell.estimates):
+            return None
+        found = cells.load_estimates(self.store, self.cell).factors
+        return found if np.isfinite(found).all() else None
+
     def of(self, manner: Manner) -> Reference:
         """Measured now, or as the store keeps it."""
         cell = self.cell

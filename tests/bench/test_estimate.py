@@ -42,6 +42,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     folder = tmp_path_factory.mktemp("trained")
     profile = write_profile(folder)
     text = profile.read_text().replace("n_validation = 1", "n_validation = 6").replace("= 2.5", "= 4.0")
+    text = text.replace("n_calibration = 1", "n_calibration = 6")
     profile.write_text(text.replace("n_train = 2", "n_train = 26"))
     with pytest.MonkeyPatch.context() as patch:
         run_here(patch)
@@ -95,6 +96,26 @@ def test_a_sound_recording_is_usable_and_says_what_was_used(trained, sound, whic
     assert said["nis_median"] == pytest.approx(1.0, abs=0.15), "an exact filter's NIS is chi-square"
     assert 0.005 < said["flags"]["spike"] < 0.03
     assert said["gaps"] == 0
+
+
+def test_intervals_are_those_that_fit_the_calibration_recordings(trained, tmp_path):
+    _, said, _ = estimated(trained, trained.tables[0], tmp_path)
+    assert said["calibrated"] is True
+    calibrated = pd.read_csv(tmp_path / "out" / "mine.estimates.csv")
+    kept = {path: path.read_bytes() for path in trained.run.glob("store/estimate/*/*")}
+    try:
+        for path in kept:
+            path.unlink()
+        _, said, _ = estimated(trained, trained.tables[0], tmp_path)
+        own = pd.read_csv(tmp_path / "out" / "mine.estimates.csv")
+    finally:
+        for path, content in kept.items():
+            path.write_bytes(content)
+    assert said["calibrated"] is False, "a run whose estimates are gone has no factors"
+    for name in ("p_exh_bar", "flow_memory"):
+        assert np.array_equal(calibrated[name], own[name])
+        wide, narrow = (t[f"{name}_high"] - t[f"{name}_low"] for t in (calibrated, own))
+        assert (wide / narrow).std() < 1e-3, "one factor for the whole recording"
 
 
 def changed(table, **columns):
