@@ -153,7 +153,7 @@ def _answer(recording: Recording, references: References, who: str) -> _Answer:
     filled = replace(batch, measured=joined(batch.measured, manner, len(batch.machine.inputs)))
     estimates, seen = watch(references.estimator, filled, every, references.cell.seed)
     quality = judge(batch.measured[0], manner, estimates, seen, references, who)
-    factors = references.factors()
+    factors = references.calibrated()
     if factors is not None:
         estimates = _calibrated(estimates, factors, batch.machine)
     warning = "" if quality.usable else f"not usable: {quality.verdict}"

@@ -91,7 +91,7 @@ def test_check_exits_with_what_the_battery_found(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], statuses: tuple[str, ...], code: int
 ) -> None:
     found = [SimpleNamespace(name=f"c{i}", status=s, detail="so [it] is") for i, s in enumerate(statuses)]
-    monkeypatch.setattr("twinbench.bench.contract.run_battery", lambda kind: found)
+    monkeypatch.setattr("twinbench.bench.contract.run_battery", lambda *_: found)
     assert twinbench("check", "oracle", "--json") == code
     assert json.loads(capsys.readouterr().out) == [vars(f) for f in found]
     assert twinbench("check", "oracle") == code

@@ -334,6 +334,7 @@ def test_a_reference_that_is_not_what_was_kept_is_one_line(tmp_path, spoil, says
         "off": np.ones((2, 9, 3), np.float16),
         "accepted": np.ones((2, 7)),
         "covered": np.array(0.95),
+        "factors": np.ones(10),
         "narrowest": np.full(5, 0.5),
     }
     np.savez(tmp_path / "part.npz", **kept)
