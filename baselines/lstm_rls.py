@@ -51,9 +51,9 @@ class LSTMRecursiveLeastSquares(Estimator):
         "copies": 3,
         "hidden": 112,
         "readout": 194,
-        "forgetting_s": 13.47,
-        "offset_forgetting_s": 7.407,
-        "noise_inflation": 0.05278,
+        "forgetting_s": 5.949,
+        "offset_forgetting_s": 29.92,
+        "noise_inflation": 0.07109,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [6e-3, 1.2e-2, 2.4e-2],
