@@ -1,7 +1,7 @@
 """What the recurrent baselines read: the gated readings, standardised, with their running means.
 
 Running means over half a second to five minutes carry the machine's slow memory (wall and head
-metal answer in minutes) to networks that step once a second. Fed tick by tick they are the same
+metal answer in minutes) to networks that step every two seconds. Fed tick by tick they are the same
 numbers as over whole sequences.
 """
 

@@ -42,7 +42,16 @@ def make_truth(sequences: int = 10, seconds: int = 600, seed: int = 0) -> Batch:
         health[b, :, i] += direction * COMPRESSOR.span[i] * (0.5 + 0.5 * rng.random()) * course
     flow = 1.0 + 0.25 * load
     states = np.stack(
-        [0.93 - 0.02 * load, 3.3 + 0.9 * load, 430 + 30 * load, 355 + 8 * load, flow, 430 + 30 * load, 0.6 + 0 * load],
+        [
+            0.93 - 0.02 * load,
+            3.3 + 0.9 * load,
+            430 + 30 * load,
+            355 + 8 * load,
+            flow,
+            430 + 30 * load,
+            0.6 + 0 * load,
+            375 + 0 * load,
+        ],
         axis=-1,
     )
     outputs = np.stack([states[..., 1], states[..., 2] + health[..., 4], M_REF_KG_S * flow], axis=-1)
