@@ -76,7 +76,7 @@ def made_up(n: int, seed: int) -> tuple[Batch, Estimates]:
     batch = Batch(names, time_s, np.zeros((n, TICKS, 7)), Truth(true[..., :5], true[..., 5:], *rest))
     ones = np.ones((n, TICKS))
     none = np.empty((n, 0, 1, 3)), np.empty((n, 0, 10)), np.empty((n, 0, 10, 10))
-    said = (ones, ones.astype(np.int8), ones.astype(np.int16), np.empty(0), np.ones(1), *none)
+    said = (ones, ones.astype(np.int8), ones.astype(np.int16), np.empty(0), np.ones(1), *none, np.full(10, np.nan))
     return batch, Estimates("sure", 0, names, time_s, mean, mean - half, mean + half, *said)
 
 

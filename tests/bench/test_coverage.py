@@ -22,7 +22,7 @@ from twinbench.bench.statistics.coverage import (
 from twinbench.bench.statistics.regimes import AFTER_HEALTH_S, AFTER_LOAD_S, REGIMES, regimes
 from twinbench.bench.statistics.scores import score
 from twinbench.data.batch import Batch, Truth
-from twinbench.machines.compressor import ESTIMATED
+from twinbench.machines.compressor import COMPRESSOR, ESTIMATED
 
 RUNS, TICKS = 400, 30
 SURE = 0.999
@@ -83,6 +83,7 @@ def toy() -> tuple[Batch, Estimates]:
         np.zeros((RUNS, 2, 1, 3)),
         M[:, origins],
         np.stack([covs[k] for k in origins], axis=1),
+        np.full(10, np.nan),
     )
     return batch, exact
 
@@ -272,7 +273,9 @@ def test_regimes_divide_the_samples(seed):
     shape = (3, 60)
     inputs = rng.uniform(0.8, 1.1, size=(*shape, 4)) * [1.0, 298.0, 1350.0, 0.5]
     truth = Truth(np.zeros((*shape, 5)), np.zeros((*shape, 5)), rng.uniform(2, 5, size=(*shape, 3)), inputs)
-    masks = regimes(np.arange(0.0, 600.0, 10.0), truth, [[(100.0, 200.0)], [(300.0, 300.0), (310.0, 320.0)], []])
+    masks = regimes(
+        COMPRESSOR, np.arange(0.0, 600.0, 10.0), truth, [[(100.0, 200.0)], [(300.0, 300.0), (310.0, 320.0)], []]
+    )
     assert list(masks) == list(REGIMES)
     for parts in (("speed_low", "speed_middle", "speed_high"), ("ratio_low", "ratio_middle", "ratio_high")):
         counts = [masks[part].sum() for part in parts]
@@ -289,7 +292,7 @@ def test_regimes_follow_the_changes_of_health_and_load():
     inputs[1, 20:, 3] = 0.7  # the valve moves at 200 s
     truth = Truth(np.ones((2, 60, 5)), np.ones((2, 60, 5)), np.ones((2, 60, 3)), inputs)
     time_s = np.arange(0.0, 600.0, 10.0)
-    masks = regimes(time_s, truth, [[(100.0, 200.0), (400.0, 400.0)], [(230.0, 230.0)]])
+    masks = regimes(COMPRESSOR, time_s, truth, [[(100.0, 200.0), (400.0, 400.0)], [(230.0, 230.0)]])
     fresh = [(100.0, 200.0 + AFTER_HEALTH_S), (400.0, 400.0 + AFTER_HEALTH_S)]
     expected = sum((start <= time_s) & (time_s < end) for start, end in fresh).astype(bool)
     np.testing.assert_array_equal(masks["after_health"][0], expected)

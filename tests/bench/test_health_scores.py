@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from twinbench.bench.statistics.health import HEALTH_DEFINITIONS, health_scores, true_start_held
+from twinbench.bench.statistics.health import health_definitions, health_scores, true_start_held
+from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.tracking import change_scores, health_changes
 from twinbench.data.batch import Batch, Truth
 from twinbench.data.population import COMMISSIONING_S
@@ -29,8 +30,8 @@ def test_errors_count_in_shares_of_a_life_from_minute_five_on():
     estimated = true.copy()
     estimated[..., 0] += 0.1 * COMPRESSOR.span[0]
     estimated[..., 4] -= np.where(RANKED, 0.2, 0.5) * COMPRESSOR.span[4]
-    found = health_scores(TIME_S, estimated, true)
-    assert set(found) == set(HEALTH_DEFINITIONS)
+    found = health_scores(COMPRESSOR, TIME_S, estimated, true)
+    assert set(found) == set(health_definitions(PAPERS))
     np.testing.assert_allclose(found["capacity_life_pct"], 10.0)
     np.testing.assert_allclose(found["T_bias_K_life_pct"], 20.0)
     np.testing.assert_allclose(found["efficiency_life_pct"], 0.0)
@@ -46,7 +47,7 @@ def test_errors_count_in_shares_of_a_life_from_minute_five_on():
 def test_a_step_of_the_sensors_bias_is_no_step_of_the_machine():
     true = truth()[2:]
     true[:, TIME_S >= 700.0, HEALTH.index("T_bias_K")] = 4.0
-    found = health_scores(TIME_S, true, true)
+    found = health_scores(COMPRESSOR, TIME_S, true, true)
     assert np.isnan(found["health_after_sudden_pct"]).all()
     assert found["health_moving_pct"] == 0.0
 
@@ -54,7 +55,7 @@ def test_a_step_of_the_sensors_bias_is_no_step_of_the_machine():
 def test_where_everything_moves_nothing_is_still_and_no_commissioning_is_no_score():
     true = np.tile(COMPRESSOR.coordinates.healthy, (1, len(TIME_S), 1))
     true[:, TIME_S >= 700.0] += 0.5 * COMPRESSOR.span
-    found = health_scores(TIME_S, true, true, since_s=0.0)
+    found = health_scores(COMPRESSOR, TIME_S, true, true, since_s=0.0)
     assert np.isnan(found["health_still_pct"]).all()
     assert np.isnan(found["health_commissioning_pct"]).all()
 
@@ -83,12 +84,12 @@ def worn_and_back() -> tuple[np.ndarray, np.ndarray]:
 
 def test_every_change_is_found_and_a_pause_is_none():
     time_s, health = worn_and_back()
-    worn, back, step = health_changes(time_s, health)
+    worn, back, step = health_changes(COMPRESSOR, time_s, health)
     assert (worn.parameter, worn.start_s, worn.end_s, worn.until_s) == (0, 401.0, 700.0, 900.0)
     assert worn.size == pytest.approx(0.06)
     assert (back.start_s, back.end_s, back.until_s) == (900.0, 900.0, np.inf)
     assert (HEALTH[step.parameter], step.start_s, step.end_s, step.size) == ("T_bias_K", 500.0, 500.0, 3.0)
-    assert health_changes(time_s, np.tile(COMPRESSOR.coordinates.healthy, (len(time_s), 1))) == []
+    assert health_changes(COMPRESSOR, time_s, np.tile(COMPRESSOR.coordinates.healthy, (len(time_s), 1))) == []
 
 
 def test_each_change_has_its_own_delay_and_recovery():

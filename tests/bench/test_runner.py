@@ -208,7 +208,7 @@ def test_keys_depend_on_what_the_part_depends_on(inputs: tuple[Path, list[str]])
 
 def test_latency_times_every_implementation_and_says_who_cannot(tmp_path: Path) -> None:
     profile = write_profile(tmp_path, updates=25)
-    profile.write_text(profile.read_text().replace("n_validation = 1", "n_validation = 2"))
+    profile.write_text(profile.read_text().replace("n_calibration = 1", "n_calibration = 2"))
     good = write_estimator(tmp_path, "steady")
     crowd = write_estimator(tmp_path, "crowd", step='assert len(state.mean) > 1, "needs company"')
     assert twinbench(*run_arguments(profile, tmp_path / "out", [good, crowd])) == 1

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.statistics.bootstrap import NOT_EVERYWHERE
-from twinbench.bench.statistics.scores import DEFINITIONS, IDEAL, METRICS, parameter_error_series, score
+from twinbench.bench.statistics.scores import CONSISTENCY, DEFINITIONS, METRICS, ideal, parameter_error_series, score
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import Batch, Truth
-from twinbench.machines.compressor import ESTIMATED, HEALTH, SAMPLE_PERIOD_S
+from twinbench.machines.compressor import COMPRESSOR, ESTIMATED, HEALTH, SAMPLE_PERIOD_S
 
 N = 12_001  # ten minutes
 STRIDE = SAMPLE_TICKS = 20
@@ -104,15 +104,15 @@ def test_every_metric_is_defined_and_the_binding_names_are_there():
         "coverage95_pct",
         "nis_ratio",
     } <= set(DEFINITIONS)
-    assert set(IDEAL) < set(DEFINITIONS)
+    assert set(CONSISTENCY) < set(DEFINITIONS)
     assert all(sentence.endswith(".") for sentence in DEFINITIONS.values())
 
 
 def test_the_truth_itself_scores_zero_and_covers_everything():
     table = scores(perfect())
-    errors = [m for m in METRICS if m not in IDEAL and m not in NOT_EVERYWHERE]
+    errors = [m for m in METRICS if ideal(m) is None and m not in NOT_EVERYWHERE]
     np.testing.assert_allclose(table[errors], 0.0, atol=1e-6)
-    assert (table[[m for m in IDEAL if "coverage" in m]] == 100.0).all(axis=None)
+    assert (table[[m for m in METRICS if "coverage" in m]] == 100.0).all(axis=None)
     assert table.loc["ramp", "delay_capacity_1_s"] == 0.0
     assert table.loc["ramp", "recovery_capacity_1_s"] == 0.0
     assert table.loc["ramp", "watched_capacity_1_s"] == pytest.approx(600.0 - CHANGE_S[1])
@@ -285,10 +285,10 @@ def test_the_parameter_that_changes_is_the_one_that_moved_most_of_its_range():
     health[200:, 0] -= 0.05  # 42 % of its range
     health[300:, 2] += 0.03  # less, but 81 %
     health[100:, 3] += 0.002  # less than 1 %: no change
-    change = health_change(np.arange(601.0), health)
+    change = health_change(COMPRESSOR, np.arange(601.0), health)
     assert HEALTH[change.parameter] == "leakage"
     assert (change.start_s, change.end_s, change.size) == (200.0, 300.0, pytest.approx(0.03))
-    assert health_change(np.arange(601.0), np.tile(health[0], (601, 1))) is None
+    assert health_change(COMPRESSOR, np.arange(601.0), np.tile(health[0], (601, 1))) is None
 
 
 def test_coverage_counts_samples():
@@ -356,7 +356,7 @@ def test_an_estimate_that_diverges_altogether_has_no_score_and_no_warning(bad):
     mean = estimates.mean.copy()
     mean[:, ::3] = bad
     table = scores(replace(estimates, mean=mean))
-    errors = [metric for metric in METRICS if metric not in IDEAL and "_open" not in metric]
+    errors = [metric for metric in METRICS if ideal(metric) is None and "_open" not in metric]
     assert table[errors].isna().all(axis=None)
     assert table[["delay_capacity_1_s", "recovery_capacity_1_s"]].isna().all(axis=None)
     assert table.loc["ramp", "watched_capacity_1_s"] > 0.0, "that is the recording's, not the estimate's"

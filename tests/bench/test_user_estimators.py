@@ -31,7 +31,7 @@ def test_what_never_ends_or_ends_python_is_one_line(tmp_path, monkeypatch, capsy
 
 
 def test_what_it_prints_stays_out_of_the_json(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("twinbench.bench.contract.run_battery", lambda kind: [])
+    monkeypatch.setattr("twinbench.bench.contract.run_battery", lambda *_: [])
     path = Path(write_estimator(tmp_path, "mine"))
     path.write_text(f"print('hello')\n{path.read_text()}")
     assert twinbench("check", path, "--json") == 0
