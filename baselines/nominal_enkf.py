@@ -113,6 +113,8 @@ def assimilate(members, readings, measured, variance, clip):  # type: ignore[no-
             apart[k] -= at
         spread = (apart @ apart) / (count - 1)
         total = spread + variance[i]
+        if not total > 0.0:  # a reading of zero has no noise: what all members foretell exactly tells them nothing
+            continue
         # What is left of the spread of a reading after it is known: the square root of the Kalman gain's share.
         reduced = 1.0 / (1.0 + np.sqrt(variance[i] / total))
         _shift(members, apart / ((count - 1) * total), wanted[i] - at - reduced * apart)

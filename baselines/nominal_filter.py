@@ -25,7 +25,11 @@ def advance(rhs, model, z, u):  # type: ignore[no-untyped-def]
     """The point z (n,), put within the model's bounds in place, a tick on at its own health; inputs u (nu,) as read."""
     bound(model, z)
     theta, _ = parameters(model, z)
-    return move(rhs, model, z, true_inputs(model, z, u), theta)
+    after = move(rhs, model, z, true_inputs(model, z, u), theta)
+    for value in after:
+        if not np.isfinite(value):  # of absurd readings the equations may make no number: the point stays
+            return z.copy()
+    return after
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,4 +1,4 @@
-"""The cascaded tanks as a machine of the benchmark: how fast each outlet and the pump are is not known, and may change."""
+"""The cascaded tanks as a machine of the benchmark: its outlets and its pump are known only roughly, and may change."""
 
 import numpy as np
 
