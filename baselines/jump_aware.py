@@ -51,7 +51,7 @@ class Rules(NamedTuple):
         causes: (K,) dimensionless places in ``methods.weighing``. That health goes back is among its leaps.
         leaps: how many of them, from the second on, are leaps.
         log_prior: (K,) dimensionless scores that they begin with.
-        failed: (K, ny) which output fails under which cause.
+        failed: (K, ny) dimensionless, which output fails under which cause.
     """
 
     leap: float

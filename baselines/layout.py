@@ -20,8 +20,8 @@ class Layout:
 
     Attributes:
         machine: whose.
-        columns: (m,) where the m states stand among the plant's.
-        read: (ny,) where the state that an output reads stands in z.
+        columns: (m,) dimensionless, where the m states stand among the plant's.
+        read: (ny,) dimensionless, where the state that an output reads stands in z.
         gains: (ny, m) of the readings, in the outputs' units per unit of the state.
         biases: (ny, nh) bool: health that is added to a reading.
         shift: (m, nh) health that is part of a state of z, in its unit per unit of the parameter; zero unless z holds

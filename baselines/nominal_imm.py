@@ -52,7 +52,7 @@ def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
 
     Args:
         mu: (M,) probabilities of the modes at the tick before.
-        turn: (M, M) of going from one to another.
+        turn: (M, M) dimensionless, of going from one to another.
         z: (M, n) their means, in the filter's coordinates.
         P: (M, n, n) their covariances.
     """

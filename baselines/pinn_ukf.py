@@ -45,9 +45,9 @@ class Places(NamedTuple):
         probe: where lags begin.
         noise: where coloured noise begins.
         size: how many entries z has.
-        health: (nh,) of every health parameter, in the machine's order.
-        keep: (n + nh,) of the machine's quantities.
-        columns: (m,) of the estimated states and the lags.
+        health: (nh,) dimensionless, of every health parameter, in the machine's order.
+        keep: (n + nh,) dimensionless, of the machine's quantities.
+        columns: (m,) dimensionless, of the estimated states and the lags.
     """
 
     drift: int

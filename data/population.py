@@ -13,7 +13,8 @@ import numpy as np
 
 from twinbench.data.batch import Array
 from twinbench.data.scenario import Change, Scenario, latin_hypercube, stream
-from twinbench.machines.machine import Health, Machine
+from twinbench.machines.machine import Machine
+from twinbench.machines.parts import Health
 
 COMMISSIONING_S = 300.0
 """The first minutes of a recording are reported and not ranked: they ask how fast an estimator finds its place."""

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from twinbench.machines.coordinates import Array
-from twinbench.machines.machine import Health, Lag, Machine, Reading
+from twinbench.machines.machine import Machine
+from twinbench.machines.parts import Health, Lag, Reading
 from twinbench.machines.sensors import Drift, Noise
 from twinbench.machines.tryout import try_loads, try_plant
 from twinbench.physics.check import check_simulator

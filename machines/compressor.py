@@ -8,7 +8,8 @@ import numpy as np
 
 from twinbench.machines.coordinates import Array
 from twinbench.machines.loads import along, pieces
-from twinbench.machines.machine import Health, Lag, Machine, Reading
+from twinbench.machines.machine import Machine
+from twinbench.machines.parts import Health, Lag, Reading
 from twinbench.machines.sensors import Drift, Growth, Noise
 from twinbench.physics.compressor import M_REF_KG_S, PLANT, U, Y
 from twinbench.physics.nominal import NOMINAL, RECALIBRATED

@@ -13,7 +13,8 @@ from numba import njit
 
 from twinbench.machines.coordinates import Array
 from twinbench.machines.loads import joined, pieces
-from twinbench.machines.machine import Drive, Health, Lag, Machine, Reading
+from twinbench.machines.machine import Drive, Machine
+from twinbench.machines.parts import Health, Lag, Reading
 from twinbench.machines.sensors import Noise
 from twinbench.physics.places import places
 from twinbench.physics.simulator import Simulator, Variable

@@ -19,11 +19,11 @@ class Lags(NamedTuple):
     """The lags of a machine, as compiled code takes them: k of them, in the machine's order.
 
     Attributes:
-        column: (k,) where each stands among the plant's states.
-        state: (k,) position of the estimated state that it follows; -1 where it follows an input.
-        input: (k,) position of the input that it follows; -1 where it follows a state.
-        tau_s: (k,) time constants of the plant, at one of ``with_state``.
-        with_state: (k,) position of the estimated state with which it gets faster; -1 where it always is the same.
+        column: (k,) dimensionless, where each stands among the plant's states.
+        state: (k,) dimensionless, position of the estimated state that it follows; -1 where it follows an input.
+        input: (k,) dimensionless, position of the input that it follows; -1 where it follows a state.
+        tau_s: (k,) seconds, time constants of the plant, at one of ``with_state``.
+        with_state: (k,) dimensionless, position of the estimated state with which it gets faster; -1: with none.
         exponent: (k,) dimensionless: the time constant is ``tau_s * state ** -exponent``.
         least: (k,) the lowest value of that state that counts, in its unit.
         period_s: from tick to tick.

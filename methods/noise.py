@@ -17,7 +17,7 @@ class Sheet(NamedTuple):
     Attributes:
         read: (ny,) positions of the outputs among the channels.
         relative: (ny,) bool: noise is a share of the reading.
-        grows: (ny,) position of the channel with which noise grows; -1 where with none.
+        grows: (ny,) dimensionless, position of the channel with which noise grows; -1 where with none.
         reference: (ny,) of that channel, in its unit.
         at: (ny,) dimensionless factor there.
         rise: (ny,) dimensionless, its rise up to twice the reference.

@@ -13,7 +13,8 @@ from twinbench.common.compiled_code import settle
 if TYPE_CHECKING:
     from twinbench.data.recording import Recording
     from twinbench.machines.load import load_machine
-    from twinbench.machines.machine import Health, Lag, Machine, Reading
+    from twinbench.machines.machine import Machine
+    from twinbench.machines.parts import Health, Lag, Reading
     from twinbench.machines.sensors import Drift, Noise
     from twinbench.methods.estimator import Estimator, Sample, gaussian_state, no_info, register
     from twinbench.mismatch import diagnose
@@ -31,7 +32,8 @@ _HOMES = {
     "physics.simulator": ("Simulator", "Variable", "Mechanism", "Term", "Amplitude", "Series"),
     "data.recording": ("Recording",),
     "machines.load": ("load_machine",),
-    "machines.machine": ("Health", "Lag", "Machine", "Reading"),
+    "machines.machine": ("Machine",),
+    "machines.parts": ("Health", "Lag", "Reading"),
     "machines.sensors": ("Drift", "Noise"),
     "methods.estimator": ("Estimator", "Sample", "gaussian_state", "no_info", "register"),
     "mismatch": ("diagnose",),

@@ -50,7 +50,7 @@ def score(name: str, seen: Watched, sd: tuple[Array, Array]) -> pd.DataFrame:
     Args:
         name: of the recording.
         seen: of that recording alone.
-        sd: what ``promised`` gives.
+        sd: what ``promised`` gives: (L, ny) each, in the outputs' units.
 
     Returns:
         Columns ``sequence, metric, value``; metrics as in DEFINITIONS, NaN where there is no value.

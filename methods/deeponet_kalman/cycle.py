@@ -39,9 +39,9 @@ class Scaling(NamedTuple):
     Attributes:
         mean: (q,) means of the query in its units.
         scale: (q,) their spreads in the same units.
-        above: (q,) which channel each is, or is a quotient of.
-        below: (q,) by which channel it is divided; -1: by none.
-        asked: (k,) all channels of which the query is made.
+        above: (q,) dimensionless, which channel each is, or is a quotient of.
+        below: (q,) dimensionless, by which channel it is divided; -1: by none.
+        asked: (k,) dimensionless, all channels of which the query is made.
     """
 
     mean: Array

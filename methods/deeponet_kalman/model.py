@@ -39,10 +39,10 @@ class Lags(NamedTuple):
     """First-order lags behind estimated states, exact over a tick.
 
     Attributes:
-        of: (nl,) the state that each follows.
+        of: (nl,) dimensionless, the state that each follows.
         keep_log: (nl,) dimensionless logarithm of what is left of a gap after a tick.
-        by: (nl,) the state with a power of which it quickens; -1: with none.
-        power: (nl,) that power.
+        by: (nl,) dimensionless, the state with a power of which it quickens; -1: with none.
+        power: (nl,) dimensionless, that power.
         least: (nl,) lowest value of that state, in its unit.
     """
 
@@ -58,9 +58,9 @@ class Readings(NamedTuple):
 
     Attributes:
         gain: (ny,) in the output's unit per unit of the state.
-        source: (ny,) entry of z.
-        bias: (ny,) which health parameter is added; -1: none.
-        shifts: (ny,) entry of z that a shift is put down to: the bias if there is one, else the source.
+        source: (ny,) dimensionless, entry of z.
+        bias: (ny,) dimensionless, which health parameter is added; -1: none.
+        shifts: (ny,) dimensionless, entry of z that a shift is put down to: the bias if there is one, else the source.
     """
 
     gain: Array
@@ -84,7 +84,7 @@ class Model(NamedTuple):
         zeta_high: (nh,) dimensionless upper bounds.
         prior_sd: (nh,) dimensionless sd of health's coordinates before the first reading.
         widest: (nh,) dimensionless variance of a coordinate of which nothing is known.
-        acting: (na,) which health parameters act on the machine.
+        acting: (na,) dimensionless, which health parameters act on the machine.
         slow: (N,) bool: what changes over minutes: slow states, health, slow errors.
         gate: (ny,) dimensionless bounds of the NIS of 1, 2, ... channels.
         lags: behind estimated states.

@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 from numba import njit
 
-from twinbench.machines.machine import Lag, Machine
+from twinbench.machines.machine import Machine
+from twinbench.machines.parts import Lag
 from twinbench.methods.weighing import causes_of
 
 

@@ -13,7 +13,8 @@ from helpers.tiny_run import parts, twinbench, write_estimator, write_profile
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
 from twinbench.bench.roster import LABELS
-from twinbench.bench.tune import COVERAGES, ERRORS, FAILED, merit
+from twinbench.bench.statistics.subject import PAPERS
+from twinbench.bench.tune import FAILED, coverages_of, errors_of, merit
 
 RESULTS = Path(__file__).parents[2] / "results/tuning"
 
@@ -28,11 +29,13 @@ def tunable(folder, space: str = "(0.6, 1.7)", **lines: str) -> str:
 
 
 def test_merit_is_the_geometric_mean_of_three_errors():
-    health, states, forecasts = ERRORS
+    health, states, forecasts = errors_of(PAPERS)
     means = dict.fromkeys(health, 8.0)
     means |= dict(zip(states, (0.5, 1.0, 1.5), strict=True)) | dict(zip(forecasts, (1.0, 2.0, 3.0), strict=True))
-    assert merit(means) == pytest.approx((8.0 * 1.0 * 2.0) ** (1 / 3))
-    assert merit({**means, COVERAGES[0]: 10.0}) == merit(means), "intervals are calibrated afterwards"
+    assert merit(PAPERS, means) == pytest.approx((8.0 * 1.0 * 2.0) ** (1 / 3))
+    assert merit(PAPERS, {**means, coverages_of(PAPERS)[0]: 10.0}) == merit(PAPERS, means), (
+        "intervals are calibrated afterwards"
+    )
 
 
 def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_profiles_section(tmp_path, capsys):

@@ -8,7 +8,8 @@ import numpy as np
 from numba import njit
 
 from twinbench.machines.loads import joined, pieces
-from twinbench.machines.machine import Health, Machine, Reading
+from twinbench.machines.machine import Machine
+from twinbench.machines.parts import Health, Reading
 from twinbench.machines.sensors import Noise
 from twinbench.physics.simulator import Simulator, Variable
 

@@ -9,7 +9,8 @@ import pytest
 
 from twinbench.machines.check import check_machine
 from twinbench.machines.load import BUILTIN, load_machine
-from twinbench.machines.machine import Health, Lag, Machine, Reading
+from twinbench.machines.machine import Machine
+from twinbench.machines.parts import Health, Lag, Reading
 from twinbench.machines.sensors import Drift, Growth, Noise
 from twinbench.machines.two_tanks import TWO_TANKS
 from twinbench.physics.simulator import Simulator

@@ -90,7 +90,7 @@ def test_the_compiled_form_equals_the_plain_one(machine):
         np.testing.assert_allclose(online.info.nis, info.nis, rtol=1e-2, atol=1e-3, err_msg=where)
         assert online.info.flags[0] == info.flags[0], where
         np.testing.assert_array_equal(online.info.accepted, info.accepted, err_msg=where)
-    assert weighed > 0
+    assert weighed > 0 or len(machine.outputs) == 1
 
 
 @MACHINES

@@ -93,7 +93,7 @@ def test_a_slow_machine_may_be_recorded_for_months(tmp_path, tank):
         (lambda f: f.drop(columns="pump_V"), "no column 'pump_V' for channel pump_V"),
         (lambda f: f.assign(pump_V=np.nan), "input pump_V is empty; fill it in"),
         (lambda f: f[:29], "holds 29 samples, must hold 30; record longer"),
-        (lambda f: f.assign(h_m=100.0 * f["h_m"]), "the simulator bounds it by 0 and 2; mend those, or is it another"),
+        (lambda f: f.assign(h_m=100.0 * f["h_m"]), "which no such machine shows; is it cm or mm?"),
     ],
 )
 def test_a_recording_that_cannot_be_used(tmp_path, tank, change, says):
