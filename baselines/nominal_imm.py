@@ -179,7 +179,7 @@ def linear_modes(
         R: (m, m) covariance of the measurement noise, in the sensors' units squared.
         x0: (n,) mean before the first prediction, each in its state's unit.
         P0: (n, n) covariance before the first prediction, in the states' units squared.
-        turn: (3, 3) probabilities of going from one mode to another in a tick.
+        turn: (3, 3) dimensionless probabilities of going from one mode to another in a tick.
     """
     count = len(Q)
 

@@ -35,7 +35,7 @@ class Window(NamedTuple):
         P: (B, n, n) its covariance, in those units squared.
         path: (B, STAGES, n) the state at the start of each stage, as last fitted, in the units of z.
         inputs: (B, STAGES, nu + nu) means of each stage's inputs as read, then their sd, in their units.
-        readings: (B, STAGES, ny + ny + ny) means of each stage's outputs, white variance and coloured sd, in their units.
+        readings: (B, STAGES, ny + ny + ny) means of each stage's outputs, white variance, coloured sd, in their units.
         sums: (B, nu + ny + ny) of the open stage: inputs, outputs in their units, how often each output was read.
         filled: (B, 2) dimensionless: stages that are full, ticks of the open one.
     """

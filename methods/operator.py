@@ -135,7 +135,11 @@ class Trunk(nn.Module):
 class Heads(nn.Module):
     """Small heads on the latent product, conditioned on the previous state and on zeta. Alike states share one.
 
-    ``of_state`` (n,) says which head each state has, dimensionless; ``acting`` how many health parameters act on the machine.
+    Args:
+        latents: how many.
+        width: of each head.
+        of_state: (n,) dimensionless, which head each state has.
+        acting: how many health parameters act on the machine.
     """
 
     def __init__(self, latents: int, width: int, of_state: np.ndarray, acting: int) -> None:
