@@ -27,7 +27,9 @@ from twinbench.machines.motor import MOTOR
 from twinbench.machines.two_tanks import TWO_TANKS
 from twinbench.methods.estimator import Estimator, Sample, State
 
-MACHINES = pytest.mark.parametrize("machine", [TWO_TANKS, MOTOR, LONE_TANK], ids=lambda machine: machine.name)
+MACHINES = pytest.mark.parametrize(
+    "machine", [pytest.param(TWO_TANKS, marks=pytest.mark.slow), MOTOR, LONE_TANK], ids=lambda machine: machine.name
+)
 TRIVIAL = (AlwaysPrior, TrainingMean, LastValue)
 NOMINAL = (NominalEKF, NominalUKF, NominalIEKF, NominalEnKF, NominalPF, NominalIMM, NominalMHE)
 SOME_TICKS = 600

@@ -33,7 +33,9 @@ DESIGN = DesignConfig(n_train=2, n_validation=1, n_calibration=1, n_test=2, n_si
 TICKS, AHEAD = 150, 40
 
 
-@pytest.fixture(scope="module", params=[TWO_TANKS, MOTOR], ids=lambda machine: machine.name)
+@pytest.fixture(
+    scope="module", params=[pytest.param(TWO_TANKS, marks=pytest.mark.slow), MOTOR], ids=lambda machine: machine.name
+)
 def split(request):
     return simulate_benchmark(DESIGN, machine=request.param)
 

@@ -20,7 +20,9 @@ from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.estimator import Sample, State
 
-MACHINES = pytest.mark.parametrize("machine", [TWO_TANKS, MOTOR, LONE_TANK], ids=lambda machine: machine.name)
+MACHINES = pytest.mark.parametrize(
+    "machine", [pytest.param(TWO_TANKS, marks=pytest.mark.slow), MOTOR, LONE_TANK], ids=lambda machine: machine.name
+)
 TICKS = 100
 
 
