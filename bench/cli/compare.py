@@ -19,7 +19,7 @@ before estimators are told apart."""
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_recordings(parser)
-    add_machine(parser)
+    add_machine(parser, default="")
     add_training(parser)
     add_map(parser)
     parser.add_argument(

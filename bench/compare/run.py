@@ -12,11 +12,12 @@ from twinbench.bench import cells
 from twinbench.bench.cells import Cell
 from twinbench.bench.compare.page import says, table
 from twinbench.bench.compare.scores import promised, score
-from twinbench.bench.compare.watched import LEADS_S, lead_ticks, watch
-from twinbench.bench.estimate.apply import Training, trained_cells
+from twinbench.bench.compare.watched import lead_ticks, watch
+from twinbench.bench.estimate.apply import Training, read_all, trained_cells
 from twinbench.bench.registry import one_line
 from twinbench.bench.report.provenance import bullets, write_tables
 from twinbench.bench.report.table_formats import Table
+from twinbench.bench.statistics.subject import LEADS_S
 from twinbench.common.errors import BadInput
 from twinbench.common.jobs import cores
 from twinbench.common.progress import each
@@ -24,10 +25,7 @@ from twinbench.common.store import Store, check_writable, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.workers import side_by_side
 from twinbench.data.batch import Batch
-from twinbench.data.recording import read_recording
-from twinbench.data.units import limits_of, units_of
 from twinbench.machines.load import machine_at
-from twinbench.machines.machine import Machine
 
 FEWEST_ORIGINS = 10
 """Forecasts that a recording must have room for. With fewer its score is an accident."""
@@ -92,26 +90,17 @@ def read(machine: str, paths: Sequence[Path], mapping: Sequence[str]) -> list[Ba
     Raises:
         BadInput: one line; a recording that cannot be used, or two of one name.
     """
-    batches = [_read(machine_at(machine), path, mapping) for path in paths]
-    names = [batch.names[0] for batch in batches]
-    repeated = [name for name in names if names.count(name) > 1]
-    if repeated:
-        raise BadInput(f"two recordings are named {repeated[0]}; rename one of the files")
-    return batches
-
-
-def _read(machine: Machine, path: Path, mapping: Sequence[str]) -> Batch:
-    period_s = machine.sample_period_s
-    units, limits = units_of(machine), limits_of(machine)
-    recording = read_recording(path, mapping, units, limits, period_s=period_s)
-    batch = recording.to_batch(machine)
+    of = machine_at(machine)
+    period_s = of.sample_period_s
     least = max(lead_ticks(period_s)) + FEWEST_ORIGINS
-    if batch.measured.shape[1] < least:
-        raise BadInput(
-            f"recording {recording.name} has {batch.measured.shape[1]} ticks of {period_s:g} s; {least} are needed to "
-            f"foretell {LEADS_S[-1]:g} s ahead from {FEWEST_ORIGINS} of them; give a longer one"
-        )
-    return batch
+    batches = [recording.to_batch(of) for recording in read_all(paths, mapping, of)]
+    for batch in batches:
+        if batch.measured.shape[1] < least:
+            raise BadInput(
+                f"recording {batch.names[0]} has {batch.measured.shape[1]} ticks of {period_s:g} s; {least} are needed "
+                f"to foretell {LEADS_S[-1]:g} s ahead from {FEWEST_ORIGINS} of them; give a longer one"
+            )
+    return batches
 
 
 def _one(store: Store, cell: Cell, paths: tuple[Path, ...], mapping: tuple[str, ...]) -> tuple[str, str, pd.DataFrame]:

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from twinbench.bench.compare.watched import LEADS_S, Watched
+from twinbench.bench.compare.watched import Watched
 from twinbench.bench.statistics.coverage import nis_scores
+from twinbench.bench.statistics.subject import LEADS_S
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Z95
 
@@ -83,7 +84,9 @@ def _autocorrelation(off: Array) -> float:
     """Lag-one correlation of (N, ny), over the neighbours that are both there; mean of the outputs."""
     first, second = off[:-1], off[1:]
     both = np.isfinite(first) & np.isfinite(second)
-    found = [
-        np.mean(a[m] * b[m]) / np.mean(a[m] ** 2) for a, b, m in zip(first.T, second.T, both.T, strict=True) if m.any()
-    ]
+    found = []
+    for a, b, m in zip(first.T, second.T, both.T, strict=True):
+        size = np.sqrt(np.mean(a[m] ** 2) * np.mean(b[m] ** 2)) if m.any() else 0.0
+        if size > 0.0:
+            found.append(np.mean(a[m] * b[m]) / size)
     return float(np.mean(found)) if found else np.nan

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twinbench.bench.evaluate import fill_gaps
+from twinbench.bench.statistics.subject import LEADS_S
 from twinbench.data.batch import Batch
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Estimator, Sample
@@ -15,7 +16,6 @@ FARTHEST_ORIGINS_S = 60.0
 """Between forecasts, at most: one a minute, as in the benchmark. A short or slow recording has more of them."""
 LEAST_ORIGINS = 50
 """Forecasts that a recording shall have, where its ticks allow it. Fewer make a recording's score noisier."""
-LEADS_S = (1.0, 10.0, 60.0)
 
 
 class Watched(NamedTuple):

@@ -174,17 +174,31 @@ def _calibrated(estimates: Estimates, factors: Array, machine: Machine) -> Estim
     return replace(wide, low=low, high=high)
 
 
-def _read(paths: Sequence[Path], mapping: Sequence[str], machine: Machine) -> list[Recording]:
+def read_all(paths: Sequence[Path], mapping: Sequence[str], machine: Machine) -> list[Recording]:
+    """Recordings of a machine, each of a name of its own.
+
+    Args:
+        mapping: ``COLUMN[unit]=channel``, as ``read_recording`` takes it.
+
+    Raises:
+        BadInput: one line; one cannot be read, two share no channel or are of one name.
+    """
     units, limits, period_s = units_of(machine), limits_of(machine), machine.sample_period_s
     recordings = [read_recording(path, mapping, units, limits, period_s=period_s) for path in paths]
     check_overlap(recordings)
     names = [recording.name for recording in recordings]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInput(f"two recordings are named {name}; rename one, or give each run its own --out")
+    return recordings
+
+
+def _read(paths: Sequence[Path], mapping: Sequence[str], machine: Machine) -> list[Recording]:
+    recordings = read_all(paths, mapping, machine)
     for recording in recordings:
         length = recording.time_s[-1] - recording.time_s[0]
         if length < SHORTEST_S:
             raise BadInput(f"recording {recording.name} lasts {length:.1f} s; at least {SHORTEST_S:.0f} s are needed")
-        if names.count(recording.name) > 1:
-            raise BadInput(f"two recordings are named {recording.name}; rename one, or give each run its own --out")
     return recordings
 
 

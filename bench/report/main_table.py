@@ -19,9 +19,8 @@ from twinbench.bench.report.measured import (
     skill_cell,
 )
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
-from twinbench.bench.roster import QUANTITIES, label
+from twinbench.bench.roster import label
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
-from twinbench.machines.compressor import ESTIMATED
 
 COMPARED = (
     Measure(LIFE, "health", "error, % of life"),
@@ -96,12 +95,12 @@ def _has(summary: Summary, prefix: str) -> bool:
 def extremes(
     summary: Summary, estimator: str, prefix: str = "coverage"
 ) -> tuple[tuple[float, str], tuple[float, str]] | None:
-    """Lowest and highest coverage over the ten quantities, in %, each with whose it is; None without any.
+    """Lowest and highest coverage over all quantities, in %, each with whose it is; None without any.
 
     Args:
         prefix: of the metrics: ``coverage``, or ``calibrated_coverage``.
     """
-    means = {QUANTITIES[q][0]: summary.value(estimator, f"{prefix}_{q}_pct").mean for q in ESTIMATED}
+    means = {q.label: summary.value(estimator, f"{prefix}_{q.name}_pct").mean for q in summary.subject.quantities}
     known = [(value, name) for name, value in means.items() if math.isfinite(value)]
     return (min(known), max(known)) if known else None
 

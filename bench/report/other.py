@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from twinbench.bench.report.main_table import extremes
 from twinbench.bench.report.measured import (
     INTERVALS,
     MARKS,
@@ -33,6 +34,9 @@ from twinbench.bench.roster import PROPOSED, REFERENCE, UNRANKED, is_ablation, l
 from twinbench.bench.statistics.subject import Subject
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, summarise
 from twinbench.common.page import render, write_bytes
+
+CALIBRATED = "calibrated_coverage"
+"""What the names of calibrated coverages begin with."""
 
 
 def write_other(results: Results) -> Table:
@@ -80,7 +84,7 @@ def tables_of(summary: Summary, cost: pd.DataFrame) -> list[Table]:
     foretold = [
         Measure(f"{o.key}_open{lead}_pct", o.reads, f"{lead} s ahead, %") for lead in (60, 10) for o in subject.outputs
     ]
-    calibrated = [Measure(f"calibrated_coverage_{q.name}_pct", q.label, "inside, %") for q in subject.quantities]
+    calibrated = [Measure(f"{CALIBRATED}_{q.name}_pct", q.label, "inside, %") for q in subject.quantities]
     title = "Coverage of the 95 % intervals after calibration"
     return [
         comparison(summary, cost),
@@ -103,7 +107,7 @@ def comparison(summary: Summary, cost: pd.DataFrame) -> Table:
     measures = [Measure(LIFE, "% of life", "health"), *states, Measure(FORECAST, "mean, %", "60 s ahead")]
     parts = [(Column(m.head, m.group), [metric_cell(summary, e, m.metric) for e in names]) for m in measures]
     parts.insert(1, (Column("skill", "health"), [skill_cell(summary, e, LIFE) for e in names]))
-    ends = [coverage_ends(summary, e) for e in names]
+    ends = [extremes(summary, e, CALIBRATED) for e in names]
     for i, head in enumerate(("lowest", "highest")):
         cells = [Cell(number(found[i][0]), found[i][1]) if found else Cell("–") for found in ends]
         parts.append((Column(head, "coverage, %"), cells))
@@ -117,16 +121,6 @@ def comparison(summary: Summary, cost: pd.DataFrame) -> Table:
     columns = (Column("estimator"), *(column for column, _ in parts))
     title = f"{subject.says or subject.machine}: comparison on the test recordings"
     return Table("comparison", title, frame, columns, tuple(rows), notes, definitions(measures, subject))
-
-
-def coverage_ends(summary: Summary, estimator: str) -> tuple[tuple[float, str], tuple[float, str]] | None:
-    """Lowest and highest calibrated coverage of all quantities, in %, each with whose it is; None without any."""
-    found = [
-        (summary.value(estimator, f"calibrated_coverage_{q.name}_pct").mean, q.label)
-        for q in summary.subject.quantities
-    ]
-    known = [pair for pair in found if math.isfinite(pair[0])]
-    return (min(known), max(known)) if known else None
 
 
 def sentences(summary: Summary) -> list[str]:
@@ -166,7 +160,7 @@ def _proposed(summary: Summary, subject: Subject) -> Iterator[str]:
     if REFERENCE in summary.estimators and all(math.isfinite(v.times) for _, v in times):
         listed = "; ".join(f"{s} {number(v.times)} ({span(v.times_low, v.times_high, to=True)})" for s, v in times)
         yield f"It errs this many times as much as the reference (95 % interval): {listed}."
-    ends = coverage_ends(summary, PROPOSED)
+    ends = extremes(summary, PROPOSED, CALIBRATED)
     if ends is not None:
         (low, of_low), (high, of_high) = ends
         right = CALIBRATED_PCT[0] <= low and high <= CALIBRATED_PCT[1]
