@@ -141,7 +141,7 @@ class Store:
         part = self.path(kind, key, suffix)
         done = part.with_name(".done")
         try:
-            return done.read_bytes() == _sha256(part).encode()
+            return done.read_bytes() == sha256_of(part).encode()
         except OSError:
             return False
 
@@ -149,7 +149,7 @@ class Store:
         """Write a part and mark it done."""
         part = self.path(kind, key, suffix)
         write_atomically(part, write)
-        write_text(part.with_name(".done"), _sha256(part))
+        write_text(part.with_name(".done"), sha256_of(part))
         return part
 
     def forget(self, kind: str, key: str) -> None:
@@ -161,7 +161,8 @@ class Store:
         shutil.rmtree(self.root, ignore_errors=True)
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Hexadecimal digest of a file, read in parts."""
     digest = hashlib.sha256()
     with open(path, "rb") as file:
         while block := file.read(1 << 20):

@@ -103,9 +103,9 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def write_manifest(folder: Path, command: str, seed: int) -> None:
-    """Write ``manifest.json``: the command that made what is in the folder, its seed, and ``provenance``."""
-    about = {"command": command, "seed": seed, **provenance()}
+def write_manifest(folder: Path, command: str, seed: int, **more: Any) -> None:
+    """Write ``manifest.json``: the command that made the folder, its seed, more facts, and ``provenance``."""
+    about = {"command": command, "seed": seed, **more, **provenance()}
     write_text(folder / "manifest.json", json.dumps(about, indent=2) + "\n")
 
 

@@ -234,24 +234,16 @@ class Machine:
         zeta = self.coordinates.to_zeta(self.start_of(np.tile(wear[:, None], (1, len(self.health)))))
         return zeta.mean(axis=0), np.diag(zeta.var(axis=0))
 
-    def settled(self, u0: Array) -> Array:
-        """The plant's state (nx,) at its operating point, in the states' units.
-
-        Args:
-            u0: (nu,) inputs in their units.
-
-        Raises:
-            ValueError: it does not settle there.
-        """
-        return steady_state(self.plant, u0)
-
     def at_first(self, u0: Array) -> Array:
         """The plant's state (nx,) at a recording's beginning, in the states' units.
 
         Args:
             u0: (nu,) inputs in their units.
+
+        Raises:
+            ValueError: it is to begin settled, and does not settle there.
         """
-        return self.settled(u0) if self.start is None else self.start(u0)
+        return steady_state(self.plant, u0) if self.start is None else self.start(u0)
 
     @functools.cached_property
     def operating(self) -> tuple[str, ...]:

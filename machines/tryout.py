@@ -119,7 +119,7 @@ def try_loads(machine: Machine) -> None:
 
 
 def try_plant(machine: Machine) -> None:
-    """The plant settles, and stays within its states' bounds under loads, fresh and worn; the reduced model, too.
+    """The plant stays within its states' bounds under loads, fresh and worn; the reduced model, too.
 
     Raises:
         ValueError: one line; which state, when, in which draw.
@@ -144,20 +144,20 @@ def try_plant(machine: Machine) -> None:
 
 
 def _start(machine: Machine, u0: Array, name: str) -> Array:
-    """Where a recording begins; where it settles must be known besides, since learners start there."""
+    """Where a recording begins."""
     inputs = ", ".join(f"{n} = {v:.4g}" for n, v in zip(machine.inputs, u0, strict=True))
-    try:
-        with np.errstate(all="ignore"):
-            settled = machine.settled(u0)
-    except ValueError as error:
-        raise ValueError(
-            f"the plant does not settle at {inputs} ({name}); let every state come to rest under constant inputs"
-        ) from error
     if machine.start is None:
-        return settled
+        try:
+            with np.errstate(all="ignore"):
+                return machine.at_first(u0)
+        except ValueError as error:
+            raise ValueError(
+                f"the plant does not settle at {inputs} ({name}); let every state come to rest under constant inputs, "
+                "or give start(u0), where recordings begin"
+            ) from error
     x0 = np.asarray(_called(machine.start, (u0,), "start(u0)"), dtype=np.float64)
-    if x0.shape != settled.shape or not np.isfinite(x0).all():
-        raise ValueError(f"start(u0) must return {len(settled)} numbers, where the states are at {inputs}")
+    if x0.shape != (len(machine.plant.states),) or not np.isfinite(x0).all():
+        raise ValueError(f"start(u0) must return {len(machine.plant.states)} numbers, where the states are at {inputs}")
     return x0
 
 

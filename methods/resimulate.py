@@ -27,7 +27,7 @@ def resimulate(train: Batch, rng: np.random.Generator, copies: int) -> Batch:
     for copy in range(copies):
         u = (machine.recombine or _mixed)(train.truth.inputs, train.truth.outputs, rng)
         health = health_paths(machine, batch, samples, rng)
-        x0 = np.stack([machine.settled(row) for row in u[:, 0]])
+        x0 = np.stack([machine.at_first(row) for row in u[:, 0]])
         varying = Varying(machine.health_names, health)
         x, y = simulate(machine.plant, u, x0, dt_s=machine.sample_period_s, varying=varying)
         measured = np.stack([corrupt(machine, u[b], y[b], Corruption(), rng) for b in range(batch)])

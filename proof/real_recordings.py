@@ -7,7 +7,6 @@ into ``docs/real_recordings.md``, which also says what FOLDER must hold; the sim
 from __future__ import annotations
 
 import argparse
-import hashlib
 import itertools
 import json
 import sys
@@ -21,7 +20,7 @@ import pandas as pd
 
 from twinbench.common.errors import BadInput
 from twinbench.common.page import write_bytes
-from twinbench.common.store import write_text
+from twinbench.common.store import sha256_of, write_text
 from twinbench.common.style import png, settle
 from twinbench.common.versions import provenance
 from twinbench.mismatch import Verdict, diagnose
@@ -114,7 +113,7 @@ def run(folder: Path, out: Path, command: str) -> None:
             }
         )
         rows += errors(case, verdict)
-        digests |= {p: hashlib.sha256((folder / p).read_bytes()).hexdigest() for p in (case.learnt, case.held_out) if p}
+        digests |= {p: sha256_of(folder / p) for p in (case.learnt, case.held_out) if p}
         write_text(out / case.name / "verdict.json", to_json(verdict) + "\n")
         for drawing in itertools.islice(draw(verdict), 2):  # the held-out part, the learnt part
             if drawing.figure is not None:

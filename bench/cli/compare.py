@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from twinbench.bench.cli.output import tell
+from twinbench.bench.cli.output import command_line, tell
 from twinbench.bench.cli.parser import add_machine, add_map, add_recordings, add_training
 
 SAYS = "hold trained estimators against your own recordings, where nobody knows the truth"
@@ -38,7 +38,7 @@ def run(a: argparse.Namespace) -> int:
     from twinbench.bench.report.table_formats import to_text
 
     found = compare(Training(a.profile, a.results, a.machine), a.only, a.recordings, a.map)
-    write(a.out, found)
+    write(a.out, found, command_line())
     if a.json:
         tell(a, {"comparison": rows_of(found.table.frame), "says": found.sentences, "failed": found.failed})
         return 1 if found.failed else 0

@@ -21,8 +21,9 @@ from twinbench.bench.statistics.subject import LEADS_S
 from twinbench.common.errors import BadInput
 from twinbench.common.jobs import cores
 from twinbench.common.progress import each
-from twinbench.common.store import Store, check_writable, write_csv, write_text
+from twinbench.common.store import Store, check_writable, sha256_of, write_csv, write_text
 from twinbench.common.threads import pin_torch
+from twinbench.common.versions import write_manifest
 from twinbench.common.workers import side_by_side
 from twinbench.data.batch import Batch
 from twinbench.machines.load import machine_at
@@ -38,6 +39,8 @@ class Compared:
     Attributes:
         scores: columns ``estimator, seed, sequence, metric, value``.
         failed: estimators that failed, and why.
+        seed: with which they were trained.
+        recordings: sha256 of every recording's file, by its name.
         sentences: what the table's tests say.
     """
 
@@ -45,6 +48,8 @@ class Compared:
     failed: dict[str, str]
     table: Table
     sentences: list[str]
+    seed: int
+    recordings: dict[str, str]
 
 
 def compare(where: Training, names: Sequence[str], paths: Sequence[Path], mapping: Sequence[str]) -> Compared:
@@ -68,15 +73,17 @@ def compare(where: Training, names: Sequence[str], paths: Sequence[Path], mappin
     if not good:
         raise BadInput("no estimator could be run: " + "; ".join(f"{n}: {why}" for n, why in failed.items()))
     scores = pd.concat(good, ignore_index=True)
-    return Compared(scores, failed, table(scores, batches[0].machine.name), says(scores))
+    digests = {path.name: sha256_of(path) for path in paths}
+    return Compared(scores, failed, table(scores, batches[0].machine.name), says(scores), found[0].seed, digests)
 
 
-def write(out: Path, found: Compared) -> None:
-    """Scores, the table in every format, and the sentences."""
+def write(out: Path, found: Compared, command: str) -> None:
+    """Scores, the table in every format, the sentences, and a manifest that says what made them."""
     check_writable(out)
     write_csv(out / "scores.csv", found.scores)
     write_tables(out, [found.table])
     write_text(out / "answer.md", bullets(*found.sentences))
+    write_manifest(out, command, found.seed, recordings_sha256=found.recordings)
 
 
 def read(machine: str, paths: Sequence[Path], mapping: Sequence[str]) -> list[Batch]:

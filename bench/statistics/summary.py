@@ -24,7 +24,7 @@ LIFE = "health_life_pct"
 PARAMETERS = "parameter_error_pct"
 """The paper's measure of health. A small leakage decides it; LIFE weighs the five alike."""
 FORECAST = "forecast60_pct"
-QUESTIONS = {LIFE: "error of health in % of life", FORECAST: "60 s forecast error (mean of p, T and m)"}
+QUESTIONS = {LIFE: "error of health in % of life", FORECAST: "60 s forecast error"}
 """What the estimators are ranked by: knowing the machine's health, and foretelling what it does."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterator
 
@@ -170,6 +171,9 @@ def test_trained_estimators_are_held_against_recordings_of_ones_own(tmp_path, ca
     held = scores[(scores["estimator"] == "last_value") & (scores["metric"] == "open10_ratio")]["value"]
     assert len(held) == 2
     assert np.allclose(held, 1.0, atol=0.25), "holding the last reading errs as much as itself"
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["recordings_sha256"] == {day.name: hashlib.sha256(day.read_bytes()).hexdigest() for day in days}
+    assert manifest["seed"] == 0
     assert (out / "tables/recordings.md").read_text().startswith("## Forecasts of 2 recordings of two_tanks")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from twinbench.machines.sensors import Drift, Growth, Noise
 from twinbench.machines.two_tanks import TWO_TANKS
 from twinbench.physics.simulator import Simulator
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 PLANT, REDUCED, HEALTH = TWO_TANKS.plant, TWO_TANKS.reduced, TWO_TANKS.health
 RHS = PLANT.rhs
 H1, H2 = TWO_TANKS.readings
@@ -59,6 +61,10 @@ def rhs_without_lag(x, u, theta):
 
 def broken_above(x, u, theta):
     return RHS(x, u, theta) + 0.0 * np.sqrt(25.0 - x[0])
+
+
+def rhs_that_drifts(x, u, theta):
+    return np.array([RHS(x, u, theta)[0], 1e-3, RHS(x, u, theta)[2]])
 
 
 def restless(x, u, theta):
@@ -194,6 +200,18 @@ def test_what_is_wrong_is_refused_in_one_line(changes: dict[str, object], says: 
 @pytest.mark.parametrize("name", BUILTIN)
 def test_the_built_in_machines_hold_together(name: str) -> None:
     check_machine(load_machine(name))
+
+
+@pytest.mark.parametrize("name", ["own_machine.py", "cascaded_tanks_machine.py", "train_compressor_machine.py"])
+def test_the_examples_hold_together(name: str) -> None:
+    check_machine(load_machine(str(EXAMPLES / name)))
+
+
+def test_a_plant_that_never_settles_says_where_it_begins() -> None:
+    drifting = replace(TWO_TANKS, plant=replace(PLANT, rhs=rhs_that_drifts))
+    with pytest.raises(ValueError, match="or give start"):
+        check_machine(drifting)
+    check_machine(replace(drifting, start=lambda u0: np.array([10.0, 8.0, u0[0]])))
 
 
 def test_what_is_left_out_of_a_reading_follows_from_its_names() -> None:

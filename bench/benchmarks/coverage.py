@@ -1,0 +1,87 @@
+"""What calibrated intervals hold by quantity and regime, over many more recordings than a run tests on.
+
+    python -m twinbench.bench.benchmarks.coverage --profile paper --results results/paper --out results/coverage
+
+Coverage of few recordings scatters by some per cent. So fresh ones are simulated, of the same population as the
+run's: each half of them is judged by the factors of the other half. Beside it stands what an exact posterior of a
+small case holds in the same regimes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from twinbench.common.threads import pin
+
+pin()
+
+import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
+
+from twinbench.bench.benchmarks import exact_posterior  # noqa: E402
+from twinbench.bench.calibrate import EVALUATION  # noqa: E402
+from twinbench.bench.cells import Cell, load_fit  # noqa: E402
+from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
+from twinbench.bench.evaluate import run as evaluate  # noqa: E402
+from twinbench.bench.profile import Profile, load_profile  # noqa: E402
+from twinbench.bench.statistics.conformal import factors  # noqa: E402
+from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table  # noqa: E402
+from twinbench.common.jobs import cores  # noqa: E402
+from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
+from twinbench.common.threads import pin_torch  # noqa: E402
+from twinbench.common.versions import provenance  # noqa: E402
+from twinbench.common.workers import side_by_side  # noqa: E402
+from twinbench.data.batch import Batch  # noqa: E402
+from twinbench.data.benchmark import simulate_benchmark  # noqa: E402
+from twinbench.machines.load import load_machine  # noqa: E402
+
+SEED = 77031
+"""Of the fresh recordings: of no other study, and nothing was chosen on them."""
+
+
+def fresh_halves(profile: Profile, each: int) -> tuple[Batch, Batch]:
+    """Two sets of so many recordings of the profile's population."""
+    design = replace(profile.data, seed=SEED, n_train=1, n_validation=1, n_calibration=each, n_test=each, n_single=0)
+    split = simulate_benchmark(design, profile.corruption, load_machine(profile.machine))
+    return split.calibration, split.test
+
+
+def judge(store: Store, cell: Cell, halves: tuple[Batch, Batch]) -> pd.DataFrame:
+    """Coverage of one trained estimator, as ``coverage_by_regime`` gives it, with columns ``estimator, seed``."""
+    pin_torch()
+    estimator = load_fit(store, cell)
+    seen = [evaluate(estimator, half.without_truth(), EVALUATION, cell.seed) for half in halves]
+    own = [factors(estimates, half) for estimates, half in zip(seen, halves, strict=True)]
+    parts = [
+        coverage_by_regime(replace(estimates, factors=others), half)
+        for estimates, half, others in zip(seen, halves, reversed(own), strict=True)
+    ]
+    return pd.concat(parts, ignore_index=True).assign(estimator=cell.estimator, seed=cell.seed)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--profile", default="quick")
+    parser.add_argument("--results", type=Path, metavar="DIR")
+    parser.add_argument("--only", nargs="+", default=["deeponet_kalman", "oracle"], metavar="NAME")
+    parser.add_argument("--recordings", type=int, default=300, metavar="N", help="fresh ones, both halves together")
+    parser.add_argument("--out", type=Path, default=Path("results/coverage"), metavar="DIR")
+    a = parser.parse_args()
+    store, cells = trained_cells(Training(a.profile, a.results), a.only)
+    halves = fresh_halves(load_profile(a.profile), a.recordings // 2)
+    parts = side_by_side(judge, [(store, cell, halves) for cell in cells], min(cores(), len(cells)))
+    table = coverage_table(pd.concat(list(parts), ignore_index=True))
+    exact = exact_posterior.table(SEED)
+    write_csv(a.out / "coverage.csv", table)
+    write_csv(a.out / "exact_posterior.csv", exact)
+    about = {"profile": a.profile, "recordings": a.recordings, "seed": SEED, "provenance": provenance()}
+    write_text(a.out / "coverage.json", json.dumps(about, indent=2) + "\n")
+    shown = table.pivot(index=["estimator", "quantity"], columns="regime", values="calibrated_pct").round(1)
+    print(shown.to_string())
+    print(exact.to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

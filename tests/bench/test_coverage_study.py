@@ -1,0 +1,42 @@
+"""Coverage on fresh recordings: one half is judged by the factors of the other; an exact posterior's, by regime."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from helpers.tiny_run import run_arguments, run_here, twinbench, write_profile
+
+from twinbench.bench.benchmarks import exact_posterior
+from twinbench.bench.benchmarks.coverage import fresh_halves, judge
+from twinbench.bench.estimate.apply import Training, trained_cells
+from twinbench.bench.profile import load_profile
+
+
+def test_every_fresh_recording_is_judged_once(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_here(monkeypatch)
+    profile = write_profile(tmp_path)
+    assert twinbench(*run_arguments(profile, tmp_path / "out", ["always_prior"])) == 0
+    store, (cell,) = trained_cells(Training(str(profile), tmp_path / "out"), ["always_prior"])
+    halves = fresh_halves(load_profile(str(profile)), 2)
+    rows = judge(store, cell, halves)
+    everything = rows[rows["regime"] == "all"]
+    assert sorted(everything["sequence"].unique()) == sorted(halves[0].names + halves[1].names)
+    assert everything.groupby("quantity").size().eq(4).all()
+    assert everything["calibrated_pct"].notna().all()
+    assert not np.array_equal(everything["inside_pct"], everything["calibrated_pct"])
+
+
+def test_an_exact_posterior_holds_less_after_a_jump_that_nobody_foresees(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exact_posterior, "MACHINES", 300)
+    held = exact_posterior.coverage(0.3, np.random.default_rng(1))
+    assert held["all"] == pytest.approx(95.0, abs=1.5)
+    assert held["after_health"] < 90.0
+    assert held["steady_before"] > held["all"]
+
+
+def test_without_jumps_an_exact_posterior_holds_what_it_promises_at_every_tick(monkeypatch) -> None:
+    monkeypatch.setattr(exact_posterior, "MACHINES", 2000)
+    monkeypatch.setattr(exact_posterior, "CHANGING", 0.0)
+    monkeypatch.setattr(exact_posterior, "SECONDS", 320)
+    held = exact_posterior.coverage(0.3, np.random.default_rng(2))
+    assert held["steady_before"] == held["all"] == pytest.approx(95.0, abs=1.5)
