@@ -88,9 +88,3 @@ def ordered(names: Iterable[str]) -> list[str]:
 def label(name: str) -> str:
     """How an estimator is printed; one that the benchmark does not know keeps its name."""
     return LABELS.get(name) or PEERS.get(name, name)
-
-
-def axis_label(quantity: str) -> str:
-    """``temperature bias, K``; a dash stands for no unit."""
-    text, unit = QUANTITIES[quantity]
-    return f"{text}, {'–' if unit == '1' else unit}"

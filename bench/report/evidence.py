@@ -18,11 +18,11 @@ from twinbench.bench.statistics.strata import in_stratum, select
 from twinbench.bench.statistics.tracking import health_change
 from twinbench.data.batch import Array, Batch
 from twinbench.data.scenes import ONSET_S
-from twinbench.machines.compressor import COMPRESSOR, HEALTH, OUTPUTS
+from twinbench.machines.compressor import COMPRESSOR, OUTPUTS
 
-SHOWN = ("capacity", "leakage", "heat_transfer", "T_bias_K")
-"""The health parameters that degrade in the benchmark, as in the paper's Fig. 4."""
-
+SHOWN = {COMPRESSOR.name: ("capacity", "leakage", "heat_transfer", "T_bias_K")}
+"""By machine, the health parameters that are drawn; all of any other. The compressor's are those of the paper's Fig. 4.
+"""
 PARITY_POINTS = 8000
 """As many as the paper's Fig. 3c shows."""
 AFTERMATH_S = 300.0
@@ -36,9 +36,9 @@ class Track(NamedTuple):
     """One estimator's answer over one sequence.
 
     Attributes:
-        mean: (M, 10) in the quantities' units, order ESTIMATED.
-        low: (M, 10) likewise.
-        high: (M, 10) likewise.
+        mean: (M, n) in the quantities' units.
+        low: (M, n) likewise.
+        high: (M, n) likewise.
     """
 
     mean: Array
@@ -52,7 +52,7 @@ class Example:
 
     Attributes:
         time_s: (M,) seconds.
-        truth: (M, 10) in the quantities' units, order ESTIMATED.
+        truth: (M, n) in the quantities' units.
         tracks: by estimator.
     """
 
@@ -93,7 +93,7 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
         truth: the test recordings with their truth.
         failures: per estimator with failed cells, which and why.
     """
-    wanted = _examples(truth)
+    wanted, shown = _examples(truth), SHOWN.get(truth.machine.name, truth.machine.health_names)
     examples: dict[str, Example] = {}
     coverage, errors = [], dict[str, list[Array]]()
     flow = np.empty((2, 0))
@@ -101,14 +101,14 @@ def gather(cells: Iterable[Estimates], truth: Batch, failures: Mapping[str, str]
         cell = select(all_of_it, "worn")
         coverage.append(coverage_by_regime(cell, truth).assign(estimator=cell.estimator, seed=cell.seed))
         errors.setdefault(cell.estimator, []).append(parameter_error_series(cell, truth).ravel())
-        if cell.estimator == PROPOSED and not flow.size:
+        if cell.estimator == PROPOSED and truth.machine is COMPRESSOR and not flow.size:
             flow = _flow(cell, truth)
         _add_tracks(examples, cell, truth, set(wanted.values()))
     return Evidence(
         coverage=coverage_table(pd.concat(coverage, ignore_index=True), failures) if coverage else pd.DataFrame(),
         errors={name: np.concatenate(parts) for name, parts in errors.items()},
         trajectory=examples.get(wanted["load"]),
-        degradations={kind: examples[s] for kind, s in wanted.items() if kind in SHOWN and s in examples},
+        degradations={name: examples[wanted[name]] for name in shown if wanted.get(name) in examples},
         flow=flow,
     )
 
@@ -155,15 +155,18 @@ def _flow(estimates: Estimates, truth: Batch) -> Array:
 def _examples(truth: Batch) -> dict[str, str]:
     """The sequence to show for ``load`` and for each health parameter that changes somewhere."""
     assert truth.truth is not None
-    moves = truth.truth.outputs[..., OUTPUTS.index("p_dis_bar")].std(axis=1)
+    moves = truth.truth.outputs[..., 0].std(axis=1)
     moves = np.where([in_stratum(name, "worn") for name in truth.names], moves, -1.0)
     wanted = {"load": truth.names[int(moves.argmax())]}
     largest: dict[str, float] = {}
     for name, health in zip(truth.names, truth.truth.health, strict=True):
         if not in_stratum(name, "worn"):
             continue
-        change = health_change(COMPRESSOR, truth.time_s, health)
-        if change is not None and change.size > largest.get(HEALTH[change.parameter], 0.0):
-            largest[HEALTH[change.parameter]] = change.size
-            wanted[HEALTH[change.parameter]] = name
+        change = health_change(truth.machine, truth.time_s, health)
+        if change is None:
+            continue
+        parameter = truth.machine.health_names[change.parameter]
+        if change.size > largest.get(parameter, 0.0):
+            largest[parameter] = change.size
+            wanted[parameter] = name
     return wanted

@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from twinbench.bench.report.evidence import Evidence, gather
+from twinbench.bench.report.figures import COVERAGE, FROM_ESTIMATES, draw_any
 from twinbench.bench.report.main_table import extremes
 from twinbench.bench.report.measured import (
     INTERVALS,
@@ -23,24 +25,33 @@ from twinbench.bench.report.measured import (
     references,
     skill_cell,
 )
+from twinbench.bench.report.paired import ablation_table
 from twinbench.bench.report.provenance import bullets, profile_of, provenance_of, write_tables
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
-from twinbench.bench.report.tables import CONSISTENT, FOLLOWED, cost_table, latency_table
+from twinbench.bench.report.tables import (
+    CONSISTENT,
+    FOLLOWED,
+    calibrated_regimes,
+    cost_table,
+    latency_table,
+    regime_table,
+)
 from twinbench.bench.report.verdicts import CALIBRATED_PCT
 from twinbench.bench.report.words import names_of
 from twinbench.bench.results import Results
 from twinbench.bench.roster import PROPOSED, REFERENCE, UNRANKED, is_ablation, label
+from twinbench.bench.statistics.regimes import regimes_of
 from twinbench.bench.statistics.subject import Subject
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, summarise
-from twinbench.common.page import render, write_bytes
+from twinbench.common.page import render, write_bytes, write_figures
 
 CALIBRATED = "calibrated_coverage"
 """What the names of calibrated coverages begin with."""
 
 
 def write_other(results: Results) -> Table:
-    """Write ``tables/``, ``answer.md`` and ``report.html`` beside what the run left.
+    """Write ``tables/``, ``figures/``, ``answer.md`` and ``report.html`` beside what the run left.
 
     Returns:
         The comparison of the estimators, for a terminal.
@@ -48,12 +59,22 @@ def write_other(results: Results) -> Table:
     whole = ~results.scores["estimator"].map(is_ablation)
     failures = {name: why for name, why in results.failures.items() if not is_ablation(name)}
     summary = summarise(results.scores[whole], failures, subject=results.subject)
+    evidence = Evidence()
+    if (truth := results.truth()) is not None:
+        evidence = gather(results.estimates(), truth, results.failures)
     tables = tables_of(summary, results.cost)
+    if truth is not None:
+        known = regimes_of(truth.machine)
+        tables += [regime_table(evidence.coverage, known), calibrated_regimes(evidence.coverage, known)]
+    if not whole.all():
+        tables.append(ablation_table(results.scores, results.failures, results.subject))
     tables += [latency_table(results.latency, summary.subject.period_s), cost_table(results.cost)]
     tables += robustness_tables(results.robustness, summary.subject)
     said = sentences(summary)
     write_tables(results.out, tables)
     write_bytes(results.out / "answer.md", bullets(*said).encode())
+    earlier = {} if truth is not None else dict.fromkeys((*FROM_ESTIMATES, *COVERAGE), "the store lacks the estimates")
+    figures = write_figures(results.out / "figures", draw_any(summary, evidence, results.latency), earlier)
     page = render(
         Path(__file__).parent / "templates" / "report.html.j2",
         headline=said[0],
@@ -64,7 +85,7 @@ def write_other(results: Results) -> Table:
         references=[label(name) for name in UNRANKED],
         # What the page says at its top is not said again below the first table.
         tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
-        figures=[],
+        figures=figures,
         failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
         provenance=provenance_of(results.manifest),
     )

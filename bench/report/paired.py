@@ -11,19 +11,10 @@ import pandas as pd
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
-from twinbench.bench.statistics.scores import DEFINITIONS, ideal
-from twinbench.bench.statistics.summary import PARAMETERS
+from twinbench.bench.statistics.scores import definitions_of, ideal
+from twinbench.bench.statistics.subject import PAPERS, Subject
+from twinbench.bench.statistics.summary import LIFE, PARAMETERS
 
-METRICS = {
-    "p_nrmse_pct": ("p", "filtered, %"),
-    "T_nrmse_pct": ("T", "filtered, %"),
-    "m_nrmse_pct": ("m", "filtered, %"),
-    "p_open60_pct": ("p", "60 s ahead, %"),
-    "T_open60_pct": ("T", "60 s ahead, %"),
-    "m_open60_pct": ("m", "60 s ahead, %"),
-    PARAMETERS: ("parameters", "error, %"),
-    "coverage95_pct": ("95 % interval", "inside, %"),
-}
 INTERVAL = (
     "mean over the test sequences; in brackets its 95 % interval: bootstrap over whole sequences, seeds averaged "
     "inside each first. Of errors more than 0 says that {says}; marked is what differs from 0 for sure."
@@ -50,12 +41,18 @@ def rivals_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
     )
 
 
-def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
-    """Rows: ablations. Columns: how much worse than the whole method. Arguments as of ``rivals_table``."""
+def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str], subject: Subject = PAPERS) -> Table:
+    """Rows: ablations. Columns: how much worse than the whole method.
+
+    Args:
+        scores: as of ``rivals_table``.
+        failures: likewise.
+        subject: what is estimated.
+    """
     names = [n for n in ordered(scores["estimator"].unique()) if is_ablation(n)]
     note = "Paired difference, without the part minus with it, " + INTERVAL.format(says="the part helps")
     pairs = {n: (_says(n), n.partition(ABLATION)[0]) for n in names}
-    return _table("ablations", "Ablations: what each part is worth", "without", pairs, scores, failures, note)
+    return _table("ablations", "Ablations: what each part is worth", "without", pairs, scores, failures, note, subject)
 
 
 def _table(
@@ -66,10 +63,12 @@ def _table(
     scores: pd.DataFrame,
     failures: Mapping[str, str],
     note: str,
+    subject: Subject = PAPERS,
 ) -> Table:
     """Rows: estimators, by name with how they are printed and whom they are set against."""
     against: dict[tuple[str, str, str], tuple[float, ...]] = {}
-    for metric in METRICS:
+    metrics, known = _metrics(subject), definitions_of(subject)
+    for metric in metrics:
         table = sequence_scores(scores, metric, failures)
         for whole in {whole for _, whole in pairs.values()} & set(table.estimators):
             found = differences(table, whole)[["estimator", "difference", "low", "high"]].to_numpy().tolist()
@@ -77,15 +76,26 @@ def _table(
     lines = []
     for one, (_, whole) in pairs.items():
         line: dict[str, Any] = {"estimator": one}
-        for metric in METRICS:
+        for metric in metrics:
             values = against.get((one, whole, metric), (np.nan,) * 3)
             line |= dict(zip((metric, f"{metric}_low", f"{metric}_high"), values, strict=True))
         lines.append(line | {"failed": failures.get(one, "")})
     frame = pd.DataFrame(lines)
-    rows = tuple((Cell(pairs[line["estimator"]][0]), *(_cell(line, metric) for metric in METRICS)) for line in lines)
-    columns = (Column(head), *(Column(metric, group) for metric, group in METRICS.values()))
-    definitions = tuple(f"{group} {metric}: {DEFINITIONS[m]}" for m, (metric, group) in METRICS.items())
+    rows = tuple((Cell(pairs[line["estimator"]][0]), *(_cell(line, metric) for metric in metrics)) for line in lines)
+    columns = (Column(head), *(Column(metric, group) for metric, group in metrics.values()))
+    definitions = tuple(f"{group} {metric}: {known[m]}" for m, (metric, group) in metrics.items())
     return Table(name, title, frame, columns, rows, (note,), definitions)
+
+
+def _metrics(subject: Subject) -> dict[str, tuple[str, str]]:
+    """By metric, its column and group: filtered states, forecasts, health, coverage."""
+    return {
+        **{m: (o.key, "filtered, %") for m, o in zip(subject.state_errors, subject.outputs, strict=True)},
+        **{m: (o.key, "60 s ahead, %") for m, o in zip(subject.forecast_errors, subject.outputs, strict=True)},
+        LIFE: ("health", "error, % of life"),
+        PARAMETERS: ("parameters", "relative error, %"),
+        "coverage95_pct": ("95 % interval", "inside, %"),
+    }
 
 
 def _says(name: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
@@ -102,9 +104,14 @@ def rank_table(summary: Summary, latency: pd.DataFrame) -> Table:
     return Table("ranks", "Ranks, time and memory", frame, heads, rows, (RANK, LATENCY, MEMORY))
 
 
-def regime_table(regimes: pd.DataFrame) -> Table:
-    """Coverage of the ten quantities' mean in each operating regime."""
-    title = "Coverage of the 95 % intervals by regime, % (mean of the ten quantities; 95 is right)"
+def regime_table(regimes: pd.DataFrame, known: Mapping[str, str] = REGIMES) -> Table:
+    """Coverage in each operating regime, mean of all quantities.
+
+    Args:
+        regimes: what ``bench.statistics.coverage.coverage_table`` returns.
+        known: what each regime is.
+    """
+    title = "Coverage of the 95 % intervals by regime, % (mean of all quantities; 95 is right)"
     if not len(regimes):
         return Table("regimes", title, regimes, (Column("estimator"),), (), ("No estimates in the store.",))
     mean = regimes[regimes["quantity"] == "mean"]
@@ -112,33 +119,38 @@ def regime_table(regimes: pd.DataFrame) -> Table:
         (name, regime): Value(*numbers)
         for name, regime, *numbers in mean[["estimator", "regime", "coverage_pct", "low", "high"]].to_numpy()
     }
-    shown = [regime for regime in REGIMES if regime in set(mean["regime"])]
+    shown = [regime for regime in known if regime in set(mean["regime"])]
     rows = [
         (Cell(label(name)), *(value_cell(values.get((name, regime), Value())) for regime in shown))
         for name in ordered(mean["estimator"].unique())
     ]
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
-    notes = [f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown]
+    notes = [f"{_said(regime)}: {known[regime]}." for regime in shown]
     return Table("regimes", title, regimes.reset_index(drop=True), columns, tuple(rows), tuple(notes))
 
 
-def calibrated_regimes(regimes: pd.DataFrame) -> Table:
-    """Coverage after calibration in each regime, of the quantity that is covered least and of that which is most."""
+def calibrated_regimes(regimes: pd.DataFrame, known: Mapping[str, str] = REGIMES) -> Table:
+    """Coverage after calibration in each regime, of the quantity that is covered least and of that which is most.
+
+    Args:
+        regimes: what ``bench.statistics.coverage.coverage_table`` returns.
+        known: what each regime is.
+    """
     name, title = (
         "regimes_calibrated",
-        "Coverage after calibration by regime, %: the least and the most of ten quantities",
+        "Coverage after calibration by regime, %: the least and the most of all quantities",
     )
-    known = regimes.reindex(columns=["estimator", "regime", "quantity", "calibrated_pct"]).dropna()
-    known = known[known["quantity"] != "mean"]
-    if known.empty:
+    found = regimes.reindex(columns=["estimator", "regime", "quantity", "calibrated_pct"]).dropna()
+    found = found[found["quantity"] != "mean"]
+    if found.empty:
         return Table(name, title, pd.DataFrame(), (Column("estimator"),), (), ("No calibrated intervals.",))
-    ends = known.groupby(["estimator", "regime"])["calibrated_pct"].agg(["min", "max"]).reset_index()
+    ends = found.groupby(["estimator", "regime"])["calibrated_pct"].agg(["min", "max"]).reset_index()
     spans = {(e, r): span(low, high) for e, r, low, high in ends.itertuples(index=False)}
-    shown = [regime for regime in REGIMES if regime in set(known["regime"])]
-    names = [e for e in ordered(known["estimator"].unique()) if not is_ablation(e)]
+    shown = [regime for regime in known if regime in set(found["regime"])]
+    names = [e for e in ordered(found["estimator"].unique()) if not is_ablation(e)]
     rows = [(Cell(label(e)), *(Cell(spans.get((e, r), "–")) for r in shown)) for e in names]
     columns = (Column("estimator"), *(_regime_column(regime) for regime in shown))
-    notes = tuple(f"{regime.replace('_', ', ')}: {REGIMES[regime]}." for regime in shown)
+    notes = tuple(f"{_said(regime)}: {known[regime]}." for regime in shown)
     return Table(name, title, ends, columns, tuple(rows), notes)
 
 
@@ -199,6 +211,11 @@ def cost_table(cost: pd.DataFrame) -> Table:
     return Table("cost", "What training and evaluation cost", frame, (Column("estimator"), *heads), rows, notes)
 
 
+def _said(regime: str) -> str:
+    """``speed, low``."""
+    return ", ".join(filter(None, regime.rpartition("_")[::2]))
+
+
 def _regime_column(regime: str) -> Column:
-    group, _, head = regime.partition("_")
-    return Column(head or group, group if head else "")
+    group, _, head = regime.rpartition("_")
+    return Column(head, group)

@@ -43,6 +43,11 @@ class Named(NamedTuple):
     label: str
     unit: str
 
+    @property
+    def axis_label(self) -> str:
+        """``temperature bias, K``; a dash stands for no unit."""
+        return f"{self.label}, {'–' if self.unit in ('', '1') else self.unit}"
+
 
 @dataclass(frozen=True)
 class Subject:

@@ -13,15 +13,21 @@ import pytest
 from helpers.refusals import refused
 from helpers.sample_run import LEVELS, write_run
 from helpers.tiny_run import parts, run_here, twinbench, write_profile
+from matplotlib.text import Text
 
 from twinbench.bench.estimates import Estimates
 from twinbench.bench.profile import load_profile
 from twinbench.bench.report.across import read_runs, write_across
+from twinbench.bench.report.evidence import gather
+from twinbench.bench.report.figures import draw_any
 from twinbench.bench.report.robustness_tables import robustness_tables
+from twinbench.bench.report.tables import regime_table
 from twinbench.bench.robustness import COLUMNS
 from twinbench.bench.roster import UNRANKED, WITHOUT_EQUATIONS
+from twinbench.bench.statistics.regimes import regimes_of
 from twinbench.bench.statistics.scores import metrics_of, score
 from twinbench.bench.statistics.subject import PAPERS, Subject, subject_of
+from twinbench.bench.statistics.summary import summarise
 from twinbench.data.batch import Batch, Truth
 from twinbench.data.disturb import conditions
 from twinbench.machines.motor import MOTOR
@@ -99,6 +105,30 @@ def test_a_motors_scores_are_what_a_hand_reckons() -> None:
     assert table["flux_life_pct"] == pytest.approx(100 * 0.03 / 0.15, rel=1e-4)
     assert table["coverage_current_A_pct"] == 0.0
     assert table["coverage_flux_pct"] == 100.0
+
+
+def test_a_motors_figures_and_regimes_are_of_its_own_quantities() -> None:
+    truth = motor_truth()
+    assert truth.truth is not None
+    truth.truth.health[:, 6000:, 2] = 2.5  # drag grows
+    error = np.full((1, TICKS // EVERY, 8), 0.5)
+    estimates = estimates_of(truth, error)
+    evidence = gather([estimates], truth, {})
+    assert list(evidence.degradations) == ["drag"]
+    known = regimes_of(MOTOR)
+    assert set(evidence.coverage["regime"]) <= set(known)
+    assert known["voltage_V_low"] == "lowest third of armature voltage"
+    table = regime_table(evidence.coverage, known)
+    assert ("voltage_V", "low") in {(column.group, column.head) for column in table.columns}
+    scores = score(estimates, truth).assign(estimator="wrong", seed=0)
+    summary = summarise(scores, {}, subject=subject_of(MOTOR))
+    drawn = {d.name: d.figure for d in draw_any(summary, evidence, pd.DataFrame())}
+    assert {name for name, figure in drawn.items() if figure is not None} == {
+        "fig5a_errors", "fig4_parameters", "coverage", "coverage_regimes"
+    }  # fmt: skip
+    said = {text.get_text() for figure in drawn.values() if figure for text in figure.findobj(Text)}
+    assert "shaft speed" in said
+    assert any(text.startswith("multiplier of the viscous") for text in said)
 
 
 def test_a_size_is_what_errors_are_a_share_of() -> None:

@@ -55,7 +55,8 @@ def write_estimator(folder: Path, name: str, scale: float = 1.0, fit: str = "", 
 def run_here(patch: pytest.MonkeyPatch) -> None:
     """Runs keep to this process, as on a machine with one core, and draw no figures."""
     patch.setenv("LOKY_MAX_CPU_COUNT", "1")
-    patch.setattr("twinbench.bench.report.write.draw", lambda *_: iter(()))
+    for drawn in ("write.draw", "other.draw_any"):
+        patch.setattr(f"twinbench.bench.report.{drawn}", lambda *_: iter(()))
 
 
 def twinbench(*arguments: object) -> int:

@@ -20,6 +20,7 @@ from twinbench.bench.report.figures.robustness import after_faults, beyond_the_e
 from twinbench.bench.report.figures.scenes import flow_parity, innovations, ramps, wear
 from twinbench.bench.report.figures.tracks import parameter_tracking, state_trajectories
 from twinbench.bench.roster import PROPOSED, label
+from twinbench.bench.statistics.subject import Subject
 from twinbench.bench.statistics.summary import FORECAST, LIFE, PARAMETERS, QUESTIONS, Summary
 from twinbench.common.page import Drawing
 from twinbench.data.scenes import RAMP_NAMES
@@ -32,6 +33,8 @@ FROM_ESTIMATES = (
 )  # fmt: skip
 """Figures that are drawn from the estimates themselves."""
 
+COVERAGE = ("coverage", "coverage_regimes")
+"""Figures that a report of estimates, or of an earlier report's table, draws."""
 WEAR = {
     "fig4a_capacity": ("capacity", "capacity", "Capacity falls from 1.00 to 0.88 in 18 minutes"),
     "fig4b_leakage": ("leakage", "leakage", "Leakage grows from 0.015 to 0.052 in 18 minutes"),
@@ -48,17 +51,26 @@ def draw(summary: Summary, evidence: Evidence, latency: pd.DataFrame, robustness
         robustness: columns estimator, seed, group, condition, sequence, metric, value; empty where no
             harder conditions were tried.
     """
-    yield from _errors(summary, evidence)
-    yield from _coverage(evidence.coverage)
+    yield from _errors(summary)
+    yield _spread(summary, evidence)
+    yield from _coverage(evidence.coverage, summary.subject)
     yield from _states(evidence)
-    yield from _health(evidence)
+    yield _health(evidence, summary.subject)
+    yield from _scenes_of_wear(evidence)
     yield from _harder(evidence, robustness)
     yield from _times(summary, latency)
 
 
-def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
-    """Fig. 5: errors, ranks and how parameter errors spread."""
-    known_errors = any(np.isfinite(errors).any() for errors in evidence.errors.values())
+def draw_any(summary: Summary, evidence: Evidence, latency: pd.DataFrame) -> Iterator[Drawing]:
+    """The figures that a run on any machine has; arguments as of ``draw``."""
+    yield from _errors(summary)
+    yield _health(evidence, summary.subject)
+    yield from _coverage(evidence.coverage, summary.subject)
+    yield from _times(summary, latency)
+
+
+def _errors(summary: Summary) -> Iterator[Drawing]:
+    """Fig. 5: errors and ranks."""
     yield Drawing(
         "fig5a_errors",
         "State errors with their 95 % intervals over the test sequences, on a logarithmic scale: equal distances are "
@@ -70,7 +82,12 @@ def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
     )
     yield _ranks(summary, LIFE, "fig5b_ranks_parameters")
     yield _ranks(summary, FORECAST, "fig5b_ranks_forecast")
-    yield Drawing(
+
+
+def _spread(summary: Summary, evidence: Evidence) -> Drawing:
+    """Fig. 5c."""
+    known_errors = any(np.isfinite(errors).any() for errors in evidence.errors.values())
+    return Drawing(
         "fig5c_parameter_errors",
         "Mean relative error of capacity, efficiency, leakage and heat transfer over all test time. Violin: density; "
         "box: quartiles with the median; line: 5th to 95th percentile; ticks: means of the single sequences; dashed: "
@@ -81,21 +98,21 @@ def _errors(summary: Summary, evidence: Evidence) -> Iterator[Drawing]:
     )
 
 
-def _coverage(coverage: pd.DataFrame) -> Iterator[Drawing]:
+def _coverage(coverage: pd.DataFrame, subject: Subject) -> Iterator[Drawing]:
     """What the intervals hold, by quantity and by regime."""
     yield Drawing(
         "coverage",
         "How often the 95 % interval of each quantity holds the truth. Dashed: 95 %, which is right; left of it an "
         "estimator is surer than it should be. Grey: where an exact filter could lie if each sequence counted as one "
         "trial. Bars: 95 % interval over the sequences.",
-        coverage_by_quantity(coverage) if len(coverage) else None,
+        coverage_by_quantity(coverage, subject) if len(coverage) else None,
         NO_ESTIMATES,
         "What the 95 % intervals hold, by quantity",
     )
     yield Drawing(
         "coverage_regimes",
-        "The same by operating regime, mean of the ten quantities: thirds of speed and of pressure ratio, and before, "
-        "during and after a change of health.",
+        "The same by operating regime, mean of all quantities: thirds of the operating point, and before, during and "
+        "after a change of health.",
         coverage_by_regime(coverage) if len(coverage) else None,
         NO_ESTIMATES,
         "What the 95 % intervals hold, by regime",
@@ -124,16 +141,20 @@ def _states(evidence: Evidence) -> Iterator[Drawing]:
     )
 
 
-def _health(evidence: Evidence) -> Iterator[Drawing]:
-    """Fig. 4: health over time, on test sequences and in the scenes of wear."""
-    yield Drawing(
+def _health(evidence: Evidence, subject: Subject) -> Drawing:
+    """Fig. 4: health over time on test sequences."""
+    return Drawing(
         "fig4_parameters",
         "Health parameters, each on the test sequence in which it changes most: truth (broad grey), estimates, and the "
         f"95 % band of {label(PROPOSED)}.",
-        parameter_tracking(evidence.degradations) if evidence.degradations else None,
+        parameter_tracking(evidence.degradations, subject) if evidence.degradations else None,
         "no estimates of a test sequence whose health changes",
         "Health parameters over time",
     )
+
+
+def _scenes_of_wear(evidence: Evidence) -> Iterator[Drawing]:
+    """Figs. 4a to c: health over time in the scenes of wear."""
     for name, (scene, parameter, says) in WEAR.items():
         yield Drawing(
             name,

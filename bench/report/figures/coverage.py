@@ -8,22 +8,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
-from twinbench.bench.roster import QUANTITIES, label, ordered
-from twinbench.bench.statistics.regimes import REGIMES
+from twinbench.bench.roster import label, ordered
+from twinbench.bench.statistics.subject import Subject
 from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, canvas, styled
-from twinbench.machines.compressor import STATES
 
 
 @styled
-def coverage_by_quantity(coverage: pd.DataFrame) -> Figure:
+def coverage_by_quantity(coverage: pd.DataFrame, subject: Subject) -> Figure:
     """One panel per estimator, one row per estimated quantity: how often the interval held the truth.
 
     Args:
         coverage: what ``bench.statistics.coverage.coverage_table`` returns.
+        subject: what is estimated.
     """
-    everywhere = coverage[(coverage["regime"] == "all") & coverage["quantity"].isin(QUANTITIES)]
+    everywhere = coverage[(coverage["regime"] == "all") & (coverage["quantity"] != "mean")]
     names = ordered(everywhere["estimator"].unique())
-    rows = {quantity: row for row, quantity in enumerate(QUANTITIES)}
+    rows = {quantity.name: row for row, quantity in enumerate(subject.quantities)}
     figure = canvas(PAGE_MM, 74.0)
     panels = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
     for axes, (name, look) in zip(panels, looks(names).items(), strict=True):
@@ -44,9 +44,9 @@ def coverage_by_quantity(coverage: pd.DataFrame) -> Figure:
         axes.set_title(label(name).replace(" ", "\n", 1).replace("-", "-\n", 1), fontsize=8)
         axes.set_xlim(-4, 104)
         axes.set_xticks([0, 50, 95], ["0", "50", "95"])
-        axes.axhline(len(STATES) - 0.5, color=MUTED, linewidth=0.5)
+        axes.axhline(len(rows) - len(subject.health) - 0.5, color=MUTED, linewidth=0.5)
         axes.tick_params(axis="y", length=0)
-    panels[0].set_yticks(range(len(rows)), [text for text, _ in QUANTITIES.values()])
+    panels[0].set_yticks(range(len(rows)), [quantity.label for quantity in subject.quantities])
     panels[0].set_ylim(len(rows) - 0.5, -0.5)
     figure.supxlabel("share of time inside the 95 % interval, %", fontsize=8)
     return figure
@@ -54,10 +54,14 @@ def coverage_by_quantity(coverage: pd.DataFrame) -> Figure:
 
 @styled
 def coverage_by_regime(coverage: pd.DataFrame) -> Figure:
-    """Mean coverage of the ten quantities in each operating regime; argument as ``coverage_by_quantity``."""
+    """Coverage in each operating regime, mean of all quantities.
+
+    Args:
+        coverage: what ``bench.statistics.coverage.coverage_table`` returns.
+    """
     mean = coverage[(coverage["quantity"] == "mean") & (coverage["regime"] != "all")]
     names = ordered(mean["estimator"].unique())
-    regimes = [regime for regime in REGIMES if regime in set(mean["regime"])]
+    regimes = list(mean["regime"].unique())
     offsets = np.linspace(-0.33, 0.33, len(names)) if len(names) > 1 else np.zeros(1)
     figure = canvas(PAGE_MM, 72.0)
     axes = figure.subplots()

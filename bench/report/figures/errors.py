@@ -11,15 +11,9 @@ from seaborn import violinplot
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
 from twinbench.bench.roster import PROPOSED, REFERENCE, label, ordered
-from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS
 from twinbench.bench.statistics.summary import Summary
 from twinbench.common.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled, thin
 
-PANELS = (
-    ("filtered state", STATE_ERRORS),
-    ("60 s open loop", FORECAST_ERRORS),
-)
-GROUPS = ("pressure", "temperature", "mass flow")
 LEAST_SHOWN_PCT = 0.01
 """Smaller parameter errors are drawn as this: no maintenance decision hangs on a hundredth of a per cent."""
 
@@ -27,23 +21,26 @@ LEAST_SHOWN_PCT = 0.01
 @styled
 def error_bars(summary: Summary) -> Figure:
     """Fig. 5a: state errors of all estimators with 95 % intervals; the reference as a line in each group."""
-    names = list(summary.estimators)
+    names, subject = list(summary.estimators), summary.subject
+    groups = [o.says.removesuffix(" in degC") for o in subject.outputs]
+    asked = {"filtered state": subject.state_errors, "60 s open loop": subject.forecast_errors}
     figure = canvas(PAGE_MM, 72.0)
-    panels = figure.subplots(1, len(PANELS), sharey=True)
-    shown = [m for _, metrics in PANELS for m in metrics]
-    for axes, (title, metrics) in zip(panels, PANELS, strict=True):
+    panels = figure.subplots(1, len(asked), sharey=True)
+    shown = [m for metrics in asked.values() for m in metrics]
+    for axes, (title, metrics) in zip(panels, asked.items(), strict=True):
         for group, metric in enumerate(metrics):
             _group(axes, group, names, summary, metric)
-        axes.set_xticks(range(len(GROUPS)), GROUPS)
-        axes.set_xlim(-0.5, len(GROUPS) - 0.5)
+        axes.set_xticks(range(len(groups)), groups)
+        axes.set_xlim(-0.5, len(groups) - 0.5)
         axes.tick_params(axis="x", length=0)
         axes.grid(visible=False, axis="x")
         axes.set_title(title)
-        for edge in np.arange(len(GROUPS) - 1) + 0.5:
+        for edge in np.arange(len(groups) - 1) + 0.5:
             axes.axvline(edge, color=FAINT, linewidth=0.6)
     log_axis(panels[0], np.array([v for m in shown for e in names for v in summary.value(e, m)[:3]]))
     panels[0].set_ylabel("RMSE, % of mean level")
-    figure.legend(handles=legend_handles(names), loc="outside lower center", ncols=4, columnspacing=1.6)
+    drawn = [e for e in names if any(summary.value(e, m).mean > 0 for m in shown)]
+    figure.legend(handles=legend_handles(drawn), loc="outside lower center", ncols=4, columnspacing=1.6)
     return figure
 
 

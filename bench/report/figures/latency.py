@@ -10,8 +10,7 @@ from matplotlib.lines import Line2D
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
 from twinbench.bench.report.main_table import quickest
 from twinbench.bench.roster import PROPOSED, UNRANKED, label, ordered
-from twinbench.bench.statistics.scores import STATE_ERRORS
-from twinbench.bench.statistics.summary import PARAMETERS, Summary
+from twinbench.bench.statistics.summary import LIFE, Summary
 from twinbench.common.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, log_axis, styled
 
 PERCENTILES = ("p50_us", "p95_us", "p99_us", "max_us")
@@ -94,19 +93,14 @@ def window_lengths(latency: pd.DataFrame) -> Figure:
     return figure
 
 
-ACCURACY = {
-    "mean filtered error of p, T and m, %": STATE_ERRORS,
-    "parameter error, %": (PARAMETERS,),
-}
-
-
 @styled
 def accuracy_and_time(summary: Summary, latency: pd.DataFrame) -> Figure:
     """Fig. 7c: error against the time of one update; a line joins those that none other beats in both."""
     times = quickest(latency, "p50_us")
     names = [n for n in summary.estimators if n in times]
+    asked = {"mean filtered error, %": summary.subject.state_errors, "error of health, % of life": (LIFE,)}
     figure = canvas(PAGE_MM, 0.85 * COLUMN_MM)
-    for axes, (says, metrics) in zip(figure.subplots(1, len(ACCURACY)), ACCURACY.items(), strict=True):
+    for axes, (says, metrics) in zip(figure.subplots(1, len(asked)), asked.items(), strict=True):
         points = {n: (times[n], float(np.mean([summary.value(n, m).mean for m in metrics]))) for n in names}
         points = {n: at for n, at in points.items() if np.isfinite(at).all()}
         front = pareto({n: at for n, at in points.items() if n not in UNRANKED})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,12 +14,15 @@ from matplotlib.patches import Patch
 
 from twinbench.bench.report.evidence import Example
 from twinbench.bench.report.figures.looks import legend_handles, line_of, looks
-from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, TRIVIAL, axis_label, label, ordered
+from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, TRIVIAL, label, ordered
+from twinbench.bench.statistics.subject import PAPERS, Subject
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, ZERO_C_K, canvas, styled, thin
 from twinbench.data.batch import Array
 from twinbench.machines.compressor import COMPRESSOR, ESTIMATED
 
 STATE_PANELS = (("pressure", "bar", "bar"), ("temperature", "°C", "K"), ("mass flow", "g/s", "g/s"))
+LONGEST_LABEL = 28
+"""Characters of an axis label in a line: as many as fit beside a panel."""
 TRUTH_STYLE: dict[str, Any] = {"color": "#aab4bd", "linewidth": 4.0, "solid_capstyle": "round"}
 """A broad road below the estimates, so that it shows where they leave it."""
 
@@ -78,14 +82,19 @@ def state_trajectories(example: Example) -> Figure:
 
 
 @styled
-def parameter_tracking(panels: Mapping[str, Example]) -> Figure:
-    """Fig. 4: each kind of degradation on one test sequence that has it, by health parameter."""
+def parameter_tracking(panels: Mapping[str, Example], subject: Subject = PAPERS) -> Figure:
+    """Fig. 4: each kind of degradation on one test sequence that has it, by health parameter.
+
+    Args:
+        panels: by name of the parameter.
+        subject: what is estimated.
+    """
     figure = canvas(PAGE_MM, 22.0 + 52.0 * ((len(panels) + 1) // 2))
     grid = figure.subplots((len(panels) + 1) // 2, 2, squeeze=False).ravel()
     everyone: set[str] = set()
     for axes, (parameter, example) in zip(grid, panels.items(), strict=False):
         everyone |= set(example.tracks)
-        track_panel(axes, parameter, example)
+        track_panel(axes, parameter, example, subject)
         axes.set_title(example.sequence, color=MUTED, loc="right")
         axes.set_xlabel("time, min")
     for axes in grid[len(panels) :]:
@@ -94,9 +103,16 @@ def parameter_tracking(panels: Mapping[str, Example]) -> Figure:
     return figure
 
 
-def track_panel(axes: Axes, parameter: str, example: Example) -> None:
-    """One health parameter of one sequence: truth, everybody's estimate, one band."""
-    column = ESTIMATED.index(parameter)
+def track_panel(axes: Axes, parameter: str, example: Example, subject: Subject = PAPERS) -> None:
+    """One health parameter of one sequence: truth, everybody's estimate, one band.
+
+    Args:
+        axes: to draw in.
+        parameter: its name.
+        example: the sequence.
+        subject: what is estimated.
+    """
+    column = [quantity.name for quantity in subject.quantities].index(parameter)
     keep = thin(len(example.time_s), MOST_POINTS)
     minutes = example.time_s[keep] / 60.0
     names = ordered(example.tracks)
@@ -113,7 +129,7 @@ def track_panel(axes: Axes, parameter: str, example: Example) -> None:
         if name == banded:
             axes.fill_between(minutes, low, high, color=look.colour, alpha=0.25, linewidth=0)
     axes.plot(minutes, true, zorder=1.5, **TRUTH_STYLE)
-    axes.set_ylabel(axis_label(parameter))
+    axes.set_ylabel(textwrap.fill(subject.quantities[column].axis_label, LONGEST_LABEL))
     axes.set_xlim(minutes[0], minutes[-1])
 
 
