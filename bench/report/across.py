@@ -38,8 +38,9 @@ RANKS = (
     "a machine with more recordings weighs more."
 )
 AHEAD = (
-    "Ahead: on how many of the machines where it was tested Wilcoxon's test with Holm's correction calls it better "
-    "in health than every other estimator without plant equations, which are {names}."
+    "Machines ahead: on how many of the machines where it was tested Wilcoxon's test with Holm's correction calls it "
+    "better than every other estimator without plant equations, in health, and in each filtered state behind an "
+    "output. Without plant equations are {names}."
 )
 
 
@@ -114,10 +115,11 @@ def across_table(runs: Mapping[str, Run]) -> Table:
         parts.append((Column(machine, f"state errors, × {REFERENCE}'s"), [Cell(number(t)) for t in times]))
     frame["mean_rank"] = [ranks.get(e, np.nan) for e in names]
     parts.append((Column("over all", "mean rank"), [Cell(number(ranks.get(e, np.nan))) for e in names]))
-    ahead = [[is_ahead(s, e) for s in summaries.values()] for e in names]
-    frame["machines_ahead"] = [sum(a is True for a in own) for own in ahead]
-    frame["machines_tested"] = [sum(a is not None for a in own) for own in ahead]
-    parts.append((Column("machines", "ahead"), [_of(own) for own in ahead]))
+    for key, head in (("machines", "health"), ("machines_states", "states")):
+        ahead = [[is_ahead(s, e, _asked(s, head)) for s in summaries.values()] for e in names]
+        frame[f"{key}_ahead"] = [sum(a is True for a in own) for own in ahead]
+        frame[f"{key}_tested"] = [sum(a is not None for a in own) for own in ahead]
+        parts.append((Column(head, "machines ahead"), [_of(own) for own in ahead]))
     rows = zip([Cell(label(e)) for e in names], *(cells for _, cells in parts), strict=True)
     shown = names_of(label(e) for e in WITHOUT_EQUATIONS)
     notes = (SKILL, RATIOS, RANKS, *_said(ranking, unranked), AHEAD.format(names=shown), *map(_about, runs.values()))
@@ -155,6 +157,11 @@ def _skill(summary: Summary, estimator: str) -> Cell:
 def _times(summary: Summary, estimator: str) -> float:
     """Median over the outputs of the multiple of the reference's error; NaN where one is missing."""
     return float(np.median([summary.value(estimator, m).times for m in summary.subject.state_errors]))
+
+
+def _asked(summary: Summary, head: str) -> tuple[str, ...]:
+    """The errors in which an estimator is to be ahead."""
+    return (LIFE,) if head == "health" else summary.subject.state_errors
 
 
 def _of(ahead: Sequence[bool | None]) -> Cell:

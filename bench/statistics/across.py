@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -57,12 +57,17 @@ def rank_across(summaries: Mapping[str, Summary], metric: str = LIFE) -> Ranking
     return rank(pooled(tables))
 
 
-def is_ahead(summary: Summary, estimator: str, metric: str = LIFE) -> bool | None:
-    """Do the tests of one machine call it better than every other estimator without plant equations?
+def is_ahead(summary: Summary, estimator: str, metrics: Sequence[str] = (LIFE,)) -> bool | None:
+    """Do the tests of one machine call it better, in each metric, than every other estimator without plant equations?
 
     Returns:
         None where there is nothing to say: a reference row, no complete scores, or nobody to be ahead of.
     """
+    found = [_ahead(summary, estimator, metric) for metric in metrics]
+    return None if None in found else all(found)
+
+
+def _ahead(summary: Summary, estimator: str, metric: str) -> bool | None:
     table = summary.by_sequence.get(metric)
     known = complete(table) if table is not None else []
     others = [e for e in known if e in WITHOUT_EQUATIONS and e != estimator]

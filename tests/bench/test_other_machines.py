@@ -24,6 +24,7 @@ from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.tables import regime_table
 from twinbench.bench.robustness import COLUMNS
 from twinbench.bench.roster import UNRANKED, WITHOUT_EQUATIONS
+from twinbench.bench.statistics.across import is_ahead
 from twinbench.bench.statistics.regimes import regimes_of
 from twinbench.bench.statistics.scores import metrics_of, score
 from twinbench.bench.statistics.subject import PAPERS, Subject, subject_of
@@ -205,6 +206,7 @@ def test_runs_on_machines_stand_side_by_side(two_runs: list[Path], tmp_path: Pat
     assert table.loc["deeponet_kalman", "machines_ahead"] == 1
     assert table.loc["lstm_rls", "machines_ahead"] == 0
     assert table.loc["deeponet_kalman", "machines_tested"] == 2
+    assert table.loc["deeponet_kalman", "machines_states_tested"] == 2
     assert set(WITHOUT_EQUATIONS) & set(ranked) == {"gru_kf", "lstm_rls", "deeponet", "pinn_ukf", "deeponet_kalman"}
 
 
@@ -217,6 +219,14 @@ def test_the_page_over_machines_says_where_each_run_is_from(two_runs: list[Path]
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
     assert {name: run["commit"] for name, run in manifest["runs"].items()} == {"one": "0123abc", "other": "0123abc"}
     assert (tmp_path / "out" / "machines.csv").is_file()
+
+
+def test_ahead_in_the_states_is_ahead_in_every_one(two_runs: list[Path], tmp_path: Path) -> None:
+    far = of_machine(tmp_path / "far", "far", LEVELS | {"deeponet_kalman": 0.2}, sequences=14)
+    summary = read_runs([far, two_runs[1]])["far"].summary
+    assert is_ahead(summary, "deeponet_kalman", PAPERS.state_errors) is True
+    assert is_ahead(summary, "lstm_rls", PAPERS.state_errors) is False
+    assert is_ahead(summary, "oracle", PAPERS.state_errors) is None
 
 
 def test_who_lacks_a_machine_has_no_rank(two_runs: list[Path], tmp_path: Path) -> None:
