@@ -102,7 +102,7 @@ def _coverage(coverage: pd.DataFrame, subject: Subject) -> Iterator[Drawing]:
     """What the intervals hold, by quantity and by regime."""
     yield Drawing(
         "coverage",
-        "How often the 95 % interval of each quantity holds the truth. Dashed: 95 %, which is right; left of it an "
+        "How often the 95 % interval of each quantity holds the truth. Dashed: 95 %, which is right; below it an "
         "estimator is surer than it should be. Grey: where an exact filter could lie if each sequence counted as one "
         "trial. Bars: 95 % interval over the sequences.",
         coverage_by_quantity(coverage, subject) if len(coverage) else None,

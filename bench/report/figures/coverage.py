@@ -2,54 +2,33 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twinbench.bench.report.figures.looks import face, legend_handles, looks
-from twinbench.bench.roster import label, ordered
+from twinbench.bench.roster import ordered
 from twinbench.bench.statistics.subject import Subject
-from twinbench.common.style import FAINT, INK, MUTED, PAGE_MM, canvas, styled
+from twinbench.common.style import FAINT, INK, PAGE_MM, canvas, styled
+
+LONGEST_WORDS = 13
+"""Characters of a label in a line: as many as fit below one of ten groups."""
 
 
 @styled
 def coverage_by_quantity(coverage: pd.DataFrame, subject: Subject) -> Figure:
-    """One panel per estimator, one row per estimated quantity: how often the interval held the truth.
+    """How often the interval of each quantity held the truth.
 
     Args:
         coverage: what ``bench.statistics.coverage.coverage_table`` returns.
         subject: what is estimated.
     """
     everywhere = coverage[(coverage["regime"] == "all") & (coverage["quantity"] != "mean")]
-    names = ordered(everywhere["estimator"].unique())
-    rows = {quantity.name: row for row, quantity in enumerate(subject.quantities)}
-    figure = canvas(PAGE_MM, 74.0)
-    panels = figure.subplots(1, len(names), sharex=True, sharey=True, squeeze=False)[0]
-    for axes, (name, look) in zip(panels, looks(names).items(), strict=True):
-        own = everywhere[everywhere["estimator"] == name]
-        _expected(axes, own, "x")
-        mean, spread = _points(own)
-        axes.errorbar(
-            mean,
-            own["quantity"].map(rows).to_numpy(dtype=float),
-            xerr=spread,
-            linestyle="none",
-            linewidth=1.0,
-            color=look.colour,
-            marker=look.marker,
-            markerfacecolor=face(name, look),
-            markersize=3.8,
-        )
-        axes.set_title(label(name).replace(" ", "\n", 1).replace("-", "-\n", 1), fontsize=8)
-        axes.set_xlim(-4, 104)
-        axes.set_xticks([0, 50, 95], ["0", "50", "95"])
-        axes.axhline(len(rows) - len(subject.health) - 0.5, color=MUTED, linewidth=0.5)
-        axes.tick_params(axis="y", length=0)
-    panels[0].set_yticks(range(len(rows)), [quantity.label for quantity in subject.quantities])
-    panels[0].set_ylim(len(rows) - 0.5, -0.5)
-    figure.supxlabel("share of time inside the 95 % interval, %", fontsize=8)
-    return figure
+    groups = {q.name: textwrap.fill(q.label, LONGEST_WORDS) for q in subject.quantities}
+    return _grouped(everywhere, "quantity", groups)
 
 
 @styled
@@ -60,49 +39,46 @@ def coverage_by_regime(coverage: pd.DataFrame) -> Figure:
         coverage: what ``bench.statistics.coverage.coverage_table`` returns.
     """
     mean = coverage[(coverage["quantity"] == "mean") & (coverage["regime"] != "all")]
-    names = ordered(mean["estimator"].unique())
-    regimes = list(mean["regime"].unique())
-    offsets = np.linspace(-0.33, 0.33, len(names)) if len(names) > 1 else np.zeros(1)
-    figure = canvas(PAGE_MM, 72.0)
+    return _grouped(mean, "regime", {regime: regime.replace("_", "\n") for regime in mean["regime"].unique()})
+
+
+def _grouped(rows: pd.DataFrame, by: str, groups: Mapping[str, str]) -> Figure:
+    """Points of all estimators, group by group, with the nominal level and the band in which an exact filter would lie.
+
+    Args:
+        rows: of ``coverage_table``, one per estimator and group.
+        by: the column that holds the groups.
+        groups: what each is called.
+    """
+    names, place = ordered(rows["estimator"].unique()), {group: i for i, group in enumerate(groups)}
+    offsets = np.linspace(-0.38, 0.38, len(names)) if len(names) > 1 else np.zeros(1)
+    figure = canvas(PAGE_MM, 80.0)
     axes = figure.subplots()
-    _expected(axes, mean, "y")
+    axes.axhspan(rows["expected_low"].min(), rows["expected_high"].max(), color=FAINT, alpha=0.55, linewidth=0)
+    axes.axhline(float(rows["expected_pct"].max()), color=INK, linewidth=0.9, linestyle="--")
     for offset, (name, look) in zip(offsets, looks(names).items(), strict=True):
-        own = mean[mean["estimator"] == name]
-        place = own["regime"].map(regimes.index).to_numpy(dtype=float)
-        level, spread = _points(own)
+        own = rows[rows["estimator"] == name]
+        level = own["coverage_pct"].to_numpy(dtype=float)
+        low, high = own[["low", "high"]].to_numpy(dtype=float).T
         axes.errorbar(
-            place + offset,
+            own[by].map(place).to_numpy(dtype=float) + offset,
             level,
-            yerr=spread,
+            yerr=np.nan_to_num([level - low, high - level]).clip(0),
             linestyle="none",
             linewidth=0.9,
             color=look.colour,
             marker=look.marker,
             markerfacecolor=face(name, look),
-            markersize=4.2,
+            markersize=3.8,
         )
-    for edge in np.arange(len(regimes) - 1) + 0.5:
+    for edge in np.arange(len(groups) - 1) + 0.5:
         axes.axvline(edge, color=FAINT, linewidth=0.6)
-    axes.set_xticks(range(len(regimes)), [regime.replace("_", "\n") for regime in regimes])
-    axes.set_xlim(-0.5, len(regimes) - 0.5)
-    least = float(np.nanmin(mean[["coverage_pct", "low"]].to_numpy(dtype=float)))
+    axes.set_xticks(range(len(groups)), list(groups.values()))
+    axes.set_xlim(-0.5, len(groups) - 0.5)
+    least = float(np.nanmin(rows[["coverage_pct", "low"]].to_numpy(dtype=float)))
     axes.set_ylim(5.0 * np.floor((least - 1.0) / 5.0), 101.0)
     axes.tick_params(axis="x", length=0)
     axes.grid(visible=False, axis="x")
     axes.set_ylabel("share of time inside\nthe 95 % interval, %")
     figure.legend(handles=legend_handles(names), loc="outside lower center", ncols=4, columnspacing=1.6)
     return figure
-
-
-def _points(rows: pd.DataFrame) -> tuple[np.ndarray, np.ndarray]:
-    """Coverage (n,) and how far its interval reaches below and above (2, n), in per cent."""
-    mean = rows["coverage_pct"].to_numpy(dtype=float)
-    bounds = rows[["low", "high"]].to_numpy(dtype=float).T
-    return mean, np.nan_to_num([mean - bounds[0], bounds[1] - mean]).clip(0)
-
-
-def _expected(axes: Axes, rows: pd.DataFrame, axis: str) -> None:
-    """The nominal level, and the band in which an exact filter would lie."""
-    line, span = (axes.axvline, axes.axvspan) if axis == "x" else (axes.axhline, axes.axhspan)
-    span(rows["expected_low"].min(), rows["expected_high"].max(), color=FAINT, alpha=0.55, linewidth=0)
-    line(float(rows["expected_pct"].max()), color=INK, linewidth=0.9, linestyle="--")
