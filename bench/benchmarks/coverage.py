@@ -21,13 +21,18 @@ pin()
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 
 from twinbench.bench.benchmarks import exact_posterior  # noqa: E402
+from twinbench.bench.benchmarks.coverage_tables import exact_table, right_pairs  # noqa: E402
 from twinbench.bench.calibrate import EVALUATION  # noqa: E402
 from twinbench.bench.cells import Cell, load_fit  # noqa: E402
 from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
 from twinbench.bench.evaluate import run as evaluate  # noqa: E402
 from twinbench.bench.profile import Profile, load_profile  # noqa: E402
+from twinbench.bench.report.provenance import write_tables  # noqa: E402
+from twinbench.bench.report.table_formats import to_text  # noqa: E402
+from twinbench.bench.report.tables import calibrated_regimes  # noqa: E402
 from twinbench.bench.statistics.conformal import factors  # noqa: E402
 from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table  # noqa: E402
+from twinbench.bench.statistics.regimes import regimes_of  # noqa: E402
 from twinbench.common.jobs import cores  # noqa: E402
 from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
@@ -76,11 +81,11 @@ def main() -> None:
     exact = exact_posterior.table(SEED)
     write_csv(a.out / "coverage.csv", table)
     write_csv(a.out / "exact_posterior.csv", exact)
+    shown = [right_pairs(table), calibrated_regimes(table, regimes_of(halves[0].machine)), exact_table(exact)]
+    write_tables(a.out, shown)
     about = {"profile": a.profile, "recordings": a.recordings, "seed": SEED, "provenance": provenance()}
     write_text(a.out / "coverage.json", json.dumps(about, indent=2) + "\n")
-    shown = table.pivot(index=["estimator", "quantity"], columns="regime", values="calibrated_pct").round(1)
-    print(shown.to_string())
-    print(exact.to_string(index=False))
+    print("\n".join(map(to_text, shown)))
 
 
 if __name__ == "__main__":

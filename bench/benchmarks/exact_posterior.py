@@ -19,6 +19,12 @@ READINGS_SD = (0.1, 0.3, 1.0)
 parameters lie between. Noisier readings take longer to show a jump, so that less is held after it."""
 MACHINES, SECONDS, WARM_S, LIFE_CELLS = 1000, 1500, 300, 101
 """How many machines are watched, for how long, before when none changes, and in how many cells a life is divided."""
+REGIMES_SHOWN = {
+    "all": "all samples",
+    "after_health": "two minutes after a jump",
+    "steady_before": "before it",
+    "steady_after": "later",
+}
 CHANGING = 0.5
 """Chance that a machine changes at all. It matters little to what intervals hold just after."""
 
@@ -35,7 +41,7 @@ def coverage(sd: float, rng: np.random.Generator) -> dict[str, float]:
     start, end = rng.random((2, n))
     cells = (np.arange(LIFE_CELLS) + 0.5) / LIFE_CELLS
     still, moved = np.full((n, LIFE_CELLS), 1.0 / LIFE_CELLS), np.zeros((n, LIFE_CELLS))  # joint with: has it jumped?
-    held = {"all": [], "after_health": [], "steady_before": [], "steady_after": []}  # type: dict[str, list[Array]]
+    held: dict[str, list[Array]] = {regime: [] for regime in REGIMES_SHOWN}
     for t in range(SECONDS):
         if t >= WARM_S:
             gone = (t - WARM_S) / (SECONDS - WARM_S)

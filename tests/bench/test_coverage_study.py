@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.tiny_run import run_arguments, run_here, twinbench, write_profile
 
 from twinbench.bench.benchmarks import exact_posterior
 from twinbench.bench.benchmarks.coverage import fresh_halves, judge
+from twinbench.bench.benchmarks.coverage_tables import exact_table, right_pairs
 from twinbench.bench.estimate.apply import Training, trained_cells
 from twinbench.bench.profile import load_profile
+from twinbench.bench.statistics.coverage import coverage_table
 
 
 def test_every_fresh_recording_is_judged_once(tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -24,6 +27,11 @@ def test_every_fresh_recording_is_judged_once(tmp_path, monkeypatch: pytest.Monk
     assert everything.groupby("quantity").size().eq(4).all()
     assert everything["calibrated_pct"].notna().all()
     assert not np.array_equal(everything["inside_pct"], everything["calibrated_pct"])
+    table = coverage_table(rows)
+    counted = right_pairs(table).frame
+    right = table[(table["quantity"] != "mean") & table["calibrated_pct"].between(93.0, 97.0)]
+    assert counted["sum"].sum() == len(right)
+    assert counted.set_index("kind")["count"]["all samples"] == 10
 
 
 def test_an_exact_posterior_holds_less_after_a_jump_that_nobody_foresees(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -32,6 +40,15 @@ def test_an_exact_posterior_holds_less_after_a_jump_that_nobody_foresees(monkeyp
     assert held["all"] == pytest.approx(95.0, abs=1.5)
     assert held["after_health"] < 90.0
     assert held["steady_before"] > held["all"]
+
+
+def test_the_exact_table_has_a_row_for_each_noise() -> None:
+    found = pd.DataFrame(
+        [(sd, regime, 95.04) for sd in (0.1, 0.3) for regime in exact_posterior.REGIMES_SHOWN],
+        columns=["reading_sd_lives", "regime", "coverage_pct"],
+    )
+    assert [row[0].text for row in exact_table(found).rows] == ["0.1", "0.3"]
+    assert exact_table(found).rows[0][2].text == "95.0"
 
 
 def test_without_jumps_an_exact_posterior_holds_what_it_promises_at_every_tick(monkeypatch) -> None:
