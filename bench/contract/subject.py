@@ -19,7 +19,9 @@ from twinbench.methods.estimator import Estimator, Info, Sample, State
 SUBJECT_SEED = 1
 USUAL_PERIOD_S = 0.05
 """The sample period that DESIGN is for: with another, recordings are longer or shorter, and have as many ticks."""
-DESIGN = DesignConfig(seed=7, n_train=3, n_validation=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5)
+DESIGN = DesignConfig(
+    seed=7, n_train=3, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.5, warmup_minutes=0.5
+)
 FLOAT32_ROUND_OFF = 1e-5
 """Deviation allowed where only the order of summation differs: a network's float32, carried by its recursion.
 Its reductions differ at 1e-7; two orders more leave room for the recursion and none for a real coupling."""

@@ -35,10 +35,30 @@ NOMINAL = (NominalEKF, NominalUKF, NominalIEKF, NominalEnKF, NominalPF, NominalI
 SOME_TICKS = 600
 
 
+def on_machines(*kinds: type[Estimator]) -> pytest.MarkDecorator:
+    """Each kind on each machine. What compiles a filter anew for one more machine takes a minute: those are slow tests,
+    but for one filter and the oracle."""
+    pairs = []
+    for machine in (TWO_TANKS, MOTOR, LONE_TANK):
+        for kind in kinds:
+            usual = machine is LONE_TANK or (machine is MOTOR and kind in (*TRIVIAL, NominalEKF, Oracle))
+            marks = () if usual else pytest.mark.slow
+            pairs.append(pytest.param(machine, kind, marks=marks, id=f"{machine.name}-{kind.name}"))
+    return pytest.mark.parametrize(("machine", "kind"), pairs)
+
+
 @functools.cache
 def population(machine: Machine, minutes: float, test: int, train: int = 2) -> Split:
     return simulate_benchmark(
-        DesignConfig(n_train=train, n_validation=1, n_test=test, n_single=0, minutes=minutes + 1.0, warmup_minutes=1.0),
+        DesignConfig(
+            n_train=train,
+            n_validation=1,
+            n_calibration=1,
+            n_test=test,
+            n_single=0,
+            minutes=minutes + 1.0,
+            warmup_minutes=1.0,
+        ),
         machine=machine,
     )
 
@@ -67,8 +87,7 @@ def health_error(estimator: Estimator, batch: Batch) -> float:
     return float(np.abs((said - batch.truth.health) / batch.machine.span)[:, late].mean())
 
 
-@MACHINES
-@pytest.mark.parametrize("kind", [*TRIVIAL, *NOMINAL, Oracle, OracleSmoother], ids=lambda kind: kind.name)
+@on_machines(*TRIVIAL, *NOMINAL, Oracle, OracleSmoother)
 def test_shapes_are_the_machines_and_what_is_saved_goes_on_as_it_was(machine, kind, tmp_path):
     estimator, batch = fitted(kind, machine), population(machine, 4.0, 2).test
     n, ny = len(machine.quantities), len(machine.outputs)
@@ -92,8 +111,7 @@ def test_shapes_are_the_machines_and_what_is_saved_goes_on_as_it_was(machine, ki
     np.testing.assert_array_equal(again.forecast(state, batch.truth.inputs[:, ticks : ticks + 40]), ahead)
 
 
-@MACHINES
-@pytest.mark.parametrize("kind", NOMINAL, ids=lambda kind: kind.name)
+@on_machines(*NOMINAL)
 def test_a_filter_follows_the_states_that_it_reads(machine, kind):
     estimator, batch = fitted(kind, machine), population(machine, 4.0, 2).test
     ticks = min(SOME_TICKS, len(batch.time_s))
@@ -117,7 +135,9 @@ def test_the_oracle_knows_more_of_health_than_the_prior(machine):
     assert errors[0] < 0.9 * errors[1]
 
 
-@MACHINES
+@pytest.mark.parametrize(
+    "machine", [*(pytest.param(m, marks=pytest.mark.slow) for m in (TWO_TANKS, MOTOR)), LONE_TANK], ids=lambda m: m.name
+)
 def test_where_nothing_leaps_hindsight_is_the_filter_at_the_end_and_surer_before(machine):
     oracle, batch = OracleSmoother(machine, leap=1e-6), population(machine, 4.0, 2).test.select([0])
     oracle.arrays = fitted(OracleSmoother, machine).arrays

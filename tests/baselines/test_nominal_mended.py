@@ -108,7 +108,9 @@ def test_known_health_acts_as_the_same_health_among_the_parameters() -> None:
 
 
 def test_a_machine_without_a_catalogue_is_refused_in_one_line() -> None:
-    config = DesignConfig(n_train=2, n_validation=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5)
+    config = DesignConfig(
+        n_train=2, n_validation=1, n_calibration=1, n_test=1, n_single=0, minutes=2.0, warmup_minutes=0.5
+    )
     split = simulate_benchmark(config, machine=TWO_TANKS)
     with pytest.raises(BadInput, match="no catalogue to mend the model of 'two_tanks' from"):
         NominalEKFMended(TWO_TANKS).fit(split.train, split.validation, 0)
