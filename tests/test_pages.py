@@ -25,7 +25,12 @@ SHOWN = {
     "docs/reproduction.md": {
         "paper/answer.md", "paper/paper_says.md", *(f"paper/tables/{name}.md" for name in TABLES),
         "paper_healthy/tables/ablations.md", "paper_healthy/tables/faults.md",
+        *(f"coverage/tables/{name}.md" for name in ("right_pairs", "regimes_calibrated", "exact_posterior")),
     },
+    "docs/three_machines.md": {
+        "machines/machines.md", *(f"{m}/{n}.md" for m in ("two_tanks", "motor") for n in ("answer", "tables/comparison")),
+    },
+    "docs/compare.md": {f"compare/{m}/tables/recordings.md" for m in ("cascaded_tanks", "train_compressor")},
     "docs/estimators.md": {"paper/tables/cost.md"},
     "docs/latency.md": {"latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"},
     "docs/proof.md": {

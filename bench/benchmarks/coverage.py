@@ -80,7 +80,6 @@ def main() -> None:
     table = coverage_table(pd.concat(list(parts), ignore_index=True))
     exact = exact_posterior.table(SEED)
     write_csv(a.out / "coverage.csv", table)
-    write_csv(a.out / "exact_posterior.csv", exact)
     shown = [right_pairs(table), calibrated_regimes(table, regimes_of(halves[0].machine)), exact_table(exact)]
     write_tables(a.out, shown)
     about = {"profile": a.profile, "recordings": a.recordings, "seed": SEED, "provenance": provenance()}
