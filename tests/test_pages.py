@@ -28,7 +28,8 @@ SHOWN = {
         *(f"coverage/tables/{name}.md" for name in ("right_pairs", "regimes_calibrated", "exact_posterior")),
     },
     "docs/three_machines.md": {
-        "machines/machines.md", *(f"{m}/{n}.md" for m in ("two_tanks", "motor") for n in ("answer", "tables/comparison")),
+        "machines/machines.md",
+        *(f"{m}/{name}.md" for m in ("two_tanks", "motor") for name in ("answer", "tables/comparison")),
     },
     "docs/compare.md": {f"compare/{m}/tables/recordings.md" for m in ("cascaded_tanks", "train_compressor")},
     "docs/estimators.md": {"paper/tables/cost.md"},
