@@ -21,7 +21,7 @@ from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.estimator import Sample, State
 
 MACHINES = pytest.mark.parametrize(
-    "machine", [pytest.param(TWO_TANKS, marks=pytest.mark.slow), MOTOR, LONE_TANK], ids=lambda machine: machine.name
+    "machine", [*(pytest.param(m, marks=pytest.mark.slow) for m in (TWO_TANKS, MOTOR)), LONE_TANK], ids=lambda m: m.name
 )
 TICKS = 100
 

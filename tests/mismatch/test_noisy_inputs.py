@@ -71,6 +71,7 @@ def test_its_parameters_are_those_of_the_machine():
             assert abs(null.at[k] - true) < 3.0 * np.sqrt(null.cov[k, k]) * u.sd, u.name
 
 
+@pytest.mark.slow
 def test_play_is_still_named_where_the_record_is_noisy():
     def with_play(recording: Recording, gap_V: float = 40.0) -> Recording:
         values = recording.values.copy()

@@ -48,6 +48,7 @@ def test_it_is_linearised_along_the_same_run(tmp_path, scheme):
     np.testing.assert_allclose(plain, means(TANK, "tank.py"), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_it_is_diagnosed_as_the_same(tmp_path):
     paths = [write_recording(tmp_path, tank_table(), name) for name in ("day.csv", "next.csv")]
 

@@ -35,6 +35,7 @@ def test_each_rate_is_asked_on_the_same_recordings(tmp_path: Path, monkeypatch: 
         assert seen == [36, 720, 180, 36], "the first is not timed"
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_table_and_where_it_is_from(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
