@@ -40,6 +40,11 @@ Loads = Callable[[float, Array, np.random.Generator], Drive]
 are its coordinates in a Latin hypercube, for what is to differ evenly between recordings."""
 
 
+def with_unit(label: str, unit: str) -> str:
+    """``temperature bias, K``; a dash stands for no unit."""
+    return f"{label}, {'–' if unit in ('', '1') else unit}"
+
+
 @dataclass(frozen=True, eq=False)
 class Machine:
     """A machine of the benchmark.
@@ -141,8 +146,7 @@ class Machine:
 
     def axis_label(self, name: str) -> str:
         """``temperature bias, K``; a dash stands for no unit."""
-        unit = self.variables[name].unit
-        return f"{self.label(name)}, {'–' if unit in ('', '1') else unit}"
+        return with_unit(self.label(name), self.variables[name].unit)
 
     @functools.cached_property
     def scales(self) -> Array:

@@ -17,8 +17,13 @@ from twinbench.machines.coordinates import Array
 READINGS_SD = (0.1, 0.3, 1.0)
 """Of one reading a second, in lives. They tell health to .9, 2.7 and 9 % of a life in two minutes: a benchmark's
 parameters lie between. Noisier readings take longer to show a jump, so that less is held after it."""
-MACHINES, SECONDS, WARM_S, LIFE_CELLS = 1000, 1500, 300, 101
-"""How many machines are watched, for how long, before when none changes, and in how many cells a life is divided."""
+MACHINES = 1000
+"""That are watched. With so many, coverage scatters by some tenths of a per cent; with fewer by more."""
+SECONDS, WARM_S = 1500, 300
+"""How long each is watched, and before when none changes: as in the compressor's recordings. A longer watch has more
+ticks long before and long after a jump, where less goes wrong."""
+LIFE_CELLS = 101
+"""Into which the grid divides a life, all narrower than what readings tell. Far fewer would round the posterior."""
 REGIMES_SHOWN = {
     "all": "all samples",
     "after_health": "two minutes after a jump",

@@ -12,7 +12,7 @@ import numpy as np
 
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.machines.coordinates import Array
-from twinbench.machines.machine import Machine
+from twinbench.machines.machine import Machine, with_unit
 
 LEADS_S = (1, 10, 60)
 """Of the forecasts that are scored."""
@@ -46,7 +46,7 @@ class Named(NamedTuple):
     @property
     def axis_label(self) -> str:
         """``temperature bias, K``; a dash stands for no unit."""
-        return f"{self.label}, {'–' if self.unit in ('', '1') else self.unit}"
+        return with_unit(self.label, self.unit)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ FROM_ESTIMATES = (
 """Figures that are drawn from the estimates themselves."""
 
 COVERAGE = ("coverage", "coverage_regimes")
-"""Figures that a report of estimates, or of an earlier report's table, draws."""
+"""Figures of what intervals hold."""
 WEAR = {
     "fig4a_capacity": ("capacity", "capacity", "Capacity falls from 1.00 to 0.88 in 18 minutes"),
     "fig4b_leakage": ("leakage", "leakage", "Leakage grows from 0.015 to 0.052 in 18 minutes"),
@@ -247,11 +247,11 @@ def _ranks(summary: Summary, question: str, name: str) -> Drawing:
         "test finds no difference at the 5 % level."
     )
     ranking = summary.rankings.get(question)
-    title = f"Mean ranks by {QUESTIONS[question].partition(' (')[0]}"
+    title = f"Mean ranks by {QUESTIONS[question]}"
     if ranking is None:
         return Drawing(name, caption, None, summary.unranked[question], title)
     ranks = dict(zip(ranking.estimators, map(float, ranking.mean_ranks), strict=True))
-    says = f"mean rank by {QUESTIONS[question].partition(' (')[0]}, {len(ranking.sequences)} sequences"
+    says = f"mean rank by {QUESTIONS[question]}, {len(ranking.sequences)} sequences"
     figure = critical_difference(ranks, ranking.cliques, ranking.critical_difference, says)
     return Drawing(name, caption, figure, "", title)
 

@@ -14,8 +14,8 @@ from twinbench.bench.roster import ordered
 from twinbench.bench.statistics.subject import Subject
 from twinbench.common.style import FAINT, INK, PAGE_MM, canvas, styled
 
-LONGEST_WORDS = 13
-"""Characters of a label in a line: as many as fit below one of ten groups."""
+LONGEST_WORDS, LABEL_PT = 12, 7.0
+"""Characters of a label in a line, and their size in points: as many and as large as fit below one of ten groups."""
 
 
 @styled
@@ -77,7 +77,7 @@ def _grouped(rows: pd.DataFrame, by: str, groups: Mapping[str, str]) -> Figure:
     axes.set_xlim(-0.5, len(groups) - 0.5)
     least = float(np.nanmin(rows[["coverage_pct", "low"]].to_numpy(dtype=float)))
     axes.set_ylim(5.0 * np.floor((least - 1.0) / 5.0), 101.0)
-    axes.tick_params(axis="x", length=0)
+    axes.tick_params(axis="x", length=0, labelsize=LABEL_PT)
     axes.grid(visible=False, axis="x")
     axes.set_ylabel("share of time inside\nthe 95 % interval, %")
     figure.legend(handles=legend_handles(names), loc="outside lower center", ncols=4, columnspacing=1.6)

@@ -22,7 +22,7 @@ LEAST_SHOWN_PCT = 0.01
 def error_bars(summary: Summary) -> Figure:
     """Fig. 5a: state errors of all estimators with 95 % intervals; the reference as a line in each group."""
     names, subject = list(summary.estimators), summary.subject
-    groups = [o.says.removesuffix(" in degC") for o in subject.outputs]
+    groups = [o.says.removesuffix(" in degC").replace(" ", "\n", 1) for o in subject.outputs]
     asked = {"filtered state": subject.state_errors, "60 s open loop": subject.forecast_errors}
     figure = canvas(PAGE_MM, 72.0)
     panels = figure.subplots(1, len(asked), sharey=True)
