@@ -70,11 +70,12 @@ def find_leaps(rhs, output, model, rules, z, P, started, jumps, read, cause, out
     """
     u_before, u, u_sd, measured, white, coloured = read
     since, began = np.zeros(jumps.sums.shape[1:], np.int64), 0
+    only = z.shape[0] - 1  # a plain 0 would be a type of its own, for which everything is compiled again
     for k in range(cause.size):
         weighed = jumps.left[0, 0] > 0
         suspect = _began(jumps.sums[0], since, k)
         now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
-        decided = watch(rhs, output, model, rules, z, P, started, jumps, 0, now, info)
+        decided = watch(rhs, output, model, rules, z, P, started, jumps, only, now, info)
         if jumps.left[0, 0] > 0 and not weighed:
             began = suspect
         if LEAP <= decided < LEAP + rules.leaps:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -26,7 +24,7 @@ from twinbench.bench.report.measured import (
     skill_cell,
 )
 from twinbench.bench.report.paired import ablation_table
-from twinbench.bench.report.provenance import bullets, profile_of, provenance_of, write_tables
+from twinbench.bench.report.provenance import bullets, write_page, write_tables
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.report.tables import (
@@ -44,7 +42,7 @@ from twinbench.bench.roster import PROPOSED, REFERENCE, UNRANKED, is_ablation, l
 from twinbench.bench.statistics.regimes import regimes_of
 from twinbench.bench.statistics.subject import Subject
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary, summarise
-from twinbench.common.page import render, write_bytes, write_figures
+from twinbench.common.page import write_bytes, write_figures
 
 CALIBRATED = "calibrated_coverage"
 """What the names of calibrated coverages begin with."""
@@ -75,21 +73,7 @@ def write_other(results: Results) -> Table:
     write_bytes(results.out / "answer.md", bullets(*said).encode())
     earlier = {} if truth is not None else dict.fromkeys((*FROM_ESTIMATES, *COVERAGE), "the store lacks the estimates")
     figures = write_figures(results.out / "figures", draw_any(summary, evidence, results.latency), earlier)
-    page = render(
-        Path(__file__).parent / "templates" / "report.html.j2",
-        headline=said[0],
-        answer=said[1:],
-        certainty=summary.notes,
-        machine=results.subject.says or results.subject.machine,
-        profile=profile_of(results),
-        references=[label(name) for name in UNRANKED],
-        # What the page says at its top is not said again below the first table.
-        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
-        figures=figures,
-        failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
-        provenance=provenance_of(results.manifest),
-    )
-    write_bytes(results.out / "report.html", page.encode())
+    write_page(results, (said[0], said[1:], summary.notes), summary.notes, tables, figures)
     return tables[0]
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from twinbench.bench.report.table_formats import Table, to_csv, to_markdown, to_tex
 from twinbench.bench.results import Results
-from twinbench.bench.roster import is_ablation, label, ordered
-from twinbench.common.page import write_bytes
+from twinbench.bench.roster import UNRANKED, is_ablation, label, ordered
+from twinbench.common.page import render, write_bytes
 
 FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_tex}
 
@@ -24,6 +25,36 @@ def write_tables(out: Path, tables: Iterable[Table]) -> None:
 def bullets(*paragraphs: str) -> str:
     """Paragraphs as a Markdown list."""
     return "".join(f"- {paragraph}\n" for paragraph in paragraphs)
+
+
+def write_page(
+    results: Results,
+    says: tuple[str, Sequence[str], Sequence[str]],
+    notes: Sequence[str],
+    tables: Sequence[Table],
+    figures: Sequence[dict[str, Any]],
+) -> None:
+    """Write ``report.html``.
+
+    Args:
+        says: the headline, the answer, and how sure that is.
+        notes: what the page says at its top, and does not say again below the first table.
+    """
+    headline, answer, certainty = says
+    page = render(
+        Path(__file__).parent / "templates" / "report.html.j2",
+        headline=headline,
+        answer=answer,
+        certainty=certainty,
+        machine=results.subject.says or results.subject.machine,
+        profile=profile_of(results),
+        references=[label(name) for name in UNRANKED],
+        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in notes)), *tables[1:]],
+        figures=figures,
+        failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
+        provenance=provenance_of(results.manifest),
+    )
+    write_bytes(results.out / "report.html", page.encode())
 
 
 def profile_of(results: Results) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -16,18 +14,18 @@ from twinbench.bench.report.health_tables import single_table
 from twinbench.bench.report.other import write_other
 from twinbench.bench.report.paired import ablation_table, rivals_table
 from twinbench.bench.report.paper import paper_says
-from twinbench.bench.report.provenance import bullets, profile_of, provenance_of, write_tables
+from twinbench.bench.report.provenance import bullets, profile_of, write_page, write_tables
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Table
 from twinbench.bench.report.tables import build_tables
 from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.report.words import answer, certainty, headline
 from twinbench.bench.results import Results, load_results
-from twinbench.bench.roster import PROPOSED, UNRANKED, is_ablation, label
+from twinbench.bench.roster import PROPOSED, is_ablation, label
 from twinbench.bench.statistics.strata import of_stratum
 from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.summary import Summary, summarise
-from twinbench.common.page import render, write_bytes, write_figures
+from twinbench.common.page import write_bytes, write_figures
 
 
 def write_report(out: Path) -> Table:
@@ -70,7 +68,8 @@ def write_report(out: Path) -> Table:
     lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
     earlier = dict.fromkeys(FROM_ESTIMATES, lacks) if gone else {}
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
-    write_bytes(out / "report.html", _html(results, summary, tables, figures, [*said, *of_paper]).encode())
+    says = headline(summary), [*said, *of_paper], certainty(summary)
+    write_page(results, says, summary.notes, tables, figures)
     return tables[0]
 
 
@@ -87,21 +86,3 @@ def _evidence(results: Results) -> Evidence:
     evidence = Evidence() if truth is None else gather(results.estimates(), truth, results.failures)
     add_scenes(evidence, results.scenes())
     return evidence
-
-
-def _html(
-    results: Results, summary: Summary, tables: list[Table], figures: list[dict[str, Any]], said: list[str]
-) -> str:
-    return render(
-        Path(__file__).parent / "templates" / "report.html.j2",
-        headline=headline(summary),
-        answer=said,
-        certainty=certainty(summary),
-        profile=profile_of(results),
-        references=[label(name) for name in UNRANKED],
-        # What the page says at its top is not said again below the first table.
-        tables=[replace(tables[0], notes=tuple(n for n in tables[0].notes if n not in summary.notes)), *tables[1:]],
-        figures=figures,
-        failures=[(label(row[0]), *row[1:]) for row in results.failed_cells.to_numpy().tolist()],
-        provenance=provenance_of(results.manifest),
-    )

@@ -197,7 +197,8 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
     for i in range(twin.query.asked.size):
         if m.age_s[twin.query.asked[i]] > UNKNOWN_S:
             m.safety.unknown = m.stream.values.shape[0]  # until the window has forgotten it
-    tick(weights, twin.filter, m, t.query, t.measured, t.lag, t.white, t.coloured, INNOVATION_CLIP_SD, said, t.filter)
+    query, now, lag, white, coloured = t.query[:], t.measured[:], t.lag[:], t.white[:], t.coloured[:]
+    tick(weights, twin.filter, m, query, now, lag, white, coloured, INNOVATION_CLIP_SD, said, t.filter)
     m.ticks += 1
     for c in range(channels):
         m.mask[c] = t.accepted[c]
@@ -243,7 +244,7 @@ def roll_out(weights, twin, memory, inputs, out, t):  # type: ignore[no-untyped-
             room.mask[c] = 1
         nu = inputs.shape[2]
         for k in range(inputs.shape[1]):
-            predict_mean(w, own.filter, m.stream.base, m.z, room.filter)
+            predict_mean(w, own.filter, m.stream.base[:], m.z[:], room.filter)
             bound_states(own.filter, m.z)
             readings(own.filter, m.z, out[b, k])
             for c in range(nu):

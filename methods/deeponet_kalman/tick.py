@@ -69,7 +69,7 @@ def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def _go_on(w, model, base, safety, z, P, away, part, t):  # type: ignore[no-untyped-def]
     """Forecast over a part of the tick, in place. The function takes plain arrays because it is compiled."""
-    predict(w, model, base, z, P, away, safety.push, part, t)
+    predict(w, model, base, z, P, away, safety.push[:], part, t)
     if safety.unknown > 0:
         for i in range(model.increment.size):
             P[i, i] += part * (WANDERING * model.increment[i]) ** 2
@@ -118,7 +118,7 @@ def _begin(model, m, which, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, last, t):  # type: ignore[no-untyped-def]
+def _compete(w, model, m, base, away, part, white_sd, coloured_sd, clip, out, last, t):  # type: ignore[no-untyped-def]
     """All rivals go on over a part of the tick and take its readings in; their mixture is the machine's.
 
     The function takes plain arrays because it is compiled.
@@ -129,12 +129,12 @@ def _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, last, t)
         safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
         safety.unknown = m.safety.unknown
         if part > 0.0:
-            _go_on(w, model, m.stream.base, safety, z, P, away, part, t)
+            _go_on(w, model, base, safety, z, P, away, part, t)
         fill(t.read, t.now)
         foresee(model, safety, z, P, t.read, white_sd, coloured_sd, t)
         if safety.unknown == 0:
             rivals.score[k] += log_likelihood(t.innovation, t.S, safety.steps.out, t.L, t.whitened)
-        nis = correct(model, safety, z, P, t.read, white_sd, coloured_sd, clip, False, t)
+        nis = correct(model, safety, z, P, t.read, white_sd, coloured_sd, clip, rivals.left == 0, t)
         if k == shown:
             _report(out, nis, t, last)
     m.safety = rivals.safety[likeliest(rivals.score)]
@@ -172,6 +172,7 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         out: innovation (ny,), S (ny, ny), nis, accepted (ny,), flags.
     """
     away, at = distance(model.envelope, query), 0.0
+    base, z, P = m.stream.base[:], m.z[:], m.P[:]  # of one type with the rivals' own: everything compiles once
     out.nis = np.nan
     for i in range(measured.size):
         out.innovation[i], out.accepted[i] = np.nan, False
@@ -182,18 +183,18 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         part = to - at if m.stream.ticks[0] > 0 else 0.0
         if m.rivals.left == 0:
             if part > 0.0:
-                _go_on(w, model, m.stream.base, m.safety, m.z, m.P, away, part, t)
+                _go_on(w, model, base, m.safety, z, P, away, part, t)
                 part = 0.0
             fill(t.read, t.now)
-            foresee(model, m.safety, m.z, m.P, t.read, white_sd, coloured_sd, t)
+            foresee(model, m.safety, z, P, t.read, white_sd, coloured_sd, t)
             which = stepped(m.safety.steps, m.safety.unknown, t.innovation, t.S) if model.settings.steps else -1
             if which >= 0:
                 _begin(model, m, which, t)
             else:
-                nis = correct(model, m.safety, m.z, m.P, t.read, white_sd, coloured_sd, clip, True, t)
+                nis = correct(model, m.safety, z, P, t.read, white_sd, coloured_sd, clip, m.rivals.left == 0, t)
                 _report(out, nis, t, to == 1.0)
         if m.rivals.left > 0:
-            _compete(w, model, m, away, part, white_sd, coloured_sd, clip, out, to == 1.0, t)
+            _compete(w, model, m, base, away, part, white_sd, coloured_sd, clip, out, to == 1.0, t)
         at = to
     m.rivals.left = max(m.rivals.left - 1, 0)
     out.flags = _flags(model, m, out)

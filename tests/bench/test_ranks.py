@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +30,14 @@ from twinbench.bench.statistics.ranks import (
     smallest_p,
     wilcoxon_p,
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _little_to_collect() -> Iterator[None]:
+    """statsmodels collects garbage at every call, a second each where earlier tests have left much in memory."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 def table(values: np.ndarray, metric: str = "p_nrmse_pct", names: tuple[str, ...] = ()) -> SequenceScores:

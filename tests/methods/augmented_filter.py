@@ -27,10 +27,9 @@ WHITE, COLOURED = np.array([0.012, 0.6, 1e-3]), np.array([0.008, 0.4, 6e-4])
 
 def corrected(problem, safety, z, P, measured, white, coloured, clip, model=None):
     """z, P, innovation, the same of what was used, S and NIS after a correction; ``safety`` (1,) moves on."""
-    weights, own, *_ = problem
-    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights, PARTS))
-    foresee(model or own, safety[0], z, P, measured, white, coloured, room[0])
-    nis = correct(model or own, safety[0], z, P, measured, white, coloured, clip, True, room[0])
+    own, z, P, room = kept(problem, model), z.copy(), P.copy(), np.zeros(1, room_type(problem[0], PARTS))
+    foresee(own, safety[0], z, P, measured, white, coloured, room[0])
+    nis = correct(own, safety[0], z, P, measured, white, coloured, clip, True, room[0])
     return z, P, *(room[name][0] for name in ("innovation", "used", "S")), nis
 
 
@@ -52,16 +51,23 @@ def machine(problem, machines=1):
     return twin_record(model, front, scaling_of(COMPRESSOR, query, 0.1 * query), PARTS, 1), memory
 
 
+def kept(problem, model=None):
+    """The filter's model, or another, as twins keep it: what is compiled for twins serves these tests, too."""
+    weights, own, *rest = problem
+    return machine((weights, model or own, *rest))[0]["filter"][0]
+
+
 def ticked(problem, measured, lag=(0.0, 0.0, 0.0), **safety):
     """z, P and diagnostics after a tick of one machine whose outputs (3,) were read ``lag`` (3,) ticks ago.
 
     Fields of its safety are set as given.
     """
-    weights, model, *_ = problem
-    _, memory = machine(problem)
+    weights = problem[0]
+    twin, memory = machine(problem)
     for name, value in safety.items():
         memory["safety"][name] = value
     said, room = np.zeros(1, said_type(PARTS)), scratch(weights, PARTS)
     query, measured = np.zeros(5, np.float32), np.array(measured)
-    tick(weights[0], model, memory[0], query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
+    arguments = (query, measured, np.array(lag), WHITE, COLOURED, 6.0, said[0], room["filter"][0])
+    tick(weights[0], twin["filter"][0], memory[0], *arguments)
     return memory["z"][0], memory["P"][0], said

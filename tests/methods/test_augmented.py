@@ -16,6 +16,7 @@ from augmented_filter import (
     WHITE,
     ZETA,
     corrected,
+    kept,
     machine,
     off_by,
     ticked,
@@ -38,17 +39,17 @@ from twinbench.physics.compressor import M_REF_KG_S
 
 def predicted(problem, z, P, away=0.0, push=(0.0,) * 5, part=1.0, model=None):
     """z and P a tick ahead, and the Jacobian."""
-    weights, own, base, *_ = problem
+    weights, _, base, *_ = problem
     z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights, PARTS))
-    predict(weights[0], model or own, base, z, P, away, np.array(push), part, room[0])
+    predict(weights[0], kept(problem, model), base, z, P, away, np.array(push), part, room[0])
     return z, P, room["F"][0]
 
 
 def forecast(problem, z):
     """z a tick ahead by the forecast alone."""
-    weights, model, base, *_ = problem
+    weights, _, base, *_ = problem
     z = z.copy()
-    predict_mean(weights[0], model, base, z, np.zeros(1, room_type(weights, PARTS))[0])
+    predict_mean(weights[0], kept(problem), base, z, np.zeros(1, room_type(weights, PARTS))[0])
     return z
 
 

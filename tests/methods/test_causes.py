@@ -75,10 +75,10 @@ def watched(problem, leaps=None, fails=None, size=0.0, ticks=300):
     room, said, y = scratch(weights, PARTS), np.zeros(1, said_type(PARTS)), np.empty(3)
     weighed, found = [], []
     for k in range(ticks):
-        predict_mean(weights[0], model, base, z, room[0]["filter"])
+        predict_mean(weights[0], twin["filter"][0], base, z, room[0]["filter"])
         z[:5] += 0.02 * model.increment * rng.normal(size=5)
         z[ZETA + (leaps or 0)] += size if k == BEGIN and leaps is not None else 0.0
-        readings(model, z, y)
+        readings(twin["filter"][0], z, y)
         measured = y + WHITE * rng.normal(size=3)
         measured[fails or 0] += size if k >= BEGIN and fails is not None else 0.0
         query, at_once = np.zeros(5, np.float32), np.zeros(3)

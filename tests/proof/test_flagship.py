@@ -211,7 +211,9 @@ def test_a_seal_that_was_changed_meanwhile_is_noticed(
         suite.run_case(Item("nominal", 0), 3, tmp_path, "known_health")
 
 
-@pytest.mark.parametrize("engine", suite.ENGINES)
+@pytest.mark.parametrize(
+    "engine", [pytest.param(e, marks=[pytest.mark.slow] * (e != "sensors_alone")) for e in suite.ENGINES]
+)
 def test_the_engine_gets_what_it_may_read_alone(engine: str, tmp_path: Path) -> None:
     train, held_out, _ = recorded()
     plant = draw(Item("loose", 0), 3)
