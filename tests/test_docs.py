@@ -17,6 +17,7 @@ from twinbench.bench.cli.main import build_parser
 from twinbench.bench.contract import run_battery
 from twinbench.bench.contract.subject import small_benchmark
 from twinbench.bench.registry import discover, find
+from twinbench.bench.report.table_formats import number
 from twinbench.bench.roster import TRIVIAL
 from twinbench.machines.compressor import OUTPUTS
 from twinbench.physics.compressor import PLANT
@@ -363,9 +364,9 @@ def test_an_update_is_as_quick_as_the_pages_say():
     assert cold[ours] <= 0.3 * cold[ukf]
     for page in ("README.md", "docs/latency.md"):
         assert f"{us:.0f} µs" in words(page)
-        assert f"1/{ukf_us / us:.2g} of" in words(page)
-    assert f"1/{ekf_us / us:.2g} of what filterpy's EKF takes with a compiled model" in words("docs/latency.md")
-    says = f"At 20 Hz it takes 1/{cold[ukf] / cold[ours]:.2g} of that UKF, {cold[ours]:.0f} µs"
+        assert f"1/{number(ukf_us / us, 2)} of" in words(page)
+    assert f"1/{number(ekf_us / us, 2)} of what filterpy's EKF takes with a compiled model" in words("docs/latency.md")
+    says = f"At 20 Hz it takes 1/{number(cold[ukf] / cold[ours], 2)} of that UKF, {cold[ours]:.0f} µs"
     assert says in words("docs/latency.md")
     ekf, ukf = (("numba_ekf", "all compiled", 1), ("numba_ukf", "all compiled", 1))
     assert us < hot["p50_us"][ukf]
