@@ -108,4 +108,5 @@ def _cell(line: Mapping[str, Any], metric: str) -> Cell:
     if not np.isfinite(value):
         return Cell("failed" if line["failed"] else "–")
     sure = ideal(metric) is None and bool(low > 0.0 or high < 0.0)
-    return Cell(f"{'+' if value > 0 else ''}{number(value)}", span(low, high), best=sure)
+    text = number(value)
+    return Cell(f"{'+' if value > 0 and text != '0' else ''}{text}", span(low, high), best=sure)

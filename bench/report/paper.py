@@ -36,21 +36,25 @@ NONE = "This run has no recordings of the paper's kind, so it does not tell whet
 CHANGE = ["difference", "low", "high"]
 
 
-def paper_says(
-    single: Summary | None, scores: pd.DataFrame, failures: Mapping[str, str], robustness: pd.DataFrame
-) -> list[str]:
-    """A paragraph per claim; nothing where the run does not tell.
+def paper_says(single: Summary | None) -> list[str]:
+    """What the paper says of its comparison, a paragraph per claim.
 
     Args:
         single: of the recordings with a healthy start and one change; None where the run has none.
-        scores: columns ``estimator, seed, sequence, metric, value`` of those, ablations among them.
+    """
+    return [NONE] if single is None else [*_against_the_strongest(single), *_strongest(single), *_numbers(single)]
+
+
+def parts_say(scores: pd.DataFrame, failures: Mapping[str, str], robustness: pd.DataFrame) -> list[str]:
+    """What the paper says of its method's parts, a paragraph per claim; nothing where the run does not tell.
+
+    Args:
+        scores: columns ``estimator, seed, sequence, metric, value`` of the recordings with a healthy start and one
+            change, ablations among them.
         failures: per estimator with failed cells, which and why.
         robustness: ``robustness.csv``; may be empty.
     """
-    if single is None:
-        return [NONE]
-    found = (*_against_the_strongest(single), *_strongest(single), *_numbers(single))
-    return [*found, *_parts(scores, failures), *_trust(robustness)]
+    return [*_parts(scores, failures), *_trust(robustness)]
 
 
 def _against_the_strongest(single: Summary) -> Iterator[str]:

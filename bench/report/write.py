@@ -13,7 +13,7 @@ from twinbench.bench.report.figures import FROM_ESTIMATES, draw
 from twinbench.bench.report.health_tables import single_table
 from twinbench.bench.report.other import write_other
 from twinbench.bench.report.paired import ablation_table, rivals_table
-from twinbench.bench.report.paper import paper_says
+from twinbench.bench.report.paper import paper_says, parts_say
 from twinbench.bench.report.provenance import bullets, profile_of, write_page, write_tables
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Table
@@ -29,8 +29,8 @@ from twinbench.common.page import write_bytes, write_figures
 
 
 def write_report(out: Path) -> Table:
-    """Write ``tables/``, ``figures/``, ``answer.md``, ``paper_says.md`` and ``report.html`` from ``scores.csv`` and its
-    neighbours.
+    """Write ``tables/``, ``figures/``, ``report.html``, ``answer.md``, ``paper_says.md`` and ``parts_say.md`` from
+    ``scores.csv`` and its neighbours.
 
     Returns:
         The comparison of the estimators, for a terminal.
@@ -61,14 +61,16 @@ def write_report(out: Path) -> Table:
     tables.append(single_table(single))
     tables += robustness_tables(results.robustness)
     said = (*answer(summary), *verdicts(summary, evidence.coverage))
-    of_paper = paper_says(single, scores, results.failures, results.robustness)
+    of_paper, of_parts = paper_says(single), parts_say(scores, results.failures, results.robustness)
     write_bytes(out / "answer.md", bullets(f"**{headline(summary)}.**", *said).encode())
     write_bytes(out / "paper_says.md", bullets(*of_paper).encode())
+    if of_parts:
+        write_bytes(out / "parts_say.md", bullets(*of_parts).encode())
     write_tables(out, tables)
     lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
     earlier = dict.fromkeys(FROM_ESTIMATES, lacks) if gone else {}
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
-    says = headline(summary), [*said, *of_paper], certainty(summary)
+    says = headline(summary), [*said, *of_paper, *of_parts], certainty(summary)
     write_page(results, says, summary.notes, tables, figures)
     return tables[0]
 

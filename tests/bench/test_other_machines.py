@@ -163,7 +163,13 @@ def test_harder_conditions_have_tables_of_the_machines_own_sensors(machine) -> N
     metrics = (*subject.state_errors, "health_life_pct", "health_after_fault_pct")
     rows = [("oracle", 0, g, c, f"s{i}", m, 1.0 + 0.1 * i) for g, c in tried for m in metrics for i in range(3)]
     tables = {t.name: t for t in robustness_tables(pd.DataFrame(rows, columns=COLUMNS), subject)}
-    assert list(tables) == ["harder", "faults", *(f"noise_{o.key}" for o in subject.outputs), "noise_health"]
+    assert list(tables) == [
+        "harder",
+        "faults",
+        *(f"noise_{o.key}" for o in subject.outputs),
+        "noise_health",
+        "fault_kinds",
+    ]
     assert len(tables["harder"].rows) == 1 + sum(c.group == "pace" for c in conditions(machine))
     labels = [row[0].text for row in tables["faults"].rows]
     assert f"stuck: {machine.label(machine.outputs[0])}" in labels

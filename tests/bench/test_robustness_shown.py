@@ -55,7 +55,7 @@ def test_after_faults_one_is_recovered(scores):
 
 
 def test_the_tables_hold_errors_and_their_multiples(scores):
-    harder, faults, pressure, health = robustness_tables(scores)
+    harder, faults, pressure, health, kinds = robustness_tables(scores)
     assert list(faults.frame.columns) == ["condition", "oracle", "deeponet_kalman"]
     row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
     assert faults.frame["oracle"][row] == pytest.approx(3.0, rel=0.05)
@@ -65,11 +65,14 @@ def test_the_tables_hold_errors_and_their_multiples(scores):
     assert len(harder.rows) == 1 + sum(c.group in ("pace", "envelope") for c in CONDITIONS)
     for grid in (pressure, health):
         assert len(grid.rows) == 1 + len(NOISE_LEVELS) * len(DROPOUT_LEVELS)
+    row = kinds.frame["condition"].tolist().index("stuck")
+    assert kinds.frame["oracle"][row] == pytest.approx((3.0 + 1.0 + 1.0) / 3.0, rel=0.05)
+    assert len(kinds.rows) == 1 + len({f.name.removesuffix(f" {f.channels[0]}") for f in FAULTS})
     assert robustness_tables(scores[:0]) == []
 
 
 def test_a_multiple_has_the_interval_of_its_recordings(scores):
-    _, faults, _, _ = robustness_tables(scores)
+    faults = robustness_tables(scores)[1]
     row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
     low, high = (float(end) for end in faults.rows[row][1].times.partition("[")[2].rstrip("]").split("–"))
     assert 2.9 < low <= high < 3.1

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from twinbench.bench.report.main_table import extremes, quickest, quickest_form
-from twinbench.bench.report.paper import NONE, paper_says
+from twinbench.bench.report.paper import NONE, paper_says, parts_say
 from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS
 from twinbench.bench.statistics.summary import LIFE, PARAMETERS, Summary, summarise
@@ -153,7 +153,7 @@ def test_coverage_is_that_of_the_worst_and_best_quantity() -> None:
 
 def test_the_paper_holds_where_the_tests_say_so() -> None:
     table = scores(LEVELS, kind="single", **{f"{PARAMETERS}__gru_kf": 1.0})
-    found = paper_says(summarise(table, {}, "single"), table, {}, NOTHING)
+    found = paper_says(summarise(table, {}, "single"))
     assert "Here it holds in pressure, temperature and flow; the tests do not decide in parameter" in found[0]
     assert any(text.startswith("The paper: pressure error 0.720 %") and "lies above" in text for text in found)
 
@@ -161,8 +161,7 @@ def test_the_paper_holds_where_the_tests_say_so() -> None:
 def test_ablations_are_told_by_their_interval() -> None:
     levels = LEVELS | {"deeponet_kalman:no_covariance_adaptation": 1.6, "deeponet_kalman:no_feasibility": 1.0}
     table = scores(levels, spread=0.02, kind="single")
-    whole = table[~table["estimator"].str.contains(":")]
-    found = paper_says(summarise(whole, {}, "single"), table, {}, NOTHING)
+    found = parts_say(table, {}, NOTHING)
     (adapted,) = [text for text in found if "covariance adaptation" in text]
     assert "grows by 1.70 percentage points. Here: it grows" in adapted
     (vacuous,) = [text for text in found if "feasibility" in text]
@@ -170,7 +169,7 @@ def test_ablations_are_told_by_their_interval() -> None:
 
 
 def test_without_recordings_of_the_papers_kind_nothing_is_claimed() -> None:
-    assert paper_says(None, scores(LEVELS), {}, NOTHING) == [NONE]
+    assert paper_says(None) == [NONE]
 
 
 def test_a_filter_is_as_quick_as_its_quickest_form() -> None:
