@@ -57,7 +57,7 @@ def robustness_tables(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[T
 def _by_kind(scores: pd.DataFrame, subject: Subject) -> pd.DataFrame:
     """Means over the sensors that a kind of fault happens to; the condition is the kind."""
     kinds = scores.assign(condition=[_kind(str(c), subject) for c in scores["condition"]])
-    return kinds.groupby([c for c in scores.columns if c != "value"], sort=False, as_index=False)["value"].mean()
+    return kinds.groupby([c for c in scores.columns if c != "value"], sort=False)["value"].mean().reset_index()
 
 
 def _kind(condition: str, subject: Subject) -> str:
