@@ -30,15 +30,8 @@ def rivals_table(scores: pd.DataFrame, failures: Mapping[str, str]) -> Table:
     """
     names = [n for n in ordered(scores["estimator"].unique()) if not is_ablation(n) and n != PROPOSED]
     note = f"Paired difference to {label(PROPOSED)}, " + INTERVAL.format(says=f"{label(PROPOSED)} is the better")
-    return _table(
-        "paired",
-        f"Against {label(PROPOSED)}",
-        "estimator",
-        {n: (label(n), PROPOSED) for n in names},
-        scores,
-        failures,
-        note,
-    )
+    pairs = {n: (label(n), PROPOSED) for n in names}
+    return _table("paired", f"Against {label(PROPOSED)}", "estimator", pairs, scores, failures, note)
 
 
 def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str], subject: Subject = PAPERS) -> Table:
