@@ -46,7 +46,7 @@ def robustness_tables(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[T
         heading = (f"noise_{name}", f"{says.capitalize()} under noise and missing samples")
         tables.append((heading, noise, metric, (NOTE.format(what=f"RMSE of the {says}, %"),)))
     tables.append((("noise_health", "Health under noise and missing samples"), noise, "health_life_pct", (health,)))
-    kinds = list(dict.fromkeys(_kind(name, subject) for name in groups["fault"]))
+    kinds = list(dict.fromkeys(subject.kind_and_sensor(name)[0] for name in groups["fault"]))
     by_kind = (("fault_kinds", "After sensor faults, by kind"), kinds, "health_after_fault_pct", (health, KINDS, AFTER))
     return [
         *(_table(scores, subject, *table) for table in tables),
@@ -56,14 +56,8 @@ def robustness_tables(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[T
 
 def _by_kind(scores: pd.DataFrame, subject: Subject) -> pd.DataFrame:
     """Means over the sensors that a kind of fault happens to; the condition is the kind."""
-    kinds = scores.assign(condition=[_kind(str(c), subject) for c in scores["condition"]])
+    kinds = scores.assign(condition=[subject.kind_and_sensor(str(c))[0] for c in scores["condition"]])
     return kinds.groupby([c for c in scores.columns if c != "value"], sort=False)["value"].mean().reset_index()
-
-
-def _kind(condition: str, subject: Subject) -> str:
-    """A fault without the sensor that has it."""
-    kind, _, channel = condition.rpartition(" ")
-    return kind if channel in {c.name for c in (*subject.inputs, *subject.readings)} else condition
 
 
 def _groups(scores: pd.DataFrame, subject: Subject) -> dict[str, list[str]]:

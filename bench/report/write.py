@@ -29,8 +29,8 @@ from twinbench.common.page import write_bytes, write_figures
 
 
 def write_report(out: Path) -> Table:
-    """Write ``tables/``, ``figures/``, ``report.html``, ``answer.md``, ``paper_says.md`` and ``parts_say.md`` from
-    ``scores.csv`` and its neighbours.
+    """Write ``tables/``, ``figures/``, ``report.html``, ``answer.md`` and ``paper_says.md`` from ``scores.csv`` and
+    its neighbours; ``parts_say.md``, too, where parts were left out.
 
     Returns:
         The comparison of the estimators, for a terminal.

@@ -96,11 +96,16 @@ class Subject:
         """For a manifest."""
         return asdict(self)
 
+    def kind_and_sensor(self, condition: str) -> tuple[str, str]:
+        """What a fault is, and the label of the one sensor that has it; of any other condition its name and nothing."""
+        kind, _, channel = condition.rpartition(" ")
+        labels = {c.name: c.label for c in (*self.inputs, *self.readings)}
+        return (kind, labels[channel]) if channel in labels else (condition, "")
+
     def condition_label(self, name: str) -> str:
         """``stuck: mass flow`` of a fault of one sensor; any other condition keeps its name."""
-        kind, _, channel = name.rpartition(" ")
-        labels = {c.name: c.label for c in (*self.inputs, *self.readings)}
-        return f"{kind}: {labels[channel]}" if channel in labels else name
+        kind, sensor = self.kind_and_sensor(name)
+        return f"{kind}: {sensor}" if sensor else kind
 
     @classmethod
     def from_json(cls, found: Mapping[str, Any]) -> Subject:

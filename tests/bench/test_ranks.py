@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -33,11 +32,10 @@ from twinbench.bench.statistics.ranks import (
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _little_to_collect() -> Iterator[None]:
+def _little_to_collect() -> None:
     """statsmodels collects garbage at every call, a second each where earlier tests have left much in memory."""
+    gc.collect()
     gc.freeze()
-    yield
-    gc.unfreeze()
 
 
 def table(values: np.ndarray, metric: str = "p_nrmse_pct", names: tuple[str, ...] = ()) -> SequenceScores:
