@@ -9,11 +9,11 @@ from pathlib import Path
 USER_FILE = "twinbench_file_"
 """Modules of users' files are named so."""
 # The longest file that there can be, so that the colon of C:\x\my.py is none that a name follows.
-_FILE = re.compile(r"(?P<file>.+\.(?:py|toml))(?::(?P<name>.*))?", re.DOTALL)
+_FILE = re.compile(r"(?P<file>.+\.(?:py|toml|fmu))(?::(?P<name>.*))?", re.DOTALL)
 
 
 def split_spec(spec: str) -> tuple[str, str]:
-    """The file (.py or .toml) and what follows its colon; no file where the spec names none.
+    """The file (.py, .toml or .fmu) and what follows its colon; no file where the spec names none.
 
     ``package.module:NAME`` and plain names have no file. The name may hold colons of its own.
     """

@@ -52,10 +52,10 @@ class Trust:
             return
         if not self.everything and not any(file.is_relative_to(folder) for folder in self.folders):
             raise ValueError(
-                f"{self.toml}: would run Python from {file}, which is neither in its folder nor in the one you are in; "
+                f"{self.toml}: would run code from {file}, which is neither in its folder nor in the one you are in; "
                 "read that file, and if you trust it, say --trust"
             )
-        _LOG.warning("twinbench: %s", printable(f"{self.toml} runs Python from {file}"))
+        _LOG.warning("twinbench: %s", printable(f"{self.toml} runs code from {file}"))
 
 
 def _file_of(spec: str) -> Path | None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
 import hashlib
-import math
 import sys
 from collections.abc import Callable, Iterator
 from types import CodeType, FunctionType, ModuleType
@@ -13,11 +11,12 @@ from typing import Any
 import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
+from numba.core.extending import _Intrinsic
 
 from twinbench.common.filespec import USER_FILE
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-_MODULES = (builtins, math, np)
+_LIBRARIES = ("builtins", "math", "numpy", "numba", "llvmlite")
 """What these hold is settled by their versions."""
 
 
@@ -48,7 +47,7 @@ def _told(value: Any, seen: list[Any]) -> Iterator[bytes]:
             raise Untold(f"the compiled function {value.py_func.__qualname__}, whose name may have two meanings")
         yield repr(sorted(value.targetoptions.items())).encode()
         value = value.py_func
-    if isinstance(value, FunctionType) and _home(value) != "numpy":
+    if isinstance(value, FunctionType) and _home(value) not in _LIBRARIES:
         if value in seen:
             yield str(seen.index(value)).encode()
             return
@@ -77,7 +76,11 @@ def _told(value: Any, seen: list[Any]) -> Iterator[bytes]:
     elif isinstance(value, np.ndarray | np.generic) and not value.dtype.hasobject:
         yield f"{value.dtype.str} {value.shape}".encode()
         yield value.tobytes()
-    elif any(value is module for module in _MODULES) or (callable(value) and _is_library(value)):
+    elif isinstance(value, _Intrinsic):
+        yield from _told(value._defn, seen)
+    elif isinstance(value, ModuleType) and value.__name__.partition(".")[0] in _LIBRARIES:
+        yield value.__name__.encode()
+    elif callable(value) and _is_library(value):
         yield f"{_home(value)} {getattr(value, '__qualname__', None) or value.__name__}".encode()
     else:
         raise Untold(f"a {type(value).__name__}")
@@ -92,7 +95,7 @@ def _is_only_one(function: Dispatcher) -> bool:
 
 def _is_library(value: Any) -> bool:
     owner = getattr(value, "__self__", None)  # of a method: it would have to be told too
-    return _home(value) in ("builtins", "math", "numpy") and (owner is None or isinstance(owner, ModuleType))
+    return _home(value) in _LIBRARIES and (owner is None or isinstance(owner, ModuleType))
 
 
 def _home(value: Any) -> str:

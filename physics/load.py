@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from twinbench.common.filespec import USER_FILE, split_spec
 from twinbench.common.trial import about_to, tried
 from twinbench.physics.check import check_mechanism, check_simulator, last_line
+from twinbench.physics.fmu.as_simulator import simulator_of
 from twinbench.physics.simulator import Mechanism, Simulator
 
 Held = TypeVar("Held")
@@ -27,7 +28,7 @@ BUILTIN_CATALOGUE = "twinbench.physics.mechanisms:CATALOGUE"
 
 
 def load_simulator(spec: str) -> Simulator:
-    """A simulator by name, from ``path/to/file.py[:NAME]`` or from ``package.module:NAME``.
+    """A simulator by name, from ``path/to/file.py[:NAME]``, ``package.module:NAME`` or ``path/to/machine.fmu``.
 
     A file that holds one Simulator needs no NAME.
 
@@ -51,6 +52,9 @@ def _checked(spec: str) -> None:
 
 def _simulator(where: str) -> Simulator:
     """The one that a spec names, as it is."""
+    if where.endswith(".fmu"):
+        about_to("loading it")
+        return simulator_of(where)
     return held(where, Simulator, tuple(BUILTIN))
 
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 from twinbench.bench.cli.output import tell
 from twinbench.bench.cli.parser import SIMULATOR_HELP, add_trust
+
+if TYPE_CHECKING:
+    from twinbench.physics.simulator import Mechanism
 
 SAYS = "list estimators, ablations, machines, mechanisms or simulators"
 EXAMPLE = "twinbench list estimators --json"
@@ -16,7 +20,9 @@ EXAMPLE = "twinbench list estimators --json"
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("what", nargs="?", default="estimators", choices=tuple(_LISTS))
     parser.add_argument(
-        "--simulator", metavar="SIMULATOR", help=f"list the mechanisms that mismatch looks for in it: {SIMULATOR_HELP}"
+        "--simulator",
+        metavar="SIMULATOR",
+        help=f"list the mechanisms that mismatch looks for in it, or what the simulator has: {SIMULATOR_HELP}",
     )
     add_trust(parser)
 
@@ -25,9 +31,9 @@ def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from twinbench.common.errors import BadInput
 
-    if a.simulator and a.what != "mechanisms":
-        raise BadInput(f"list {a.what}: --simulator goes with mechanisms only; leave it out")
-    rows = _mechanisms(a.simulator, a.trust) if a.what == "mechanisms" else _LISTS[a.what]()
+    if a.simulator and a.what not in _OF_ONE:
+        raise BadInput(f"list {a.what}: --simulator goes with {' or '.join(_OF_ONE)} only; leave it out")
+    rows = _OF_ONE[a.what](a.simulator, a.trust) if a.simulator else _LISTS[a.what]()
     if a.json:
         tell(a, rows)
         return 0
@@ -67,11 +73,19 @@ def _finite(setting: Any) -> Any:
     return str(setting) if isinstance(setting, float) and not math.isfinite(setting) else setting
 
 
-def _mechanisms(spec: str | None = None, trust: bool = False) -> list[dict[str, Any]]:
-    from twinbench.mismatch.model import load_simulator, whole_catalogue
+def _mechanisms() -> list[dict[str, Any]]:
     from twinbench.physics.mechanisms import CATALOGUE
 
-    mechanisms = whole_catalogue(load_simulator(spec, trust)) if spec else CATALOGUE
+    return _said(CATALOGUE)
+
+
+def _mechanisms_of(spec: str, trust: bool) -> list[dict[str, Any]]:
+    from twinbench.mismatch.model import load_simulator, whole_catalogue
+
+    return _said(whole_catalogue(load_simulator(spec, trust)))
+
+
+def _said(mechanisms: Iterable[Mechanism]) -> list[dict[str, Any]]:
     return [
         {
             "name": m.name,
@@ -90,6 +104,18 @@ def _simulators() -> list[dict[str, Any]]:
     return [
         {"name": s.name, "states": len(s.states), "parameters": len(s.parameters), "says": s.says}
         for s in (PLANT, NOMINAL)
+    ]
+
+
+def _variables_of(spec: str, trust: bool) -> list[dict[str, Any]]:
+    """What was understood of a simulator: its variables."""
+    from twinbench.mismatch.model import load_simulator
+
+    simulator, columns = load_simulator(spec, trust), ("name", "unit", "low", "high", "nominal", "scale", "says")
+    return [
+        {"kind": kind, **{c: _finite(getattr(variable, c)) for c in columns}}
+        for kind in ("state", "input", "output", "parameter")
+        for variable in getattr(simulator, f"{kind}s")
     ]
 
 
@@ -116,3 +142,5 @@ _LISTS = {
     "mechanisms": _mechanisms,
     "simulators": _simulators,
 }
+_OF_ONE = {"mechanisms": _mechanisms_of, "simulators": _variables_of}
+"""What can be listed of one simulator."""

@@ -7,7 +7,9 @@ import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
-SIMULATOR_HELP = "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, or a model.toml"
+SIMULATOR_HELP = (
+    "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, path/to/machine.fmu, or a model.toml"
+)
 MACHINE_HELP = "compressor, two_tanks, motor, path/to/file.py[:NAME], or package.module:NAME (default: compressor)"
 VERBOSE_HELP = "report progress in detail on stderr; give it twice for more"
 

@@ -1,0 +1,190 @@
+"""An FMU for model exchange as a simulator: its states, inputs, outputs and parameters, its rates and readings."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twinbench.physics.fmu import calls
+from twinbench.physics.fmu.description import REAL, Description, Scalar
+from twinbench.physics.fmu.library import Library
+from twinbench.physics.fmu.unpack import digest, opened
+from twinbench.physics.native import executed, native
+from twinbench.physics.simulator import Array, Equation, Simulator, Variable
+
+STEPS, NEAR, STEP = 20, 1e-9, 1e-6
+"""Newton steps to the state that reads what was read, how near in scales is there, and the step of the differences."""
+PROBES, FAR, LATER_S = 200, 10.0, 1.0
+"""Points at which it is tried on load, how far away in scales, and a time after the start."""
+
+
+def simulator_of(path: str | Path) -> Simulator:
+    """The simulator that an FMU is (FMI 2.0 or 3.0, model exchange).
+
+    An FMU is somebody's machine code. To load it is to run it.
+
+    Raises:
+        ValueError: one line: no FMU, or one that is no ordinary differential equation in real numbers.
+    """
+    try:
+        return _loaded(Path(path), digest(Path(path)) if Path(path).is_file() else "")
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+@functools.cache
+def _loaded(path: Path, content: str) -> Simulator:
+    """Once for each content: a process may not be able to load it again."""
+    description, folder = opened(path)
+    inputs, outputs, parameters = _chosen(description)
+    key = int(content[:15], 16)
+    library = Library(description, folder, key, (inputs, outputs, parameters))
+    rhs, output = _equation("rhs", calls.rates, key), _equation("output", calls.readings, key)
+    found = Simulator(
+        name=description.name or path.stem,
+        says=description.says,
+        states=tuple(_variable(s, _or(s.start, 0.0)) for s in description.states),
+        inputs=tuple(_variable(v, _or(v.start, 0.0)) for v in inputs),
+        outputs=tuple(_variable(v, _or(v.start, 0.0)) for v in outputs),
+        parameters=tuple(_variable(v, v.start) for v in parameters),
+        rhs=rhs,
+        output=output,
+        initial=_unknown,
+    )
+    found = _at_start(found, calls.start(key, found.theta()))
+    _probe(found, library)
+    return found
+
+
+def _at_start(simulator: Simulator, x: Array) -> Simulator:
+    """With the states (nx,) in which it starts as nominal, and what the readings are there."""
+    if not np.isfinite(x).all():
+        return simulator
+    u, theta = np.array([v.nominal for v in simulator.inputs]), simulator.theta()
+    states = tuple(_moved_to(s, float(value)) for s, value in zip(simulator.states, x, strict=True))
+    y, scale = simulator.output(x, u, theta), np.array([s.scale for s in states])
+    spread = np.sqrt((_slopes(simulator, x, u, theta, scale) ** 2).sum(axis=1))
+    outputs = tuple(
+        replace(_moved_to(o, float(value)), scale=float(o.scale if math.isfinite(o.high - o.low) else by or o.scale))
+        for o, value, by in zip(simulator.outputs, y, spread, strict=True)
+    )
+    found = replace(simulator, states=states, outputs=outputs)
+    return replace(found, initial=Initial(found))
+
+
+def _moved_to(v: Variable, nominal: float) -> Variable:
+    return replace(v, nominal=nominal, low=min(v.low, nominal), high=max(v.high, nominal))
+
+
+def _slopes(simulator: Simulator, x: Array, u: Array, theta: Array, scale: Array) -> Array:
+    """What the readings change by if a state moves by its scale, (ny, nx), by central differences."""
+    ahead, behind = (
+        np.stack([simulator.output(x + way * STEP * move, u, theta) for move in np.diag(scale)], axis=-1)
+        for way in (1.0, -1.0)
+    )
+    return np.nan_to_num((ahead - behind) / (2.0 * STEP))
+
+
+def _unknown(u0: Array, y0: Array, theta: Array) -> Array:
+    """Stands where ``Initial`` will, which needs the simulator."""
+    raise NotImplementedError
+
+
+def _probe(simulator: Simulator, library: Library) -> None:
+    """Try it at states and inputs about the nominal ones.
+
+    Raises:
+        ValueError: one line: it is no ordinary differential equation.
+    """
+    groups, theta, rng = (simulator.states, simulator.inputs), simulator.theta(), np.random.default_rng(0)
+    x, u = (np.array([v.nominal for v in group]) for group in groups)
+    of_x, of_u = (np.array([v.scale for v in group]) for group in groups)
+    before = simulator.rhs(x, u, theta)  # type: ignore[misc]
+    if not np.isfinite(before).all():
+        said = f": {library.says}" if library.says else ""
+        raise ValueError(f"reports an error at its own start{said}; see that it simulates where it was made")
+    library.set_time(LATER_S)
+    if not np.array_equal(before, simulator.rhs(x, u, theta)):  # type: ignore[misc]
+        raise ValueError("its rates depend on time; make what drives it an input")
+    for _ in range(PROBES):
+        away = (rng.uniform(-FAR, FAR, part.size) for part in (x, u))
+        simulator.rhs(x + of_x * next(away), u + of_u * next(away), theta)  # type: ignore[misc]
+    if library.noted(calls.TIMED):
+        raise ValueError("has a timetable of events; make what happens then an input")
+    if library.noted(calls.JUMPED):
+        raise ValueError("its states jump at events; only machines whose states move steadily can be examined")
+
+
+def _or(value: float, otherwise: float) -> float:
+    return value if math.isfinite(value) else otherwise
+
+
+def _variable(v: Scalar, nominal: float) -> Variable:
+    low, high = min(v.low, nominal), max(v.high, nominal)
+    return Variable(v.name, v.unit, low, high, nominal, v.size if v.size > 0.0 else 0.0, v.says)
+
+
+def _chosen(description: Description) -> tuple[tuple[Scalar, ...], ...]:
+    """Inputs, outputs and parameters of the simulator.
+
+    Raises:
+        ValueError: one line: what cannot be simulated.
+    """
+    if not description.exchange:
+        raise ValueError("is for co-simulation only, which tells no rates; export it for model exchange")
+    if description.needs_tool:
+        raise ValueError("runs only where its authoring tool is; export it with its own binary")
+    if not description.states:
+        raise ValueError("has no continuous states, so nothing to simulate")
+    real = REAL[description.version]
+    inputs = description.of("input")
+    for v in (*inputs, *description.states):
+        if v.kind != real:
+            what = "an array" if v.kind == "array" else f"of type {v.kind}"
+            raise ValueError(f"its {v.causality} {v.name!r} is {what}, must be a single real number")
+    outputs = tuple(v for v in description.of("output") if v.kind == real) or description.states
+    parameters = tuple(v for v in description.of("parameter") if v.kind == real and math.isfinite(v.start))
+    return inputs, outputs, parameters
+
+
+def _equation(name: str, function: Callable[..., Any], key: int) -> Equation:
+    """An equation that calls an FMU, plain; compiled it is kept from process to process."""
+    text = f"def {name}(x, u, theta):\n    return call({key}, x, u, theta)\n"
+    made = executed(text, {"call": function})[name]
+    made.native = functools.partial(_compiled, name, text, function)
+    return made  # type: ignore[no-any-return]
+
+
+def _compiled(name: str, text: str, function: Callable[..., Any]) -> Any:
+    return native(text, (("call", function),))[name]
+
+
+@dataclass(frozen=True, eq=False)
+class Initial:
+    """Where a recording begins: the state nearest to the FMU's own start whose readings are the first ones.
+
+    Nearest is meant in the states' scales. What the readings do not tell stays where the FMU starts.
+    """
+
+    simulator: Simulator
+
+    def __call__(self, u0: Array, y0: Array, theta: Array) -> Array:
+        """x0 (nx,) from first inputs (nu,) and readings (ny,) in the units of the simulator's variables."""
+        x = np.array([s.nominal for s in self.simulator.states])
+        scale = np.array([s.scale for s in self.simulator.states])
+        of_reading = np.array([o.scale for o in self.simulator.outputs])
+        for _ in range(STEPS):
+            gap = (y0 - self.simulator.output(x, u0, theta)) / of_reading
+            gap[~np.isfinite(gap)] = 0.0
+            slopes = _slopes(self.simulator, x, u0, theta, scale) / of_reading[:, None]
+            move = np.linalg.pinv(slopes, rcond=STEP) @ gap
+            x = x + scale * move
+            if np.abs(move).max() < NEAR:
+                break
+        return x

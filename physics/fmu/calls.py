@@ -1,0 +1,254 @@
+"""An FMU's functions called by address from compiled code.
+
+What a process has loaded stands in one registry, whose address is a symbol to the linker. Compiled code names the
+symbol and an FMU's key, never an address. So what is compiled in one process is of use in the next.
+
+Each FMU has a table of 64-bit words: HEAD words about it, then one row for each of its instances. A row begins with
+BUSY, HANDLE and READY; the parameters with which the instance was initialised follow. Threads share the instances. A
+thread takes one by a compare-and-swap of its BUSY.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import binding, ir
+from numba import carray, njit, types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+SYMBOL = "twinbench_fmus"
+MOST = 64
+"""FMUs in one process."""
+REGISTRY = np.zeros((MOST, 2), np.int64)
+"""Key and address of the table of each."""
+binding.add_symbol(SYMBOL, REGISTRY.ctypes.data)
+
+(VERSION, INSTANCES, STATES, INPUTS, OUTPUTS, PARAMETERS, EVENTS, OF_INPUTS, OF_OUTPUTS, OF_PARAMETERS) = range(10)
+"""Places in the head of a table: sizes, then the addresses of value references."""
+FUNCTIONS = (
+    "set_reals", "get_reals", "set_states", "get_rates", "reset", "setup", "enter_initialisation",
+    "leave_initialisation", "enter_event_mode", "update_discrete", "enter_continuous_mode", "get_states",
+)  # fmt: skip
+(
+    SET_REALS, GET_REALS, SET_STATES, GET_RATES, RESET, SETUP, ENTER_INIT, EXIT_INIT, ENTER_EVENT, UPDATE, ENTER_CONT,
+    GET_STATES,
+) = range(10, 22)  # fmt: skip
+"""Places of the functions' addresses."""
+JUMPED, TIMED = 22, 23
+"""Places where it is noted that the states jumped at an event, and that the FMU has a timetable of events."""
+HEAD = 24
+BUSY, HANDLE, READY, THETA = 0, 1, 2, 3
+WORST, ERROR = 1, 3
+"""Worst status with which a call's result still counts, a warning; and FMI's status of an error."""
+UPDATES = 10
+"""Most turns of an event iteration; relations that have not settled by then do not."""
+
+
+@intrinsic
+def _registry(typingctx):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        module = builder.module
+        symbol = module.globals.get(SYMBOL) or ir.GlobalVariable(module, ir.IntType(8), SYMBOL)
+        symbol.linkage = "external"
+        return builder.ptrtoint(symbol, ir.IntType(64))
+
+    return types.int64(), generate
+
+
+@intrinsic
+def _as_ints(typingctx, address):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+
+    return types.CPointer(types.int64)(types.int64), generate
+
+
+@intrinsic
+def _as_doubles(typingctx, address):  # type: ignore[no-untyped-def]
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.inttoptr(arguments[0], ir.DoubleType().as_pointer())
+
+    return types.CPointer(types.float64)(types.int64), generate
+
+
+@intrinsic
+def _swapped(typingctx, address, old, new):  # type: ignore[no-untyped-def]
+    """1 if the word at an address was ``old`` and is ``new`` now."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        place = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+        result = builder.cmpxchg(place, arguments[1], arguments[2], "acq_rel", "monotonic")
+        return builder.zext(builder.extract_value(result, 1), ir.IntType(64))
+
+    return types.int64(types.int64, types.int64, types.int64), generate
+
+
+@intrinsic
+def _call(typingctx, address, given):  # type: ignore[no-untyped-def]
+    """Call the C function at an address; it returns an int."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        kinds = [context.get_value_type(kind) for kind in given.types]
+        function = builder.inttoptr(arguments[0], ir.FunctionType(ir.IntType(32), kinds).as_pointer())
+        return builder.call(function, cgutils.unpack_tuple(builder, arguments[1], len(given.types)))
+
+    return types.int32(types.int64, given), generate
+
+
+@njit(cache=True)
+def _table(key):  # type: ignore[no-untyped-def]
+    """Address of the table of an FMU."""
+    known = carray(_as_ints(_registry()), (MOST, 2))
+    for k in range(MOST):
+        if known[k, 0] == key:
+            return known[k, 1]
+    return 0
+
+
+@njit(cache=True)
+def _reals(head, function, handle, references, count, values):  # type: ignore[no-untyped-def]
+    """Set or get so many reals at an address; FMI 3 wants to know the number of values, too. Returns the status."""
+    if count == 0:
+        return 0
+    if head[VERSION] == 2:
+        return _call(head[function], (handle, head[references], count, values))
+    return _call(head[function], (handle, head[references], count, values, count))
+
+
+@njit(cache=True)
+def _update(head, handle):  # type: ignore[no-untyped-def]
+    """Iterate the event that the instance is in, until its relations have settled. Returns the worst status."""
+    info = np.zeros(6, np.int64)
+    flags, worst, at = info.view(np.int32), 0, info.ctypes.data
+    for _ in range(UPDATES):
+        info[:] = 0
+        if head[VERSION] == 2:
+            worst = max(worst, _call(head[UPDATE], (handle, at)))
+            again, jumped, timed = flags[0] != 0, flags[3] != 0, flags[4] != 0
+        else:
+            where = (handle, at, at + 8, at + 16, at + 24, at + 32, at + 40)
+            worst = max(worst, _call(head[UPDATE], where))
+            again, jumped, timed = (info[0] & 1) != 0, (info[3] & 1) != 0, (info[4] & 1) != 0
+        head[TIMED] |= timed
+        if jumped:
+            head[JUMPED] = 1
+            return ERROR
+        if not again:
+            return worst
+    return ERROR
+
+
+@njit(cache=True)
+def _initialise(head, handle, theta):  # type: ignore[no-untyped-def]
+    """Begin anew with these parameters. Returns the worst status."""
+    no, zero = np.int32(0), 0.0
+    worst = _call(head[RESET], (handle,))
+    if head[VERSION] == 2:
+        worst = max(worst, _call(head[SETUP], (handle, no, zero, zero, no, zero)))
+    worst = max(worst, _reals(head, SET_REALS, handle, OF_PARAMETERS, head[PARAMETERS], theta.ctypes.data))
+    if head[VERSION] == 2:
+        worst = max(worst, _call(head[ENTER_INIT], (handle,)))
+    else:
+        worst = max(worst, _call(head[ENTER_INIT], (handle, no, zero, zero, no, zero)))
+    worst = max(worst, _call(head[EXIT_INIT], (handle,)))
+    worst = max(worst, _update(head, handle))
+    return max(worst, _call(head[ENTER_CONT], (handle,)))
+
+
+@njit(cache=True)
+def _has(own, theta):  # type: ignore[no-untyped-def]
+    """Was an instance initialised with these parameters?"""
+    same = own[READY] == 1.0
+    for i in range(theta.size):
+        same &= own[THETA + i] == theta[i]
+    return same
+
+
+@njit(cache=True)
+def _take(table, head, theta):  # type: ignore[no-untyped-def]
+    """Take an instance, one that has these parameters if there is one. Returns the address of its row."""
+    words = THETA + head[PARAMETERS]
+    first, chosen = table + 8 * HEAD, 0
+    for k in range(head[INSTANCES]):
+        if _has(carray(_as_doubles(first + 8 * words * k), words), theta):
+            chosen = k
+            break
+    while _swapped(first + 8 * words * chosen, 0, 1) == 0:
+        chosen = (chosen + 1) % head[INSTANCES]
+    return first + 8 * words * chosen
+
+
+@njit(cache=True)
+def _at(head, row, x, u, theta):  # type: ignore[no-untyped-def]
+    """Bring an instance to a state, inputs and parameters. Returns the worst status."""
+    words = THETA + theta.size
+    own, handle = carray(_as_doubles(row), words), carray(_as_ints(row), words)[HANDLE]
+    worst = 0
+    if not _has(own, theta):
+        own[READY] = 0.0
+        worst = _initialise(head, handle, theta)
+        for i in range(theta.size):
+            own[THETA + i] = theta[i]
+        own[READY] = 1.0
+    worst = max(worst, _reals(head, SET_REALS, handle, OF_INPUTS, head[INPUTS], u.ctypes.data))
+    worst = max(worst, _call(head[SET_STATES], (handle, x.ctypes.data, head[STATES])))
+    if head[EVENTS] > 0:  # relations are frozen between events: they are looked at anew at every state
+        worst = max(worst, _call(head[ENTER_EVENT], (handle,)))
+        worst = max(worst, _update(head, handle))
+        worst = max(worst, _call(head[ENTER_CONT], (handle,)))
+    return worst
+
+
+@njit(cache=True)
+def _give(row, worst):  # type: ignore[no-untyped-def]
+    """Give an instance back; after an error it begins anew."""
+    if worst > WORST:
+        carray(_as_doubles(row), THETA)[READY] = 0.0
+    _swapped(row, 1, 0)
+
+
+@njit(cache=True, error_model="numpy")
+def rates(key, x, u, theta):  # type: ignore[no-untyped-def]
+    """dx/dt (nx,) of an FMU; NaN where it reports an error."""
+    table = _table(key)
+    head = carray(_as_ints(table), HEAD)
+    dx = np.empty(x.size)
+    row = _take(table, head, theta)
+    worst = _at(head, row, x, u, theta)
+    handle = carray(_as_ints(row), THETA)[HANDLE]
+    worst = max(worst, _call(head[GET_RATES], (handle, dx.ctypes.data, x.size)))
+    _give(row, worst)
+    if worst > WORST:
+        dx[:] = np.nan
+    return dx
+
+
+@njit(cache=True, error_model="numpy")
+def readings(key, x, u, theta):  # type: ignore[no-untyped-def]
+    """y (ny,) of an FMU; NaN where it reports an error."""
+    table = _table(key)
+    head = carray(_as_ints(table), HEAD)
+    y = np.empty(head[OUTPUTS])
+    row = _take(table, head, theta)
+    worst = _at(head, row, x, u, theta)
+    handle = carray(_as_ints(row), THETA)[HANDLE]
+    worst = max(worst, _reals(head, GET_REALS, handle, OF_OUTPUTS, head[OUTPUTS], y.ctypes.data))
+    _give(row, worst)
+    if worst > WORST:
+        y[:] = np.nan
+    return y
+
+
+@njit(cache=True)
+def start(key, theta):  # type: ignore[no-untyped-def]
+    """The states (nx,) in which an FMU starts with these parameters; NaN where it reports an error."""
+    table = _table(key)
+    head = carray(_as_ints(table), HEAD)
+    x = np.empty(head[STATES])
+    row = _take(table, head, theta)
+    handle = carray(_as_ints(row), THETA)[HANDLE]
+    worst = max(_initialise(head, handle, theta), _call(head[GET_STATES], (handle, x.ctypes.data, x.size)))
+    _give(row, ERROR)  # what begins next with it begins anew
+    if worst > WORST:
+        x[:] = np.nan
+    return x

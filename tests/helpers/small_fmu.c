@@ -1,0 +1,108 @@
+/* A small FMU for model exchange, FMI 2.0 or 3.0. The header beside it has its sizes and equations. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include "equations.h"
+
+#if FMI == 2
+#define NAME(f) fmi2##f
+typedef int Truth;
+#else
+#define NAME(f) fmi3##f
+typedef _Bool Truth;
+#endif
+#if defined(_WIN32)
+#define OUT __declspec(dllexport)
+#else
+#define OUT __attribute__((visibility("default")))
+#endif
+
+enum { OK = 0, ERROR = 3 };
+typedef struct {
+    double v[NX + NX + NU + NY + NP + 1]; /* states, rates, inputs, outputs, parameters, time */
+    int settled;                          /* what the relation was at the last event */
+} Small;
+
+static void solve(Small *m) {
+    double *v = m->v;
+    EQUATIONS
+}
+static void begin(Small *m) {
+    const double start[] = START;
+    memcpy(m->v, start, sizeof m->v);
+    m->settled = 0;
+}
+static void *make(const char *token) {
+    Small *m = strcmp(token, TOKEN) ? NULL : malloc(sizeof *m);
+    if (m) begin(m);
+    return m;
+}
+static int set(Small *m, const unsigned *r, size_t n, const double *values) {
+    for (size_t i = 0; i < n; i++) {
+        if (r[i] >= NX + NX + NU + NY + NP) return ERROR;
+        m->v[r[i]] = values[i];
+    }
+    return OK;
+}
+static int get(Small *m, const unsigned *r, size_t n, double *values) {
+    solve(m);
+    for (size_t i = 0; i < n; i++) {
+        if (r[i] >= NX + NX + NU + NY + NP) return ERROR;
+        values[i] = m->v[r[i]];
+    }
+    return OK;
+}
+static int update(Small *m, Truth *jumped, Truth *timed) {
+    *jumped = JUMPS;
+    *timed = TIMETABLE;
+    m->settled = RELATION;
+    return OK;
+}
+
+OUT void NAME(FreeInstance)(Small *m) { free(m); }
+OUT int NAME(Reset)(Small *m) { begin(m); return OK; }
+OUT int NAME(ExitInitializationMode)(Small *m) { (void)m; return OK; }
+OUT int NAME(EnterEventMode)(Small *m) { (void)m; return OK; }
+OUT int NAME(EnterContinuousTimeMode)(Small *m) { (void)m; return OK; }
+OUT int NAME(SetTime)(Small *m, double t) { m->v[NX + NX + NU + NY + NP] = t; return OK; }
+OUT int NAME(SetContinuousStates)(Small *m, const double *x, size_t n) {
+    memcpy(m->v, x, n * sizeof *x);
+    return n == NX ? OK : ERROR;
+}
+OUT int NAME(GetContinuousStates)(Small *m, double *x, size_t n) {
+    memcpy(x, m->v, n * sizeof *x);
+    return n == NX ? OK : ERROR;
+}
+#if FMI == 2
+typedef struct { Truth needed, terminate, nominals, values, timed; double at; } Event;
+OUT void *fmi2Instantiate(const char *name, int kind, const char *guid, const char *where, const void *calls, Truth visible, Truth log) {
+    (void)name; (void)where; (void)calls; (void)visible; (void)log;
+    return kind ? NULL : make(guid);
+}
+OUT int fmi2SetupExperiment(Small *m, Truth d, double tol, double t, Truth s, double end) {
+    (void)d; (void)tol; (void)s; (void)end;
+    return fmi2SetTime(m, t);
+}
+OUT int fmi2EnterInitializationMode(Small *m) { (void)m; return OK; }
+OUT int fmi2NewDiscreteStates(Small *m, Event *e) { memset(e, 0, sizeof *e); return update(m, &e->values, &e->timed); }
+OUT int fmi2SetReal(Small *m, const unsigned *r, size_t n, const double *v) { return set(m, r, n, v); }
+OUT int fmi2GetReal(Small *m, const unsigned *r, size_t n, double *v) { return get(m, r, n, v); }
+OUT int fmi2GetDerivatives(Small *m, double *dx, size_t n) { solve(m); memcpy(dx, m->v + NX, n * sizeof *dx); return STATUS; }
+#else
+OUT void *fmi3InstantiateModelExchange(const char *name, const char *token, const char *where, Truth visible, Truth log, void *env, void *say) {
+    (void)name; (void)where; (void)visible; (void)log; (void)env; (void)say;
+    return make(token);
+}
+OUT int fmi3EnterInitializationMode(Small *m, Truth d, double tol, double t, Truth s, double end) {
+    (void)d; (void)tol; (void)s; (void)end;
+    return fmi3SetTime(m, t);
+}
+OUT int fmi3UpdateDiscreteStates(Small *m, Truth *needed, Truth *terminate, Truth *nominals, Truth *values, Truth *timed, double *at) {
+    *needed = *terminate = *nominals = 0;
+    *at = 0.0;
+    return update(m, values, timed);
+}
+OUT int fmi3SetFloat64(Small *m, const unsigned *r, size_t n, const double *v, size_t k) { return k == n ? set(m, r, n, v) : ERROR; }
+OUT int fmi3GetFloat64(Small *m, const unsigned *r, size_t n, double *v, size_t k) { return k == n ? get(m, r, n, v) : ERROR; }
+OUT int fmi3GetContinuousStateDerivatives(Small *m, double *dx, size_t n) { solve(m); memcpy(dx, m->v + NX, n * sizeof *dx); return STATUS; }
+#endif
