@@ -13,6 +13,7 @@ from twinbench.bench.cli import (
     estimate,
     export,
     flagship,
+    fmu,
     latency,
     listing,
     machines,
@@ -40,6 +41,7 @@ COMMANDS = {
     "machines": machines,
     "export": export,
     "mismatch": mismatch,
+    "fmu": fmu,
     "prove": prove,
     "flagship": flagship,
     "report": report,
@@ -60,6 +62,7 @@ EPILOG = """examples:
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
+  twinbench fmu found/model.toml --out mended.fmu  the mended simulator for other tools, as an FMU
 exit status:
     0  done
     1  a method, a check or a worker process failed; what was finished is kept

@@ -49,10 +49,10 @@ def _loaded(path: Path, content: str) -> Simulator:
     found = Simulator(
         name=description.name or path.stem,
         says=description.says,
-        states=tuple(_variable(s, _or(s.start, 0.0)) for s in description.states),
-        inputs=tuple(_variable(v, _or(v.start, 0.0)) for v in inputs),
-        outputs=tuple(_variable(v, _or(v.start, 0.0)) for v in outputs),
-        parameters=tuple(_variable(v, v.start) for v in parameters),
+        states=tuple(map(_variable, description.states)),
+        inputs=tuple(map(_variable, inputs)),
+        outputs=tuple(map(_variable, outputs)),
+        parameters=tuple(map(_variable, parameters)),
         rhs=rhs,
         output=output,
         initial=_unknown,
@@ -121,11 +121,9 @@ def _probe(simulator: Simulator, library: Library) -> None:
         raise ValueError("its states jump at events; only machines whose states move steadily can be examined")
 
 
-def _or(value: float, otherwise: float) -> float:
-    return value if math.isfinite(value) else otherwise
-
-
-def _variable(v: Scalar, nominal: float) -> Variable:
+def _variable(v: Scalar) -> Variable:
+    """Nominal at its start, or near 0 within its bounds where that is calculated."""
+    nominal = v.start if math.isfinite(v.start) else min(max(v.low, 0.0), v.high)
     low, high = min(v.low, nominal), max(v.high, nominal)
     return Variable(v.name, v.unit, low, high, nominal, v.size if v.size > 0.0 else 0.0, v.says)
 
