@@ -9,7 +9,7 @@ import numpy as np
 from twinbench.physics.compile import compiled
 from twinbench.physics.simulator import Array, Equation, Simulator, Variable
 
-TRIALS = 200
+TRIED_POINTS = 200
 """Points tried."""
 NEAR_SCALES, FAR_SCALES = 1.0, 10.0
 """How far from its nominal value a variable is moved, within its bounds: half of the points are near, half are far."""
@@ -49,7 +49,7 @@ def _points(simulator: Simulator) -> Iterator[tuple[Array, Array, Array]]:
     """Two draws of states and inputs (nx + nu,), and parameters (np,): as often nominal as not."""
     rng = np.random.default_rng(0)
     variables = (*simulator.states, *simulator.inputs)
-    for k in range(TRIALS):
+    for k in range(TRIED_POINTS):
         reach = (NEAR_SCALES, FAR_SCALES)[k % 2]
         theta = simulator.theta() if k % 4 < 2 else _drawn(simulator.parameters, reach, rng)
         yield _drawn(variables, reach, rng), _drawn(variables, reach, rng), theta
