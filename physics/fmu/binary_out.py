@@ -17,7 +17,7 @@ FLAGS = (
     "-std=c11", "-O2", "-fPIC", "-shared",
     "-ffp-contract=off",  # every multiplication is rounded, as numba rounds it
     "-Wl,--no-undefined",  # what is missing is missed here, and not where the FMU is loaded
-    f"-Wl,--version-script={HERE / 'exported.map'}",
+    "-Xlinker", f"--version-script={HERE / 'exported.map'}",
     "-Wl,--strip-all",
 )  # fmt: skip
 
