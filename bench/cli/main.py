@@ -20,6 +20,7 @@ from twinbench.bench.cli import (
     prove,
     report,
     run,
+    schema,
     simulate,
     tune,
 )
@@ -44,6 +45,7 @@ COMMANDS = {
     "flagship": flagship,
     "report": report,
     "latency": latency,
+    "schema": schema,
     "completion": complete,
 }
 PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
@@ -60,6 +62,7 @@ EPILOG = """examples:
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
+  twinbench schema verdict                         what verdict.json holds, for programs
 exit status:
     0  done
     1  a method, a check or a worker process failed; what was finished is kept

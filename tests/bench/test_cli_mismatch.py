@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.documents import bare_verdict
 from helpers.refusals import refused
 from helpers.tiny_run import twinbench
 
@@ -97,7 +98,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             points=("It is lost through the wall.", "And " + "so on " * 20),
             mechanisms=mechanisms,
             values=values,
-            to_dict=lambda: {"verdict": found},
+            to_dict=lambda: bare_verdict(found),
             diagnosis=SimpleNamespace(joined=SimpleNamespace(inputs="held")),
         )
 
@@ -108,6 +109,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     monkeypatch.setattr("twinbench.mismatch.diagnose", diagnose)
     monkeypatch.setattr("twinbench.mismatch.report.write.write_page", write_page)
+    monkeypatch.setattr("twinbench.mismatch.report.sheet.write_sheet", lambda *_: None)
     return called
 
 
@@ -116,7 +118,7 @@ def test_mismatch_hands_on_what_it_read_and_writes_the_mended_model(
 ) -> None:
     arguments = ("mismatch", "lag.py", "day.csv", "--hold-out", "next.csv", "--catalogue", "loss.py", "--out", "found")
     assert twinbench(*arguments, "--json") == NAMED
-    assert json.loads(capsys.readouterr().out) == {"verdict": "missing physics"}
+    assert json.loads(capsys.readouterr().out)["verdict"] == "missing physics"
     assert [r.name for r in engine["recordings"]] == ["day"]
     assert [r.name for r in engine["hold_out"]] == ["next"]
     names = [m.name for m in engine["catalogue"]]
@@ -140,8 +142,8 @@ def test_the_terminal_has_one_sentence_then_a_list_then_the_files(
     assert lines[4].startswith(("  so on", "  on"))
     assert max(map(len, lines[:6])) <= 60
     files = [line.rpartition("/")[2] for line in lines if "/found/" in line]
-    assert files == ["report.html", "verdict.json", "model.toml"]
-    assert lines[-3:] == [line for line in lines if "/found/" in line]
+    assert files == ["report.html", "report.pdf", "verdict.json", "model.toml"]
+    assert lines[-4:] == [line for line in lines if "/found/" in line]
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
