@@ -17,7 +17,7 @@ from twinbench.common import store  # noqa: E402
 
 TOGETHER = (
     ("test_engine", "test_evidence"),
-    ("test_mismatch_report", "test_mismatch_page", "test_layout"),
+    ("test_mismatch_report", "test_mismatch_page", "test_sheet", "test_layout"),
     ("test_online", "test_export", "test_soak", "test_cycle"),
 )
 """Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin."""

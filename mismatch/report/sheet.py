@@ -28,9 +28,11 @@ LETTER = 0.6
 """Mean width of a letter over the size of its type: a little more than DejaVu Sans has."""
 LEADING = 1.35
 """Height of a line over the size of its type."""
+HEADLINE_LINES = 10
+"""Of the sentence; the rest of a longer one is left to the report."""
 COLUMNS_MM = {"finding": 58.0, "kind": 26.0, "where": 38.0, "size, 90 % interval": 47.0, "probability": 14.0}
 """Widths of the table's columns."""
-TITLE: dict[str, Any] = {"x": 0.005, "ha": "left", "size": 9, "weight": "bold"}
+TITLE: dict[str, Any] = {"x": 0.0, "ha": "left", "size": 9, "weight": "bold"}
 
 
 class Line(NamedTuple):
@@ -71,15 +73,14 @@ def sheet(verdict: Verdict, made: Mapping[str, Any], missing: str = "") -> Figur
     rect = ((1.0 - PAGE_MM / width) / 2.0, BOTTOM_MM / height, PAGE_MM / width, room / height)
     figure.get_layout_engine().set(w_pad=0.04, h_pad=0.04, rect=rect)  # type: ignore[union-attr, call-arg]
     lines = _lines(verdict)
-    text_mm = sum(map(_height, lines))
-    heights = (text_mm, *[0.5 * (room - text_mm)] * 2)
-    top, middle, bottom = figure.subfigures(3, 1, squeeze=False, height_ratios=heights).ravel()
-    _write(top, lines, text_mm)
     if missing:
-        middle.text(0.0, 0.9, "\n".join(_wrapped(f"Not drawn: {missing}", PAGE_MM, 8.0)), va="top")
-    else:
+        lines += [Line(8.0, [(0.0, text)]) for text in _wrapped(f"Not drawn: {missing}", PAGE_MM, 8.0)]
+    text_mm = _write(figure, lines, TOP_MM)
+    _write(figure, _footer(verdict, made), height - 0.75 * BOTTOM_MM)
+    if not missing:
+        heights = (text_mm, *[0.5 * (room - text_mm)] * 2)
+        _, middle, bottom = figure.subfigures(3, 1, squeeze=False, height_ratios=heights).ravel()
         _draw(verdict, middle, bottom)
-    figure.text(rect[0], 0.5 * BOTTOM_MM / height, "\n".join(_footer(verdict, made)), size=6.5, color=MUTED)
     return figure
 
 
@@ -101,7 +102,10 @@ def _lines(verdict: Verdict) -> list[Line]:
     """All text above the figures, cut where there is no room for more."""
     kicker = f"Where do the simulator {verdict.diagnosis.simulator.name} and its machine differ? Verdict: "
     lines = [Line(8.0, [(0.0, kicker + verdict.verdict)], {"color": MUTED})]
-    lines += [Line(11.0, [(0.0, text)], {"weight": "bold"}) for text in _wrapped(verdict.says, PAGE_MM, 11.0)]
+    headline = _wrapped(verdict.says, PAGE_MM, 11.0)
+    if len(headline) > HEADLINE_LINES:
+        headline = [*headline[: HEADLINE_LINES - 1], "…"]
+    lines += [Line(11.0, [(0.0, text)], {"weight": "bold"}) for text in headline]
     lines.append(Line(7.5, []))
     if not verdict.findings:
         return [*lines, Line(8.0, [(0.0, "No effect had to be added.")]), Line(7.5, [])]
@@ -127,7 +131,8 @@ def _rows(f: Finding) -> list[Line]:
     )
     columns = [_wrapped(cell, mm - 2.0, 7.5) for cell, mm in zip(cells, COLUMNS_MM.values(), strict=True)]
     deep = max(map(len, columns))
-    return [_row([column[k] if k < len(column) else "" for column in columns]) for k in range(deep)]
+    each = (_row([column[k] if k < len(column) else "" for column in columns]) for k in range(deep))
+    return [Line(2.0, []), *each]
 
 
 def _row(cells: Iterable[str], look: Mapping[str, Any] | None = None) -> Line:
@@ -135,14 +140,13 @@ def _row(cells: Iterable[str], look: Mapping[str, Any] | None = None) -> Line:
     return Line(7.5, list(zip(starts, cells, strict=True)), look or {})
 
 
-def _footer(verdict: Verdict, made: Mapping[str, Any]) -> list[str]:
+def _footer(verdict: Verdict, made: Mapping[str, Any]) -> list[Line]:
     d = verdict.diagnosis
     learnt, held = (", ".join(t.name for t in tracks) for tracks in (d.tracks, d.held))
     commit = f", commit {made['commit'][:12]}" if made["commit"] else ""
-    return [
-        *_wrapped(f"Learnt from: {learnt}. Held out: {held or 'nothing'}.", PAGE_MM, 6.5)[:2],
-        f"Twinbench {made['twinbench']}{commit}; {made['time']}. All numbers and the files' checksums: verdict.json.",
-    ]
+    said = _wrapped(f"Learnt from: {learnt}. Held out: {held or 'nothing'}.", PAGE_MM, 6.5)[:2]
+    by = f"Twinbench {made['twinbench']}{commit}; {made['time']}. All numbers and the files' checksums: verdict.json."
+    return [Line(6.5, [(0.0, text)], {"color": MUTED}) for text in (*said, by)]
 
 
 def _wrapped(text: str, width_mm: float, size: float) -> list[str]:
@@ -154,12 +158,12 @@ def _height(line: Line) -> float:
     return LEADING * line.size * MM_PER_PT
 
 
-def _write(part: SubFigure, lines: Sequence[Line], height_mm: float) -> None:
-    """Set the lines from the top of a part of the sheet down."""
-    below = 0.0
+def _write(figure: Figure, lines: Sequence[Line], from_mm: float) -> float:
+    """Set lines one below the other, from so far below the top of the sheet; returns how high they are, in mm."""
+    (width, height), below = A4_MM, from_mm
     for line in lines:
         for left, text in line.pieces:
-            part.text(
-                left / PAGE_MM, 1.0 - below / height_mm, text, size=line.size, va="top", **{"color": INK, **line.look}
-            )
+            x, y = (0.5 * (width - PAGE_MM) + left) / width, 1.0 - below / height
+            figure.text(x, y, text, size=line.size, va="top", **{"color": INK, **line.look})
         below += _height(line)
+    return below - from_mm
