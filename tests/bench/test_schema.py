@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from helpers.documents import NOWHERE, check, closed, validator
+from helpers.documents import NOWHERE, check, closed, described, validator
 from helpers.prose import ROOT, sentences
 from helpers.tiny_run import twinbench
 from jsonschema import Draft202012Validator
@@ -64,18 +64,6 @@ def spoilt(document: Any, where: str = "") -> Iterator[tuple[str, Any]]:
             yield says if says.startswith(here) else f"{here} {says}", changed
         if isinstance(document, dict) and key != "any":
             yield f"{here} missing", {k: v for k, v in document.items() if k != key}
-
-
-def described(part: Any, where: str = "") -> Iterator[tuple[str, str]]:
-    """Every field that a schema describes, and how."""
-    if isinstance(part, dict):
-        for name, field in part.get("properties", {}).items():
-            yield f"{where}.{name}", field.get("description", "")
-        for key, inside in part.items():
-            yield from described(inside, f"{where}.{key}")
-    elif isinstance(part, list):
-        for inside in part:
-            yield from described(inside, where)
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,18 @@ def closed(schema: Any) -> Any:
         return schema
     shut = {key: closed(value) for key, value in schema.items()}
     return {**shut, "additionalProperties": False} if isinstance(shut.get("required"), list) else shut
+
+
+def described(part: Any, where: str = "") -> Iterator[tuple[str, str]]:
+    """Every field that a schema describes, and how."""
+    if isinstance(part, dict):
+        for name, field in part.get("properties", {}).items():
+            yield f"{where}.{name}", field.get("description", "")
+        for key, inside in part.items():
+            yield from described(inside, f"{where}.{key}")
+    elif isinstance(part, list):
+        for inside in part:
+            yield from described(inside, where)
 
 
 def check(name: str, document: Any) -> None:

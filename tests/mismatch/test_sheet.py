@@ -72,8 +72,9 @@ def test_what_is_too_much_is_counted_and_nothing_leaves_the_page(crowded: Verdic
     shown = said.count("missing physics")
     (more,) = (text for text in said if text.endswith(" more, which report.html has"))
     assert 0 < shown == 27 - int(more.split()[1])
-    assert any(text.startswith("without a name; leak@p_bar") for text in said)
-    assert {"–", "0.43", "overflow_" * 4} <= set(said) | {text[:36] for text in said}
+    assert {"–", "0.43"} <= set(said)
+    for cell in ("without a name; leak@p_bar", "overflow_overflow_"):
+        assert any(text.startswith(cell) for text in said), cell
 
 
 def test_a_figure_that_fails_leaves_the_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
