@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,6 +17,7 @@ from jsonschema import Draft202012Validator
 from twinbench.bench.cli.schema import SCHEMAS
 from twinbench.bench.estimate.apply import SUMMARY_VERSION
 from twinbench.bench.estimate.quality import LACKS, PRIOR, SELDOM, UNLIKE, USABLE
+from twinbench.common.store import write_text
 from twinbench.mismatch.verdict import VERDICT_VERSION, VERDICTS
 
 VERSIONS = {"verdict": VERDICT_VERSION, "summary": SUMMARY_VERSION}
@@ -119,6 +121,13 @@ def test_every_field_is_described_in_one_sentence(name: str) -> None:
         assert says.endswith("."), where
         assert len(sentences(says)) == 1, where
         assert len(says.split()) <= LONGEST_WORDS, where
+
+
+def test_a_document_that_breaks_its_schema_fails_the_test_that_makes_it(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="'verdict' is a required property"):
+        write_text(tmp_path / "verdict.json", "{}")
+    with pytest.raises(AssertionError, match="NaN is not JSON"):
+        write_text(tmp_path / "day.summary.json", '{"seconds": NaN}')
 
 
 def test_verdicts_on_real_recordings_keep_the_schema() -> None:
