@@ -21,6 +21,7 @@ from twinbench.bench.cli import (
     prove,
     report,
     run,
+    schema,
     simulate,
     tune,
 )
@@ -46,6 +47,7 @@ COMMANDS = {
     "flagship": flagship,
     "report": report,
     "latency": latency,
+    "schema": schema,
     "completion": complete,
 }
 PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
@@ -63,6 +65,7 @@ EPILOG = """examples:
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
   twinbench fmu found/model.toml --out mended.fmu  the mended simulator for other tools, as an FMU
+  twinbench schema verdict                         what verdict.json holds, for programs
 exit status:
     0  done
     1  a method, a check or a worker process failed; what was finished is kept
