@@ -97,6 +97,6 @@ def _provenance(verdict: Verdict) -> list[tuple[str, str]]:
         ("held out", named(d.held)),
         ("inputs", joined[d.joined.inputs]),
         ("looked for", f"{len(d.machine.candidates)} mechanisms and faults"),
-        ("also written", "verdict.json, model.toml (the mended simulator), figures/"),
+        ("also written", "verdict.json, model.toml (the mended simulator), report.pdf (one page), figures/"),
     ]
     return [(name, text) for name, text in pairs if text]
