@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import zipfile
@@ -24,7 +25,7 @@ pytestmark = [
 WHERE = {2: "linux64", 3: "x86_64-linux"}
 REFUSED = {
     "BouncingBall": "jump at events",
-    "Clocks": "co-simulation only",
+    "Clocks": "tells no rates",
     "Feedthrough": "no continuous states",
     "Resource": "no continuous states",
     "Stair": "no continuous states",
@@ -32,14 +33,19 @@ REFUSED = {
 }
 
 
-def built(model: str, version: int, folder: Path) -> Path:
+def built(model: str, version: int, folder: Path, but: str = "") -> Path:
+    """The FMU, built in a folder; its description without one of its kinds."""
     inside = SOURCES / model
     library, file = folder / f"{model}.so", folder / f"{model}_{version}.fmu"
     code = [inside / "model.c", SOURCES / "src" / f"fmi{version}Functions.c", SOURCES / "src" / "cosimulation.c"]
     flags = ["-O2", "-shared", "-fPIC", f"-DFMI_VERSION={version}", "-DDISABLE_PREFIX", "-I", SOURCES / "include"]
     subprocess.run(["gcc", *flags, "-I", inside, "-o", library, *code, "-lm"], check=True)
     with zipfile.ZipFile(file, "w") as archive:
-        archive.write(inside / f"FMI{version}.xml", "modelDescription.xml")
+        text = (inside / f"FMI{version}.xml").read_text()
+        if but:
+            text, found = re.subn(rf"<{but}\b([^<]*?/>|.*?</{but}>)", "", text, flags=re.S)
+            assert found == 1
+        archive.writestr("modelDescription.xml", text)
         archive.write(library, f"binaries/{WHERE[version]}/{model}.so")
     return file
 
@@ -74,6 +80,21 @@ def test_trajectories_are_those_of_the_equations(model: str, version: int, tmp_p
     )
     x, _ = simulate(found, np.empty((1, time_s.size, 0)), start, dt_s=time_s[1], substeps=4)
     np.testing.assert_allclose(x[0], exact.y.T, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("model", "version"), [m for m in offered() if m[0] not in REFUSED])
+def test_one_for_co_simulation_that_tells_its_rates_is_the_same_simulator(
+    model: str, version: int, tmp_path: Path
+) -> None:
+    exchange = simulator_of(built(model, version, tmp_path))
+    (tmp_path / "co").mkdir()
+    co = simulator_of(built(model, version, tmp_path / "co", but="ModelExchange"))
+    rng, theta = np.random.default_rng(0), exchange.theta()
+    for _ in range(20):
+        x = np.array([s.nominal + 0.3 * s.scale * rng.normal() for s in exchange.states])
+        u = np.array([v.nominal for v in exchange.inputs])
+        np.testing.assert_array_equal(co.rhs(x, u, theta), exchange.rhs(x, u, theta))  # type: ignore[misc]
+        np.testing.assert_array_equal(co.output(x, u, theta), exchange.output(x, u, theta))
 
 
 def test_all_of_them_are_here() -> None:
