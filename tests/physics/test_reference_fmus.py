@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -9,8 +10,10 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.small_fmu import needs_gcc
+from helpers.tiny_run import twinbench
 from scipy.integrate import solve_ivp
 
 from twinbench.physics.fmu.as_simulator import simulator_of
@@ -95,6 +98,23 @@ def test_one_for_co_simulation_that_tells_its_rates_is_the_same_simulator(
         u = np.array([v.nominal for v in exchange.inputs])
         np.testing.assert_array_equal(co.rhs(x, u, theta), exchange.rhs(x, u, theta))  # type: ignore[misc]
         np.testing.assert_array_equal(co.output(x, u, theta), exchange.output(x, u, theta))
+
+
+def test_a_cubic_term_concealed_in_one_of_them_is_found(tmp_path: Path) -> None:
+    file, cubic, rng = built("VanDerPol", 2, tmp_path), 0.1, np.random.default_rng(3)
+    time_s, days = np.arange(0.0, 40.0, 0.05), []
+    for k, start in enumerate([(0.1, 0.0), (3.0, 0.0), (-1.0, 2.5), (0.5, -3.0)]):
+        truth = solve_ivp(
+            lambda _, x: EQUATIONS["VanDerPol"](x, 1.0) - np.array([0.0, cubic * x[0] ** 3]),
+            (0.0, 40.0), start, t_eval=time_s, rtol=1e-9, atol=1e-9,
+        )  # fmt: skip
+        read = truth.y + 0.01 * rng.standard_normal(truth.y.shape)
+        days.append(tmp_path / f"day{k}.csv")
+        pd.DataFrame({"time_s": time_s, "x0": read[0], "x1": read[1]}).to_csv(days[-1], index=False)
+    status = twinbench("mismatch", file, *days[:3], "--hold-out", days[3], "--out", tmp_path / "found")
+    (finding,) = json.loads((tmp_path / "found" / "verdict.json").read_text())["findings"]
+    assert (status, finding["mechanism"]) == (10, "hardening_spring@x1")
+    assert finding["parameters"]["hardening_spring_x1"]["value"] == pytest.approx(cubic, rel=0.05)
 
 
 def test_all_of_them_are_here() -> None:
