@@ -16,8 +16,9 @@ from numba.core.extending import _Intrinsic
 from twinbench.common.filespec import USER_FILE
 
 _PLAIN = (type(None), bool, int, float, complex, str, bytes)
-_LIBRARIES = ("builtins", "math", "numpy", "numba", "llvmlite")
-"""What these hold is settled by their versions."""
+_PACKAGES = ("numpy", "numba", "llvmlite")
+_LIBRARIES = ("builtins", "math", *_PACKAGES)
+"""What these hold is settled by their versions. A function of Python that says it is of ``builtins`` has no module."""
 
 
 class Untold(Exception):
@@ -47,7 +48,7 @@ def _told(value: Any, seen: list[Any]) -> Iterator[bytes]:
             raise Untold(f"the compiled function {value.py_func.__qualname__}, whose name may have two meanings")
         yield repr(sorted(value.targetoptions.items())).encode()
         value = value.py_func
-    if isinstance(value, FunctionType) and _home(value) not in _LIBRARIES:
+    if isinstance(value, FunctionType) and _home(value) not in _PACKAGES:
         if value in seen:
             yield str(seen.index(value)).encode()
             return

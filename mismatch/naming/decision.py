@@ -184,7 +184,7 @@ def _where(unnamed: Sequence[Unnamed]) -> dict[Port, float]:
 
 
 def _likeliest(ports: Mapping[Port, float]) -> tuple[tuple[Port, float], ...]:
-    return tuple(sorted(ports.items(), key=lambda item: -item[1]))
+    return tuple(sorted(((port, min(1.0, p)) for port, p in ports.items()), key=lambda item: -item[1]))
 
 
 def is_set(names: Collection[str], alike: Collection[str]) -> bool:

@@ -1,7 +1,7 @@
 """The engine's own process in the flagship study: it sees a case's folder of recordings and nothing else.
 
 ``python -m twinbench.proof.flagship.ask FOLDER KEEP_OUT`` reads ``case.json`` and the recordings in FOLDER and leaves
-``verdict.json``, ``model.toml`` (the mended nominal model) and ``calibrated.toml`` (the same without what was
+``answer.json``, ``model.toml`` (the mended nominal model) and ``calibrated.toml`` (the same without what was
 found) there. First of all it gives up the right to look into KEEP_OUT, where the study's results are.
 
 The recordings hold sensor columns. Where the engine is told the health, they hold its columns too.
@@ -23,7 +23,7 @@ from twinbench.physics.known_health import with_known_health
 from twinbench.physics.simulator import Simulator
 from twinbench.proof.blind import conceal
 
-MODEL, CALIBRATED = "model.toml", "calibrated.toml"
+ANSWER, MODEL, CALIBRATED = "answer.json", "model.toml", "calibrated.toml"
 
 
 def with_constants(simulator: Simulator, names: Sequence[str], tolerance: float) -> Simulator:
@@ -63,7 +63,7 @@ def answer(folder: Path) -> None:
     }
     write_text(folder / MODEL, model_toml("nominal", nominal, verdict.mechanisms, verdict.values, folder))
     write_text(folder / CALIBRATED, model_toml("nominal", nominal, (), calibrated, folder))
-    write_text(folder / "verdict.json", json.dumps(verdict.to_dict() | {"seconds": seconds}, indent=1))
+    write_text(folder / ANSWER, json.dumps(verdict.to_dict() | {"seconds": seconds}, indent=1))
 
 
 if __name__ == "__main__":

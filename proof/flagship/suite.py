@@ -27,7 +27,7 @@ from twinbench.machines.compressor import HEALTH
 from twinbench.mismatch.model import load_simulator
 from twinbench.proof.concealed.gates import as_markdown
 from twinbench.proof.concealed.seal import Sealed, check, seal
-from twinbench.proof.flagship.ask import CALIBRATED, MODEL
+from twinbench.proof.flagship.ask import ANSWER, CALIBRATED, MODEL
 from twinbench.proof.flagship.gates import WHOLE, draws_table, gate_table, read_draws
 from twinbench.proof.flagship.judge import COLUMNS, names, shares
 from twinbench.proof.flagship.measure import Errors, at_design_point, at_known_health, errors
@@ -113,7 +113,7 @@ def run_case(item: Item, seed: int, out: Path, engine: str) -> None:
         models = {n: load_simulator(str(Path(given) / n)) for n in (MODEL, CALIBRATED) if (Path(given) / n).is_file()}
         for name in models:
             write_text(folder / name, (Path(given) / name).read_text())
-    write_text(folder / "verdict.json", json.dumps(verdict, indent=1))
+    write_text(folder / ANSWER, json.dumps(verdict, indent=1))
     write_text(folder / "truth.json", json.dumps({"salt": sealed.salt, "truth": sealed.truth}, indent=1))
     row = {
         "case": item.name,
@@ -163,7 +163,7 @@ def ask(folder: Path, train: Batch, held_out: Batch, plant: Plant, engine: str, 
             capture_output=True,
             text=True,
         )
-        return dict(json.loads((folder / "verdict.json").read_text()))
+        return dict(json.loads((folder / ANSWER).read_text()))
     except (subprocess.TimeoutExpired, subprocess.CalledProcessError) as error:
         said = (error.stderr or str(error)).strip().splitlines()[-1]
         return {"verdict": "failed", "says": said, "findings": [], "seconds": time.perf_counter() - began}

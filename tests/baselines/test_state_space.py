@@ -74,6 +74,6 @@ def test_it_remembers_what_only_the_past_of_the_sequence_tells():
     assert np.mean((out[:, 80:] - said) ** 2) < 0.2
 
 
-@pytest.mark.parametrize("setting", ["iterations", "batch", "copies", "noise_inflation", "error_memory"])
+@pytest.mark.parametrize("setting", ["iterations", "batch", "copies"])
 def test_all_but_the_memory_is_as_with_the_recurrent_network(setting):
     assert S5Kalman.settings[setting] == GRUKalman.settings[setting]

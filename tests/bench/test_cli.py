@@ -83,7 +83,7 @@ def test_the_list_of_mechanisms_is_that_of_any_simulator(capsys: pytest.CaptureF
     assert twinbench("list", "mechanisms", "--simulator", "examples/two_tanks.py", "--json") == 0
     assert any(row["name"].startswith("overflow@") for row in json.loads(capsys.readouterr().out))
     assert twinbench("list", "estimators", "--simulator", "nominal") == 2
-    assert "--simulator goes with mechanisms only" in capsys.readouterr().err
+    assert "--simulator goes with mechanisms or simulators only" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("statuses", "code"), [(("pass", "skip"), 0), (("pass", "fail"), 1)])

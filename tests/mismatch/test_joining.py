@@ -130,5 +130,5 @@ def test_a_mended_simulator_keeps_how_its_inputs_go(tmp_path, monkeypatch):
     left = pd.read_csv(written)["out_V"] - pd.read_csv(tmp_path / "b.csv")["out_V"]
     assert np.sqrt(np.mean(left[20:] ** 2)) < 1.2 * NOISE_V
     again = explain(Request(str(out / "model.toml"), [tmp_path / "a.csv"], [tmp_path / "b.csv"]), tmp_path / "again")
-    assert again.diagnosis.joined.by == "user"
+    assert again.verdict.diagnosis.joined.by == "user"
     assert 'inputs = "linear"' in Path(tmp_path / "again" / "model.toml").read_text()

@@ -51,7 +51,7 @@ def ran(folder: Path) -> bool:
 )
 def test_what_lies_in_its_folder_or_where_one_is_is_run_and_named(places, caplog, path, base, source):
     assert load_simulator(model(path, base, source)).name == "tank"
-    assert caplog.messages[0].startswith(f"twinbench: {path} runs Python from {places}")
+    assert caplog.messages[0].startswith(f"twinbench: {path} runs code from {places}")
     assert len(caplog.messages) == (2 if source else 1)
 
 
@@ -79,7 +79,7 @@ def test_what_lies_elsewhere_is_run_for_trust_only(places, caplog, base, source)
     if base != "antigravity:TANK":
         assert load_model(path, trust=True).simulator.name == "tank"
         assert ran(places / "there") or ran(places / "here")
-        assert "runs Python from" in caplog.text
+        assert "runs code from" in caplog.text
 
 
 def test_built_in_simulators_need_no_word(places, caplog):
