@@ -65,8 +65,9 @@ class Found:
     evidence: Mapping[str, float]
 
     def marginal(self, names: Collection[str]) -> float:
-        """Probability that one of these names is there, over all sets that were weighed; their sum may round above 1."""
-        return min(1.0, sum(p for one, p in self.sets.items() if not one.isdisjoint(names)))
+        """Probability that one of these names is there, over all sets that were weighed."""
+        total = sum(p for one, p in self.sets.items() if not one.isdisjoint(names))
+        return min(1.0, total)  # a sum of all shares may round above 1
 
     def credible(self, probability: float) -> tuple[str, ...]:
         """Names that hold the right one with so much probability, likeliest first."""
