@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -76,12 +77,25 @@ def stamps(held: Holdings, clock: Source, path: Path, zone: str | None = None) -
     return Stamps(time_s, held.zero if clock.column == TIME else None)
 
 
-def check_clock(time_s: Array, path: Path, column: str, longest_s: float, period_s: float) -> None:
+def usual_period(time_s: Array, channels: Iterable[Array]) -> float:
+    """Seconds between two readings of the channel that is read most often; rows may be closer where channels alternate.
+
+    Args:
+        time_s: (N,) seconds, increasing.
+        channels: (N,) each, in any unit; NaN means missing.
+    """
+    read = [time_s[~np.isnan(values)] for values in channels]
+    periods = [float(np.median(np.diff(own_s))) for own_s in read if len(own_s) > 1]
+    return min(periods, default=float(np.median(np.diff(time_s))))
+
+
+def check_clock(time_s: Array, usual_s: float, path: Path, column: str, longest_s: float, period_s: float) -> None:
     """Refuse a clock whose unit is not what it is taken for, or that a gap or a stray stamp makes endless.
 
     Args:
         time_s: (N,) seconds, increasing.
-        column: what the file calls it.
+        usual_s: between two readings.
+        column: what the file calls the time.
         longest_s: the longest time span that is no mistake in the unit of time.
         period_s: how far apart samples usually are; infinite where that may be anything.
 
@@ -95,7 +109,7 @@ def check_clock(time_s: Array, path: Path, column: str, longest_s: float, period
                 f"say so with {as_map(column, unit, TIME)}"
             )
     steps_s = np.diff(time_s)
-    usual_s, k = float(np.median(steps_s)), int(np.argmax(steps_s))
+    k = int(np.argmax(steps_s))
     for unit, parts in PARTS_OF_A_SECOND.items():
         if A_THOUSAND < usual_s / period_s * 1e3 / parts <= A_THOUSAND * 1e3:
             raise BadInput(

@@ -10,7 +10,7 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import as_map, bare, shown
-from twinbench.data.clock import stamps
+from twinbench.data.clock import stamps, usual_period
 from twinbench.data.formats.holdings import TIME, Holdings, Zero
 from twinbench.data.formats.united import NANOSECONDS
 from twinbench.data.mapping import Offer, Source, sources
@@ -39,6 +39,11 @@ class Gathered:
     zero: Zero | None
     unread: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def usual_s(self) -> float:
+        """Seconds between two readings of the channel that is read most often."""
+        return usual_period(self.time_s, self.values.values())
 
 
 def gather(

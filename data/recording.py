@@ -22,10 +22,10 @@ from twinbench.data.batch import Batch
 from twinbench.data.clock import check_clock
 from twinbench.data.formats.holdings import TIME, Zero
 from twinbench.data.gather import gather
-from twinbench.data.resample import means
+from twinbench.data.resample import resampled
 from twinbench.data.sidecar import read_sidecar
-from twinbench.data.table import TRUTH_PREFIX, check_file, stem, tell
-from twinbench.data.units import Limits, check_plausible, limits_of, units_of
+from twinbench.data.table import TRUTH_PREFIX, check_file, stem
+from twinbench.data.units import Limits, check_plausible, limits_of, short_unit, units_of
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.machines.coordinates import Array
 from twinbench.machines.machine import Machine
@@ -108,25 +108,24 @@ def read_recording(
         BadInput: one line that says what is wrong, where, and how to mend it.
     """
     check_file(path)
-    name = _name(path)
+    name = name_of(path)
     sidecar = read_sidecar(path.with_name(name + ".toml"))
     run = gather(path, sidecar, mapping, units, may_lack)
-    check_clock(run.time_s, path, run.sources[TIME].column, longest_s, period_s)
+    check_clock(run.time_s, run.usual_s, path, run.sources[TIME].column, longest_s, period_s)
     for channel in (c for c in units if c in limits):
         source = run.sources[channel]
-        where = f"{path}, column {bare(source.column)}" if source.constant is None else f"{sidecar.path}, {channel}"
-        check_plausible(run.values[channel], limits[channel], units[channel], where, source.column, channel)
-    time_s, values = run.time_s, np.stack([run.values[channel] for channel in units], axis=-1)
-    notes = run.notes
-    if sidecar.rate_Hz is not None:
-        time_s, values = means(time_s, values, sidecar.rate_Hz, path)
-        said = f"means over {1 / sidecar.rate_Hz:g} s ({sidecar.rate_Hz:g} Hz) stand for {len(run.time_s):,} samples"
-        tell(path, said)
-        notes = (*notes, said)
-    return Recording(name, time_s, tuple(units), values, run.unread, run.zero, notes)
+        if source.constant is None:
+            where = f"{path}, column {bare(source.column)}"
+            check_plausible(run.values[channel], limits[channel], units[channel], where, source.column, channel)
+        elif not limits[channel][0] <= source.constant <= limits[channel][1]:
+            value = f"{source.constant:g} {short_unit(units[channel])}"
+            raise BadInput(f"{sidecar.path}: {channel} = {value}, which no such machine shows; give it in that unit")
+    values = np.stack([run.values[channel] for channel in units], axis=-1)
+    time_s, values, said = resampled(run.time_s, values, sidecar.rate_Hz, path)
+    return Recording(name, time_s, tuple(units), values, run.unread, run.zero, (*run.notes, *said))
 
 
-def _name(path: Path) -> str:
+def name_of(path: Path) -> str:
     """The recording's name, after which files are named.
 
     Raises:

@@ -7,10 +7,21 @@ from pathlib import Path
 import numpy as np
 
 from twinbench.common.errors import BadInput
+from twinbench.data.clock import usual_period
+from twinbench.data.table import tell
 from twinbench.machines.coordinates import Array
 
 _CLOSE = 1e-6
 """Of the time of a mean: a stamp that is short of the next by less belongs to that, as digits get lost in reckoning."""
+
+
+def resampled(time_s: Array, values: Array, rate_Hz: float | None, path: Path) -> tuple[Array, Array, tuple[str, ...]]:
+    """As ``means``, if a rate is asked for; and a sentence that says so, which is told on stderr, too."""
+    if rate_Hz is None:
+        return time_s, values, ()
+    said = f"means over {1.0 / rate_Hz:.6g} s (rate_Hz = {rate_Hz:g}) stand for {len(time_s):,} samples"
+    tell(path, said)
+    return *means(time_s, values, rate_Hz, path), (said,)
 
 
 def means(time_s: Array, values: Array, rate_Hz: float, path: Path) -> tuple[Array, Array]:
@@ -27,7 +38,7 @@ def means(time_s: Array, values: Array, rate_Hz: float, path: Path) -> tuple[Arr
     Raises:
         BadInput: the rate is no lower than the recording's own, or one mean is left.
     """
-    usual_s = float(np.median(np.diff(time_s)))
+    usual_s = usual_period(time_s, values.T)
     if rate_Hz * usual_s > 1.0 + _CLOSE:
         raise BadInput(
             f"{path}: rate_Hz = {rate_Hz:g} is above its own rate, {1.0 / usual_s:.4g} Hz; means cannot make it faster"

@@ -114,6 +114,7 @@ def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> Non
             raise BadInput(
                 f"recording {recording.name}: no output moves ({names}); leave it out, its sensors stand still"
             )
+        _check_in_step(recording, simulator)
     apart = [float(np.median(np.diff(r.time_s))) for r in recordings]
     longest, shortest = int(np.argmax(apart)), int(np.argmin(apart))
     if apart[longest] > A_THOUSAND * apart[shortest]:
@@ -122,6 +123,21 @@ def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> Non
             f"{recordings[shortest].name} {apart[shortest]:.3g} s; is its time in ms? Say so in a TOML file beside it: "
             "[channels] time_s = {column = 'time_s', unit = 'ms'}"
         )
+
+
+def _check_in_step(recording: Recording, simulator: Simulator) -> None:
+    """Refuse an output that is read in every other row or less, as a slow channel beside fast ones is.
+
+    Blocks of rows in which most readings are missing are not compared, so it would pass unseen.
+    """
+    for variable, y in zip(simulator.outputs, recording.values.T[len(simulator.inputs) :], strict=True):
+        read = np.flatnonzero(~np.isnan(y))
+        if len(read) > 1 and np.median(np.diff(read)) >= 2:
+            own_s = float(np.median(np.diff(recording.time_s[read])))
+            raise BadInput(
+                f"recording {recording.name}: output {variable.name} is read every {own_s:.4g} s, other channels more "
+                f"often; write rate_Hz = {1.0 / own_s:.4g} into {recording.name}.toml beside it, which makes means of them"
+            )
 
 
 def check_excited(recordings: Sequence[Recording], simulator: Simulator) -> None:

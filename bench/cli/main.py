@@ -15,6 +15,7 @@ from twinbench.bench.cli import (
     flagship,
     latency,
     listing,
+    look,
     machines,
     mismatch,
     prove,
@@ -35,6 +36,7 @@ COMMANDS = {
     "check": check,
     "tune": tune,
     "simulate": simulate,
+    "look": look,
     "estimate": estimate,
     "compare": compare,
     "machines": machines,
@@ -53,6 +55,7 @@ EPILOG = """examples:
   twinbench run --only oracle my_baseline.py       yours, from one file
   twinbench check my_baseline.py                   the contract every estimator keeps
   twinbench simulate --out recordings              the benchmark's recordings as CSV
+  twinbench look plant.mf4 --out looked            what a recording holds, and a figure of it
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
   twinbench export --out controller                the trained operator as ONNX, for a controller
   twinbench list mechanisms                        what a compressor model can leave out

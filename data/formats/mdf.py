@@ -18,6 +18,11 @@ _FORMULA = 3
 """Conversion by a formula, in the standard's count. asammdf hands its text to Python, and no recording is executed."""
 _MASTERS = (2, 3)
 """Channel types of a group's clock, recorded and reckoned."""
+_NUMBERS = range(6)
+"""Data types of whole numbers and of floats; behind them come text, bytes and dates."""
+_OF_A_RECORD = (0, 6)
+"""Channel types whose samples stand in the records, or are counted; others point elsewhere, and a damaged pointer leads
+asammdf out of memory."""
 _TIME = 1
 """Kind of clock: others are angles, lengths or numbers of samples."""
 _LOCAL = 1
@@ -57,21 +62,20 @@ def _series(file: Any) -> tuple[list[Series], list[str]]:
         for c, channel in enumerate(group.channels):
             if channel in masters or channel.name == TIME:
                 continue
-            if len(time_s) and not _has_formula(channel.conversion) and (found := _channel(file, g, c, time_s)):
-                series.append(found)
+            numeric = channel.data_type in _NUMBERS and channel.channel_type in _OF_A_RECORD
+            if len(time_s) and numeric and not group.channel_dependencies[c] and not _has_formula(channel.conversion):
+                series.append(_channel(file, g, c, time_s))
             else:
                 unread.append(channel.name)
     return series, unread
 
 
-def _channel(file: Any, g: int, c: int, time_s: np.ndarray) -> Series | None:
-    """A channel's numbers, without samples that the file calls invalid; None if they are none."""
+def _channel(file: Any, g: int, c: int, time_s: np.ndarray) -> Series:
+    """A channel's numbers, without samples that the file calls invalid."""
     signal, conversion = file.get(group=g, index=c, raw=True), file.groups[g].channels[c].conversion
     values = signal.samples
-    if conversion is not None and values.ndim == 1:
+    if conversion is not None:
         values = conversion.convert(values, ignore_value2text_conversions=True)
-    if values.ndim != 1 or values.dtype.kind not in "fiub":
-        return None
     own_s = time_s if len(signal.timestamps) == len(time_s) else signal.timestamps
     return Series(str(g + 1), signal.name, own_s, values, signal.unit)
 
