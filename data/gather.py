@@ -139,7 +139,7 @@ def _joined(files: Sequence[Path], parts: Sequence[Gathered]) -> Gathered:
         if clocks and time_s[0] <= clocks[-1][-1]:
             raise BadInput(
                 f"{file}: begins at {time_s[0]:.6g} s, when the file before it has not ended ({clocks[-1][-1]:.6g} s); "
-                "join files in the order of their time, on one clock"
+                "give them in the order of their time, on one clock"
             )
         clocks.append(time_s)
     names = dict.fromkeys(channel for part in parts for channel in part.values)

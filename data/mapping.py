@@ -111,7 +111,7 @@ def _split(offer: Offer, column: str, channel: str, unit: str | None) -> tuple[s
         return name, given
     if unit is None:
         return column, given if is_unit(given) else None
-    if given != unit and is_unit(given):
+    if given != unit and is_unit(given) and not given.isdigit():  # part[1] is one of several parts
         raise BadInput(
             f"{offer.path}: column {shown(column)} has a unit in its name; say that it is in {given} with "
             f"{as_map(column, given, channel)}, or in {unit} with {as_map(column, unit, channel)}"

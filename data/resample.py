@@ -20,8 +20,9 @@ def resampled(time_s: Array, values: Array, rate_Hz: float | None, path: Path) -
     if rate_Hz is None:
         return time_s, values, ()
     said = f"means over {1.0 / rate_Hz:.6g} s (rate_Hz = {rate_Hz:g}) stand for {len(time_s):,} samples"
+    averaged = means(time_s, values, rate_Hz, path)
     tell(path, said)
-    return *means(time_s, values, rate_Hz, path), (said,)
+    return *averaged, (said,)
 
 
 def means(time_s: Array, values: Array, rate_Hz: float, path: Path) -> tuple[Array, Array]:
@@ -40,13 +41,13 @@ def means(time_s: Array, values: Array, rate_Hz: float, path: Path) -> tuple[Arr
     """
     usual_s = usual_period(time_s, values.T)
     if rate_Hz * usual_s > 1.0 + _CLOSE:
-        raise BadInput(
-            f"{path}: rate_Hz = {rate_Hz:g} is above its own rate, {1.0 / usual_s:.4g} Hz; means cannot make it faster"
-        )
+        raise BadInput(f"{path}: rate_Hz = {rate_Hz:g} is above its own rate, {1.0 / usual_s:.4g} Hz; give a lower one")
     bins = np.floor(time_s * rate_Hz + _CLOSE)
     starts = np.flatnonzero(np.diff(bins, prepend=-np.inf))
     if len(starts) < 2:
-        raise BadInput(f"{path}: rate_Hz = {rate_Hz:g} leaves one mean; a recording needs at least two")
+        raise BadInput(
+            f"{path}: rate_Hz = {rate_Hz:g} leaves one mean; a recording needs at least two, give a higher one"
+        )
     seen = ~np.isnan(values)
     sums = np.add.reduceat(np.where(seen, values, 0.0), starts, axis=0)
     counts = np.add.reduceat(seen, starts, axis=0, dtype=float)

@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import io
 import logging
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -77,12 +78,14 @@ def library(module: str, package: str, extra: str, path: Path) -> Any:
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
     """Libraries say nothing of what they stumble over in a file: what comes of it is told in one line."""
-    before = logging.root.manager.disable
+    before, unraisable = logging.root.manager.disable, sys.unraisablehook
     logging.disable(logging.CRITICAL)
+    sys.unraisablehook = lambda _: None
     nowhere = io.StringIO()
     try:
         with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere), warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:
+        sys.unraisablehook = unraisable
         logging.disable(before)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,18 @@ def read(path: Path) -> Holdings:
     asammdf = library("asammdf", "asammdf", "mdf", path)
     version = _version(path)
     if not version.startswith("4"):
-        raise BadInput(f"{path}: is MDF {bare(version)}; convert it to MDF 4")
+        raise BadInput(f"{path}: is MDF {bare(version)}; save it as MDF 4")
+    try:
+        return _held(asammdf, path)
+    except BadInput:
+        raise
+    except Exception as error:
+        why = str(error) or type(error).__name__
+    gc.collect()  # what asammdf could not open it fails to close, too: let it complain of that now
+    raise ValueError(why)
+
+
+def _held(asammdf: Any, path: Path) -> Holdings:
     with contextlib.closing(asammdf.MDF(path, process_bus_logging=False)) as file:
         for group in file.groups:
             _check_inside(path, group)

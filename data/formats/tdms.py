@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from twinbench.common.shown import bare
 from twinbench.data.formats import holdings
 from twinbench.data.formats.holdings import Holdings, Zero, library, too_large
 from twinbench.data.formats.united import NANOSECONDS, Series, stated, told_apart, united
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _UNITS = ("unit_string", "NI_UnitDescription")
 """Properties that hold a channel's unit, in the order in which LabVIEW's own functions write them."""
@@ -28,7 +31,7 @@ def read(path: Path) -> Holdings:
         BadInput: npTDMS is not installed, too large, or no channel of numbers.
     """
     nptdms = library("nptdms", "npTDMS", "tdms", path)
-    with nptdms.TdmsFile.open(path, raw_timestamps=True) as file:
+    with path.open("rb") as stream, nptdms.TdmsFile.open(stream, raw_timestamps=True) as file:
         channels = [c for group in file.groups() for c in group.channels() if len(c)]
         if sum(map(len, channels)) > holdings.MOST_CELLS:
             raise too_large(path, max(map(len, channels)), len(channels))
@@ -85,11 +88,13 @@ def _is_time(channel: Any) -> bool:
     return channel.data_type.__name__ == "TimeStamp"
 
 
-def _times(stamps: Any) -> np.ndarray:
-    """Times (N,) as datetime64[ns] in UTC, which TDMS counts in 2**-64 s."""
+def _times(stamps: Any) -> pd.DatetimeIndex:
+    """Times (N,) in UTC to the nanosecond, which TDMS counts in 2**-64 s."""
+    import pandas as pd
+
     whole = stamps.seconds.astype(np.int64) - _SINCE_1904_S
     parts = np.rint(stamps.second_fractions.astype(float) * (NANOSECONDS / 2.0**64)).astype(np.int64)
-    return (whole * int(NANOSECONDS) + parts).view("datetime64[ns]")
+    return pd.DatetimeIndex((whole * int(NANOSECONDS) + parts).view("datetime64[ns]"), tz="UTC")
 
 
 def _nanoseconds(stamp: Any) -> int | None:

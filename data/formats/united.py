@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class Series(NamedTuple):
     group: str
     name: str
     time_s: np.ndarray
-    values: np.ndarray
+    values: Any
     unit: str = ""
 
 
