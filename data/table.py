@@ -114,7 +114,10 @@ def numbers(table: pd.DataFrame, column: str, path: Path) -> Array:
         raise BadInput(f"{where}: {_no_date(str(cells.iloc[0]))}")
     if not (pd.api.types.is_numeric_dtype(cells) or cells.dtype == object or pd.api.types.is_string_dtype(cells)):
         raise BadInput(f"{where}: holds {bare(cells.dtype)}, not numbers; write numbers")
-    values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    try:
+        values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float)
+    except OverflowError as error:
+        raise BadInput(f"{where}: a whole number has too many figures for a reading; leave the cell empty") from error
     wrong = (np.isnan(values) & cells.notna().to_numpy()) | (np.abs(values) > LARGEST_READING)
     if wrong.any():
         text = str(cells.iloc[int(np.flatnonzero(wrong)[0])])

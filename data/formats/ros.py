@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,8 +30,7 @@ def read(path: Path) -> Holdings:
     highlevel = library("rosbags.highlevel", "rosbags", "ros", path)
     usual = None
     if path.suffix == ".db3":  # before ROS Iron such a bag did not hold the definitions of its messages
-        typesys = library("rosbags.typesys", "rosbags", "ros", path)
-        usual = typesys.get_typestore(typesys.Stores.LATEST)
+        usual = _usual_types(library("rosbags.typesys", "rosbags", "ros", path))
     with highlevel.AnyReader([path], default_typestore=usual) as bag:
         if bag.message_count > holdings.MOST_CELLS:
             raise too_large(path, bag.message_count, 1)
@@ -43,6 +43,12 @@ def read(path: Path) -> Holdings:
                 unread.append(topic)
     left_out = (f"topics without numbers ({', '.join(map(bare, unread[:5]))})",) if unread else ()
     return Holdings(united(path, found), {}, Zero(zero_ns, utc=True), left_out)
+
+
+@functools.cache
+def _usual_types(typesys: Any) -> Any:
+    """The messages that ROS itself defines, which take a moment to make."""
+    return typesys.get_typestore(typesys.Stores.LATEST)
 
 
 def _columns(bag: Any, connections: list[Any], zero_ns: int) -> list[Series]:
