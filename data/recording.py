@@ -9,13 +9,14 @@ Columns named ``true_*`` exist in simulated data only and never get past this do
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twinbench.common.documents import read_file
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import bare
 from twinbench.data.batch import Batch
@@ -23,7 +24,7 @@ from twinbench.data.clock import check_clock
 from twinbench.data.formats.holdings import TIME, Zero
 from twinbench.data.gather import gather
 from twinbench.data.resample import resampled
-from twinbench.data.sidecar import read_sidecar
+from twinbench.data.sidecar import sidecar_of
 from twinbench.data.table import TRUTH_PREFIX, check_file, stem
 from twinbench.data.units import Limits, check_plausible, limits_of, short_unit, units_of
 from twinbench.machines.compressor import COMPRESSOR
@@ -33,7 +34,7 @@ from twinbench.machines.machine import Machine
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["TIME", "Recording", "check_overlap", "read_recording", "truth_table"]
+__all__ = ["TIME", "Recording", "check_overlap", "files_of", "read_recording", "truth_table"]
 
 LONGEST_RUN_S = 14 * 86400.0
 LONGEST_NAME_BYTES = 150
@@ -109,7 +110,7 @@ def read_recording(
     """
     check_file(path)
     name = name_of(path)
-    sidecar = read_sidecar(path.with_name(name + ".toml"))
+    sidecar = sidecar_of(path)
     run = gather(path, sidecar, mapping, units, may_lack)
     check_clock(run.time_s, run.usual_s, path, run.sources[TIME].column, longest_s, period_s)
     for channel in (c for c in units if c in limits):
@@ -123,6 +124,19 @@ def read_recording(
     values = np.stack([run.values[channel] for channel in units], axis=-1)
     time_s, values, said = resampled(run.time_s, values, sidecar.rate_Hz, path)
     return Recording(name, time_s, tuple(units), values, run.unread, run.zero, (*run.notes, *said))
+
+
+def files_of(path: Path, held_out: bool = False) -> Iterator[dict[str, Any]]:
+    """What was read of a recording as a document's provenance names it: its file, what its sidecar joins, the sidecar.
+
+    Raises:
+        BadInput: the sidecar cannot be read.
+    """
+    sidecar = sidecar_of(path)
+    for file in (path, *sidecar.join):
+        yield from read_file("recording", file, held_out)
+    if sidecar.path.is_file():
+        yield from read_file("sidecar", sidecar.path, held_out)
 
 
 def name_of(path: Path) -> str:

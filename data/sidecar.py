@@ -12,6 +12,7 @@ from typing import Any
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import shown
 from twinbench.common.toml_file import read_toml
+from twinbench.data.table import stem
 
 ENTRIES = ("[channels]", "[constants]", "join", "stamp", "average_s", "rate_Hz", "time_zone")
 STAMPS = {"start": 0.5, "middle": 0.0, "end": -0.5}
@@ -48,12 +49,13 @@ class Sidecar:
         return STAMPS[self.stamp] * self.average_s if self.stamp else 0.0
 
 
-def read_sidecar(path: Path) -> Sidecar:
-    """The sidecar; an empty one where the file is not there.
+def sidecar_of(recording: Path) -> Sidecar:
+    """What the TOML file of a recording's name says of it; an empty one where there is none.
 
     Raises:
         BadInput: no TOML, or an entry that says nothing.
     """
+    path = recording.with_name(stem(recording) + ".toml")
     if not path.is_file():
         return Sidecar(path)
     content = read_toml(path)

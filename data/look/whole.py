@@ -17,7 +17,7 @@ from twinbench.data.look.channel import Channel, look_at
 from twinbench.data.look.stretches import Stretch, gaps
 from twinbench.data.recording import name_of
 from twinbench.data.resample import resampled
-from twinbench.data.sidecar import read_sidecar
+from twinbench.data.sidecar import sidecar_of
 from twinbench.data.table import check_file
 from twinbench.machines.coordinates import Array
 
@@ -82,7 +82,7 @@ def look(path: Path, mapping: Sequence[str] = ()) -> Look:
     """
     check_file(path)
     name = name_of(path)
-    sidecar = read_sidecar(path.with_name(name + ".toml"))
+    sidecar = sidecar_of(path)
     run = gather(path, sidecar, mapping, None)
     notes = list(run.notes)
     try:
