@@ -38,7 +38,7 @@ class Channel:
     unit: str
     readings: int
     period_s: float | None
-    lost: float
+    lost: float | None
     low: float | None
     median: float | None
     high: float | None
@@ -63,7 +63,7 @@ def look_at(time_s: Array, values: Array, column: str, unit: str) -> Channel:
     n = len(values)
     if n < 2:
         only = float(values[0]) if n else None
-        return Channel(column, unit, n, None, 0.0, only, only, only, n, None, None, 0, (), (), ())
+        return Channel(column, unit, n, None, None, only, only, only, n, None, None, 0, (), (), ())
     usual_s = float(np.median(np.diff(time_s)))
     flat = still(time_s, values)
     moving = ~np.any([(time_s >= s.begin_s) & (time_s <= s.end_s) for s in flat], axis=0) if flat else slice(None)

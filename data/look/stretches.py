@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,30 @@ def gaps(time_s: Array, usual_s: float) -> list[Stretch]:
     """
     wide = np.flatnonzero(np.diff(time_s) > WIDE * usual_s)
     return [Stretch(float(time_s[k]), float(time_s[k + 1])) for k in wide]
+
+
+def in_all(channels: Sequence[Sequence[Stretch]], first_s: Sequence[float], last_s: Sequence[float]) -> list[Stretch]:
+    """Where no channel is read at all: each has a gap there, was not read yet, or is not read any more.
+
+    Args:
+        channels: gaps of each, in the order of time.
+        first_s, last_s: of each, when it was read first and last, in seconds.
+    """
+    common = [Stretch(-np.inf, np.inf)]
+    for own, first, last in zip(channels, first_s, last_s, strict=True):
+        common = _overlaps(common, [Stretch(-np.inf, first), *own, Stretch(last, np.inf)])
+    return [stretch for stretch in common if np.isfinite(stretch[:2]).all()]
+
+
+def _overlaps(some: Sequence[Stretch], others: Sequence[Stretch]) -> list[Stretch]:
+    found, i, j = [], 0, 0
+    while i < len(some) and j < len(others):
+        one, other = some[i], others[j]
+        begin_s, end_s = max(one.begin_s, other.begin_s), min(one.end_s, other.end_s)
+        if begin_s < end_s:
+            found.append(Stretch(begin_s, end_s))
+        i, j = (i + 1, j) if one.end_s <= other.end_s else (i, j + 1)
+    return found
 
 
 def still(time_s: Array, values: Array) -> list[Stretch]:

@@ -14,7 +14,7 @@ from twinbench.data.clock import check_clock, usual_period
 from twinbench.data.formats.holdings import TIME, Zero
 from twinbench.data.gather import gather
 from twinbench.data.look.channel import Channel, look_at
-from twinbench.data.look.stretches import Stretch, gaps
+from twinbench.data.look.stretches import Stretch, in_all
 from twinbench.data.recording import name_of
 from twinbench.data.resample import resampled
 from twinbench.data.sidecar import sidecar_of
@@ -32,7 +32,7 @@ class Look:
         values: (N, C), each channel in the unit in which the file has it; NaN where missing.
         channels: what each shows, by name.
         zero: when ``time_s`` is 0; None where nobody says.
-        gaps: where no channel was read.
+        gaps: where no channel was read for longer than its own rate explains.
         unread: columns that hold no numbers.
         notes: what was done to it, what it holds besides, and why other commands refuse it.
     """
@@ -95,8 +95,15 @@ def look(path: Path, mapping: Sequence[str] = ()) -> Look:
     channels = {
         c: look_at(time_s, values[:, k], run.sources[c].column, run.sources[c].unit) for k, c in enumerate(names)
     }
-    missing = gaps(time_s[~np.isnan(values).all(axis=1)], usual_period(time_s, values.T)) if names else []
+    missing = _gaps_in_all(time_s, values, list(channels.values()))
     return Look(name, time_s, values, channels, run.zero, tuple(missing), run.unread, (*notes, *said))
+
+
+def _gaps_in_all(time_s: Array, values: Array, channels: Sequence[Channel]) -> list[Stretch]:
+    """Gaps that all channels have that were read more than once; a constant of the sidecar was never read."""
+    read = [k for k, channel in enumerate(channels) if channel.column and channel.readings > 1]
+    spans = [time_s[~np.isnan(values[:, k])][[0, -1]] for k in read]
+    return in_all([channels[k].gaps for k in read], [s[0] for s in spans], [s[1] for s in spans]) if read else []
 
 
 def _channel_as_json(channel: Channel) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import bisect
 from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from twinbench.common.shown import bare
 from twinbench.data.clock import usual_period
 from twinbench.data.look.channel import Channel
-from twinbench.data.look.stretches import Stretch
+from twinbench.data.look.stretches import WIDE, Stretch
 from twinbench.data.look.whole import Look
 from twinbench.data.units import short_unit
 
@@ -35,7 +38,7 @@ def _clock(seen: Look) -> str:
 
 def _row(name: str, channel: Channel) -> tuple[str, ...]:
     rate = f"{1.0 / channel.period_s:.4g}" if channel.period_s else "–"
-    lost = f"{100.0 * channel.lost:.1f} %"
+    lost = "–" if channel.lost is None else f"{100.0 * channel.lost:.1f} %"
     numbers = (channel.low, channel.median, channel.high, channel.noise, channel.moves)
     shown = ("–" if value is None else f"{value:.4g}" for value in numbers)
     unit = short_unit(channel.unit) if channel.unit else "?"
@@ -45,8 +48,7 @@ def _row(name: str, channel: Channel) -> tuple[str, ...]:
 def _remarks(seen: Look) -> Iterator[str]:
     yield f"gaps in all channels at once: {_stretches(seen.gaps)}"
     for name, channel in seen.channels.items():
-        own = [gap for gap in channel.gaps if not any(gap[:2] == every[:2] for every in seen.gaps)]
-        if own:
+        if own := _own_gaps(channel, seen.gaps):
             yield f"{bare(name)} has gaps of its own: {_stretches(own)}"
         if channel.distinct == 1 and channel.readings > 1:
             yield f"{bare(name)} is {channel.low:.6g} throughout"
@@ -56,6 +58,19 @@ def _remarks(seen: Look) -> Iterator[str]:
             yield f"{bare(name)} stands still at its highest or lowest value: {_stretches(channel.clipped)}"
     if seen.unread:
         yield f"no numbers: {', '.join(map(bare, seen.unread))}"
+
+
+def _own_gaps(channel: Channel, in_all: Sequence[Stretch]) -> list[Stretch]:
+    """Those that last longer, by more than a gap, than one that all channels have."""
+    slack_s = WIDE * (channel.period_s or 0.0)
+    begins_s = [every.begin_s for every in in_all]
+    own = []
+    for gap in channel.gaps:
+        k = bisect.bisect_left(begins_s, gap.begin_s)
+        longer_s = (begins_s[k] - gap.begin_s, gap.end_s - in_all[k].end_s) if k < len(in_all) else (np.inf,)
+        if max(longer_s) > slack_s:
+            own.append(gap)
+    return own
 
 
 def _stretches(stretches: Sequence[Stretch]) -> str:

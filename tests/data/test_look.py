@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,9 @@ from helpers.refusals import refused
 from helpers.tiny_run import twinbench
 
 from twinbench.data.look.channel import noise_of
+from twinbench.data.look.figure import MOST_DRAWN, look_figure
 from twinbench.data.look.stretches import still
+from twinbench.data.look.whole import look
 
 NOISE, PERIOD_S = 0.03, 0.5
 
@@ -96,6 +99,43 @@ def test_rates_units_and_dates_come_from_the_file_and_means_from_its_sidecar(tmp
     assert seen["channels"]["room"]["median"] == 21.5
     assert seen["notes"] == ["means over 0.1 s (rate_Hz = 10) stand for 1,000 samples"]
     assert "means over 0.1 s (rate_Hz = 10) stand for 1,000 samples" in caplog.text
+
+
+def test_a_gap_beside_a_slow_channel_is_none_of_all_channels(tmp_path, capsys):
+    """Read every 10 s, a temperature bridges a gap of 50 s of the others; one of 100 s it shares."""
+    time_s = np.delete(0.5 * np.arange(4000), [*range(401, 500), *range(2001, 2200)])
+    fast = pd.DataFrame({"time_s": time_s, "a": np.sin(time_s), "b": np.cos(time_s)})
+    every_s = np.delete(10.0 * np.arange(200), range(101, 110))
+    slow = pd.DataFrame({"time_s": every_s, "T": 20.0 + 0.01 * every_s})
+    write_mdf_groups([fast, slow], tmp_path / "run.mf4")
+    assert twinbench("look", tmp_path / "run.mf4") == 0
+    out = capsys.readouterr().out
+    assert "gaps in all channels at once: 1000 to 1100 s (100 s in all)" in out
+    assert "a has gaps of its own: 200 to 250 s (50 s in all)" in out
+    assert "T has gaps" not in out
+
+
+def test_the_figure_breaks_lines_at_gaps_and_says_what_it_leaves_out(day):
+    seen = look(day)
+    figure = look_figure(seen)
+    assert [axes.get_title(loc="left") for axes in figure.axes] == list(seen.channels)
+    x, y = figure.axes[1].lines[0].get_data()
+    at = np.searchsorted(x[np.isfinite(x)], 1025.0)
+    assert np.isnan(x[at])
+    assert np.nanmax(y) == 4.5
+    many = replace(seen, channels=dict.fromkeys(map(str, range(MOST_DRAWN + 3)), seen.channels["level"]))
+    figure = look_figure(replace(many, values=np.repeat(seen.values[:, :1], MOST_DRAWN + 3, axis=1)))
+    assert len(figure.axes) == MOST_DRAWN
+    assert figure.get_suptitle() == f"day, {MOST_DRAWN} of {MOST_DRAWN + 3} channels"
+
+
+def test_a_recording_without_numbers_is_drawn_all_the_same(tmp_path, capsys):
+    rows = pd.DataFrame({"time_s": [0.0, 1.0, 2.0], "what": "ok", "never": np.nan})
+    for columns in ("what", "never"):
+        rows[["time_s", columns]].to_csv(tmp_path / f"{columns}.csv", index=False)
+        assert twinbench("look", tmp_path / f"{columns}.csv", "--out", tmp_path) == 0
+        assert (tmp_path / f"{columns}.look.png").stat().st_size > 1000
+    assert capsys.readouterr().out.count("gaps in all channels at once: none") == 2
 
 
 def test_what_other_commands_refuse_is_told(tmp_path, capsys):
