@@ -11,7 +11,7 @@ from twinbench.data.clock import usual_period
 from twinbench.data.table import tell
 from twinbench.machines.coordinates import Array
 
-_CLOSE = 1e-6
+_LOST_DIGITS = 1e-6
 """Of the time of a mean: a stamp that is short of the next by less belongs to that, as digits get lost in reckoning."""
 
 
@@ -40,9 +40,9 @@ def means(time_s: Array, values: Array, rate_Hz: float, path: Path) -> tuple[Arr
         BadInput: the rate is no lower than the recording's own, or one mean is left.
     """
     usual_s = usual_period(time_s, values.T)
-    if rate_Hz * usual_s > 1.0 + _CLOSE:
+    if rate_Hz * usual_s > 1.0 + _LOST_DIGITS:
         raise BadInput(f"{path}: rate_Hz = {rate_Hz:g} is above its own rate, {1.0 / usual_s:.4g} Hz; give a lower one")
-    bins = np.floor(time_s * rate_Hz + _CLOSE)
+    bins = np.floor(time_s * rate_Hz + _LOST_DIGITS)
     starts = np.flatnonzero(np.diff(bins, prepend=-np.inf))
     if len(starts) < 2:
         raise BadInput(

@@ -14,7 +14,7 @@ from twinbench.data.look.whole import Look
 from twinbench.data.units import short_unit
 from twinbench.machines.coordinates import Array
 
-MOST_DRAWN = 40
+MOST_PANELS = 40
 """Channels of a figure: a page of more is no longer looked at."""
 PALE_ORANGE, PALE_RED = "#F3CF85", "#E79F6B"
 """Okabe and Ito's orange and vermilion behind a line of theirs, which has to stay legible."""
@@ -25,8 +25,8 @@ _ROW_MM = 18.0
 
 @styled
 def look_figure(seen: Look) -> Figure:
-    """One panel below the other, of the first ``MOST_DRAWN`` channels, on one axis of time."""
-    names = list(seen.channels)[:MOST_DRAWN]
+    """One panel below the other, of the first ``MOST_PANELS`` channels, on one axis of time."""
+    names = list(seen.channels)[:MOST_PANELS]
     count = max(len(names), 1)
     figure = canvas(PAGE_MM, _ROW_MM * (count + 1))
     rows = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
@@ -35,7 +35,7 @@ def look_figure(seen: Look) -> Figure:
     rows[-1].set_xlabel(f"time, s{f' (first row {seen.begins})' if seen.begins else ''}")
     handles = [Patch(color=colour, linewidth=0, label=label) for label, colour in MARKS]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(MARKS))
-    some = f", {MOST_DRAWN} of {len(seen.channels)} channels" if len(names) < len(seen.channels) else ""
+    some = f", {MOST_PANELS} of {len(seen.channels)} channels" if len(names) < len(seen.channels) else ""
     figure.suptitle(f"{bare(seen.name)}{some}", x=0.01, ha="left", fontsize=9)
     return figure
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import sys
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from helpers.recording_kinds import ROS, WRITERS, as_read, maps_of, write_mdf_groups, write_tdms
+from helpers.refusals import refused
 from recording_files import refusal, table, write
 
 from twinbench.data.recording import read_recording
@@ -96,18 +99,26 @@ def test_structs_and_matrices_of_matlab_are_gone_into(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "module", "says"),
+    ("kind", "module", "package", "extra"),
     [
-        (".mf4", "asammdf", "needs asammdf; install it with: pip install 'twinbench[mdf]'"),
-        (".tdms", "nptdms", "needs npTDMS; install it with: pip install 'twinbench[tdms]'"),
-        (".mcap", "rosbags.highlevel", "needs rosbags; install it with: pip install 'twinbench[ros]'"),
-        (".bag", "rosbags.highlevel", "needs rosbags"),
+        (".mf4", "asammdf", "asammdf", "mdf"),
+        (".tdms", "nptdms", "npTDMS", "tdms"),
+        *((kind, "rosbags.highlevel", "rosbags", "ros") for kind in ROS),
     ],
 )
-def test_a_library_that_is_not_there_is_named(tmp_path, monkeypatch, kind, module, says):
-    (tmp_path / f"run{kind}").write_bytes(b"anything")
+def test_a_library_that_is_not_there_is_named_with_the_extra_that_brings_it(
+    tmp_path, monkeypatch, capsys, kind, module, package, extra
+):
+    WRITERS[kind](table(), tmp_path / f"run{kind}")
     monkeypatch.setitem(sys.modules, module, None)
+    says = f"needs {package}; install it with: pip install 'twinbench[{extra}]'"
     assert says in refusal(tmp_path / f"run{kind}")
+    assert says in refused(tmp_path, capsys, "look", tmp_path / f"run{kind}")
+    extras = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    assert [line.split(">=")[0] for line in extras[extra]] == [package]
+    assert extra in extras["recordings"][0]
 
 
 @pytest.mark.parametrize("kind", WRITERS)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import runpy
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +16,7 @@ from helpers.refusals import refused
 from helpers.tiny_run import twinbench
 
 from twinbench.data.look.channel import noise_of
-from twinbench.data.look.figure import MOST_DRAWN, look_figure
+from twinbench.data.look.figure import MOST_PANELS, look_figure
 from twinbench.data.look.stretches import still
 from twinbench.data.look.whole import look
 
@@ -70,6 +72,17 @@ def test_a_known_signal_is_seen_as_it_is(day, tmp_path, capsys):
     assert (out / "day.look.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_page_shows_what_is_said_of_its_example(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text()
+    code, line, shown = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL)[0] for kind in ("python", "sh", "text"))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "example.py").write_text(code)
+    runpy.run_path("example.py")
+    assert twinbench(*line.split()[1:]) == 0
+    assert capsys.readouterr().out == shown
+    assert (tmp_path / "looked" / "day.look.png").is_file()
+
+
 def test_people_get_lines(day, capsys):
     assert twinbench("look", day) == 0
     out = capsys.readouterr().out
@@ -123,10 +136,10 @@ def test_the_figure_breaks_lines_at_gaps_and_says_what_it_leaves_out(day):
     at = np.searchsorted(x[np.isfinite(x)], 1025.0)
     assert np.isnan(x[at])
     assert np.nanmax(y) == 4.5
-    many = replace(seen, channels=dict.fromkeys(map(str, range(MOST_DRAWN + 3)), seen.channels["level"]))
-    figure = look_figure(replace(many, values=np.repeat(seen.values[:, :1], MOST_DRAWN + 3, axis=1)))
-    assert len(figure.axes) == MOST_DRAWN
-    assert figure.get_suptitle() == f"day, {MOST_DRAWN} of {MOST_DRAWN + 3} channels"
+    many = replace(seen, channels=dict.fromkeys(map(str, range(MOST_PANELS + 3)), seen.channels["level"]))
+    figure = look_figure(replace(many, values=np.repeat(seen.values[:, :1], MOST_PANELS + 3, axis=1)))
+    assert len(figure.axes) == MOST_PANELS
+    assert figure.get_suptitle() == f"day, {MOST_PANELS} of {MOST_PANELS + 3} channels"
 
 
 def test_a_recording_without_numbers_is_drawn_all_the_same(tmp_path, capsys):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from helpers.recording_kinds import write_mdf
 from recording_files import refusal, table, write
 
-from twinbench.data.recording import read_recording
+from twinbench.data.recording import files_of, read_recording
 from twinbench.machines.compressor import COMPRESSOR
 
 CHANNELS = list(COMPRESSOR.channels)
@@ -58,6 +60,9 @@ def test_files_of_one_run_are_joined(tmp_path, kind):
     assert np.array_equal(found.time_s, whole["time_s"])
     assert np.array_equal(found.values, whole[CHANNELS])
     assert found.notes == (f"joined of {', '.join(parts)}",)
+    told = [(file["role"], Path(file["path"]).name, file["bytes"]) for file in files_of(tmp_path / f"part0{kind}")]
+    expected = [*(("recording", name) for name in parts), ("sidecar", "part0.toml")]
+    assert told == [(role, name, (tmp_path / name).stat().st_size) for role, name in expected]
 
 
 def test_dated_files_are_joined_by_their_dates_and_others_on_one_clock(tmp_path):
