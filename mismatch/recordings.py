@@ -136,7 +136,7 @@ def _check_in_step(recording: Recording, simulator: Simulator) -> None:
             own_s = float(np.median(np.diff(recording.time_s[read])))
             raise BadInput(
                 f"recording {recording.name}: output {variable.name} is read every {own_s:.4g} s, other channels more "
-                f"often; write rate_Hz = {1.0 / own_s:.4g} into {recording.name}.toml beside it, which makes means of them"
+                f"often; write rate_Hz = {1.0 / own_s:.4g} into {recording.name}.toml beside it, which makes means"
             )
 
 

@@ -14,7 +14,7 @@ from twinbench.data.look.whole import Look
 from twinbench.data.units import short_unit
 from twinbench.machines.coordinates import Array
 
-MOST_PANELS = 40
+MOST_CHANNELS = 40
 """Channels of a figure: a page of more is no longer looked at."""
 PALE_ORANGE, PALE_RED = "#F3CF85", "#E79F6B"
 """Okabe and Ito's orange and vermilion behind a line of theirs, which has to stay legible."""
@@ -25,8 +25,8 @@ _ROW_MM = 18.0
 
 @styled
 def look_figure(seen: Look) -> Figure:
-    """One panel below the other, of the first ``MOST_PANELS`` channels, on one axis of time."""
-    names = list(seen.channels)[:MOST_PANELS]
+    """One panel below the other, of the first ``MOST_CHANNELS`` channels, on one axis of time."""
+    names = list(seen.channels)[:MOST_CHANNELS]
     count = max(len(names), 1)
     figure = canvas(PAGE_MM, _ROW_MM * (count + 1))
     rows = figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0]
@@ -35,7 +35,7 @@ def look_figure(seen: Look) -> Figure:
     rows[-1].set_xlabel(f"time, s{f' (first row {seen.begins})' if seen.begins else ''}")
     handles = [Patch(color=colour, linewidth=0, label=label) for label, colour in MARKS]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(MARKS))
-    some = f", {MOST_PANELS} of {len(seen.channels)} channels" if len(names) < len(seen.channels) else ""
+    some = f", {MOST_CHANNELS} of {len(seen.channels)} channels" if len(names) < len(seen.channels) else ""
     figure.suptitle(f"{bare(seen.name)}{some}", x=0.01, ha="left", fontsize=9)
     return figure
 
@@ -44,10 +44,10 @@ def _panel(axes: Axes, time_s: Array, values: Array, name: str, channel: Channel
     read = np.flatnonzero(~np.isnan(values))
     keep = read[_outline(values[read])]
     breaks = np.searchsorted(time_s[keep], [gap.begin_s for gap in channel.gaps], side="right")
-    dots = {"marker": "."} if len(keep) == len(read) else {}  # some of the readings only would look like gaps
+    dots = "." if len(keep) == len(read) else ""  # some of the readings only would look like gaps
     drawn = (np.insert(series[keep], breaks, np.nan) for series in (time_s, values))
     axes.margins(x=0.01)
-    axes.plot(*drawn, color=BLUE, linewidth=0.7, markersize=1.5, **dots)
+    axes.plot(*drawn, color=BLUE, linewidth=0.7, markersize=1.5, marker=dots)
     for stretches, (_, colour) in zip((channel.stuck, channel.clipped, channel.gaps), MARKS, strict=True):
         spans = [(stretch.begin_s, stretch.end_s - stretch.begin_s) for stretch in stretches]
         axes.broken_barh(spans, (0.0, 1.0), transform=axes.get_xaxis_transform(), color=colour, linewidth=0.5, zorder=0)

@@ -16,7 +16,7 @@ from helpers.refusals import refused
 from helpers.tiny_run import twinbench
 
 from twinbench.data.look.channel import noise_of
-from twinbench.data.look.figure import MOST_PANELS, look_figure
+from twinbench.data.look.figure import MOST_CHANNELS, look_figure
 from twinbench.data.look.stretches import still
 from twinbench.data.look.whole import look
 
@@ -136,10 +136,10 @@ def test_the_figure_breaks_lines_at_gaps_and_says_what_it_leaves_out(day):
     at = np.searchsorted(x[np.isfinite(x)], 1025.0)
     assert np.isnan(x[at])
     assert np.nanmax(y) == 4.5
-    many = replace(seen, channels=dict.fromkeys(map(str, range(MOST_PANELS + 3)), seen.channels["level"]))
-    figure = look_figure(replace(many, values=np.repeat(seen.values[:, :1], MOST_PANELS + 3, axis=1)))
-    assert len(figure.axes) == MOST_PANELS
-    assert figure.get_suptitle() == f"day, {MOST_PANELS} of {MOST_PANELS + 3} channels"
+    many = replace(seen, channels=dict.fromkeys(map(str, range(MOST_CHANNELS + 3)), seen.channels["level"]))
+    figure = look_figure(replace(many, values=np.repeat(seen.values[:, :1], MOST_CHANNELS + 3, axis=1)))
+    assert len(figure.axes) == MOST_CHANNELS
+    assert figure.get_suptitle() == f"day, {MOST_CHANNELS} of {MOST_CHANNELS + 3} channels"
 
 
 def test_a_recording_without_numbers_is_drawn_all_the_same(tmp_path, capsys):
