@@ -15,7 +15,7 @@ from twinbench.data.formats.holdings import TIME, Holdings, Zero
 from twinbench.data.formats.united import NANOSECONDS
 from twinbench.data.mapping import Offer, Source, sources
 from twinbench.data.sidecar import Sidecar
-from twinbench.data.table import LARGEST_READING, numbers, read_table
+from twinbench.data.table import LARGEST_READING, numbers, read_table, tell
 from twinbench.data.units import convert
 from twinbench.machines.coordinates import Array
 
@@ -72,6 +72,7 @@ def gather(
         half = f"; {abs(sidecar.later_s):g} s were {'added' if sidecar.later_s > 0 else 'taken off'}"
         moved = half if sidecar.later_s else ""
         notes.append(f"means over {sidecar.average_s:g} s, stamped at their {sidecar.stamp}{moved}")
+        tell(path, notes[-1])
     if run.zero is not None and not run.zero.utc:
         notes.append("its dates name no zone; they are taken as they are, as if no clock were ever set")
     return replace(run, time_s=run.time_s + sidecar.later_s, notes=tuple(notes))

@@ -16,11 +16,12 @@ CHANNELS = list(COMPRESSOR.channels)
 
 
 @pytest.mark.parametrize(("stamp", "later_s"), [("start", 0.02), ("middle", 0.0), ("end", -0.02)])
-def test_stamps_of_means_are_moved_to_their_middle(tmp_path, stamp, later_s):
+def test_stamps_of_means_are_moved_to_their_middle(tmp_path, caplog, stamp, later_s):
     (tmp_path / "run.toml").write_text(f"stamp = '{stamp}'\naverage_s = 0.04\n")
     found = read_recording(write(table(), tmp_path))
     assert np.allclose(found.time_s, table()["time_s"] + later_s, rtol=0.0, atol=1e-15)
     assert f"means over 0.04 s, stamped at their {stamp}" in found.notes[0]
+    assert found.notes[0] in caplog.text
     assert ("added" in found.notes[0], "taken off" in found.notes[0]) == (later_s > 0.0, later_s < 0.0)
 
 

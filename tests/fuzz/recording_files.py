@@ -233,9 +233,10 @@ def dates_in_parquet(given: Given, rng: np.random.Generator) -> None:
 
 
 def as_kind(given: Given, kind: str) -> None:
-    """The recording as a file of another kind, mapped where that names its columns itself."""
+    """The recording as a file of another kind, with a sidecar where that names its columns itself."""
     given.name = f"day{kind}"
-    given.maps += maps_of(kind, list(given.machine.channels))
+    pairs = [item.rsplit("=", 1) for item in maps_of(kind, list(given.machine.channels))]
+    given.sidecar = "\n".join(["[channels]", *(f"{channel} = '{column}'" for column, channel in pairs)])
 
 
 def _as(kind: str) -> None:
@@ -281,8 +282,7 @@ def another_kind_by_name_only(given: Given, rng: np.random.Generator) -> None:
 @mutator(REFUSED)
 def a_bag_without_the_topic(given: Given, rng: np.random.Generator) -> None:
     as_kind(given, pick(rng, ROS))
-    given.maps.pop(0)
-    given.maps.append(f"/tank/data={given.machine.channels[0]}")
+    given.sidecar = str(given.sidecar).replace(f"/{given.machine.channels[0]}/data", "/tank/data")
 
 
 @mutator(REFUSED)

@@ -131,17 +131,17 @@ def a_sidecar_in_another_encoding(given: Given, rng: np.random.Generator) -> Non
 @mutator(SAME)
 def joined_of_two_files(given: Given, rng: np.random.Generator) -> None:
     half = len(given.frame) // 2
-    given.beside["second.csv"] = given.frame.iloc[half:]
+    given.beside[f"{given.stem}_more.csv"] = given.frame.iloc[half:]
     given.frame = given.frame.iloc[:half]
-    given.sidecar = "join = ['second.csv']\n"
+    given.sidecar = f"join = ['{given.stem}_more.csv']\n"
 
 
 @mutator(REFUSED)
 def joined_in_another_order(given: Given, rng: np.random.Generator) -> None:
     half = len(given.frame) // 2
-    given.beside["second.csv"] = given.frame.iloc[:half]
+    given.beside[f"{given.stem}_more.csv"] = given.frame.iloc[:half]
     given.frame = given.frame.iloc[half:]
-    given.sidecar = "join = ['second.csv']\n"
+    given.sidecar = f"join = ['{given.stem}_more.csv']\n"
 
 
 @mutator(CLOSE_OR_TOLD, mismatch=ORDERLY, simulate=ORDERLY)
