@@ -156,8 +156,9 @@ def stamps_of_means(given: Given, rng: np.random.Generator) -> None:
     given.sidecar = f"stamp = '{pick(rng, ('start', 'middle', 'end'))}'\naverage_s = {period_s!r}\n"
 
 
-@mutator(TOLD, mismatch=ORDERLY, simulate=ORDERLY)
+@mutator(CLOSE_OR_TOLD, mismatch=ORDERLY, simulate=ORDERLY)
 def a_constant_in_the_place_of_a_channel(given: Given, rng: np.random.Generator) -> None:
+    """Its median: right for what hardly moves; of anything else it has to be told."""
     channel = given.channel(rng)
     given.sidecar = f"[constants]\n{channel} = {float(given.frame[channel].median())!r}\n"
 
