@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,13 +11,17 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import bare
-from twinbench.data.recording import A_THOUSAND, Recording, read_recording
+from twinbench.data.clock import A_THOUSAND
+from twinbench.data.formats.holdings import Zero
+from twinbench.data.formats.united import NANOSECONDS
+from twinbench.data.recording import Recording, read_recording
 from twinbench.data.units import Limits
 from twinbench.mismatch.series import held
 from twinbench.mismatch.tracks import FEWEST_SAMPLES
 from twinbench.physics.simulator import Simulator, Variable
 
 LONGEST_RECORDING_S = 10 * 365.25 * 86400.0
+_LOG = logging.getLogger("twinbench")
 _RANGE_SLACK = 0.1  # of a channel's range: an idle sensor reads a little below its zero
 
 
@@ -29,7 +34,8 @@ def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequen
     bounds that its Variable gives is taken for a mistake in the unit.
 
     Args:
-        paths: of ``.csv``, ``.csv.gz`` or ``.parquet`` files.
+        paths: of any kind that ``data.formats.kinds`` lists. Where all of them say when they began, their times run on
+            from the earliest.
         simulator: whose inputs and outputs are read.
         mapping: ``COLUMN=channel`` or ``COLUMN[unit]=channel``, as for ``data.recording.read_recording``.
 
@@ -59,7 +65,22 @@ def read_recordings(paths: Sequence[Path], simulator: Simulator, mapping: Sequen
         if any(r.name.casefold() == recording.name.casefold() for r in recordings):
             raise BadInput(f"two recordings are named {recording.name}; rename one, or give it once only")
         recordings.append(recording)
-    return recordings
+    return _on_one_clock(recordings)
+
+
+def _on_one_clock(recordings: list[Recording]) -> list[Recording]:
+    """Times that begin with the earliest recording, where all of them say when they began; otherwise as they are."""
+    zeros = [recording.zero for recording in recordings if recording.zero is not None]
+    if not zeros:
+        return recordings
+    if len(zeros) < len(recordings) or len({zero.utc for zero in zeros}) > 1:
+        _LOG.warning("twinbench: only some recordings say in UTC when they began; each keeps its own clock")
+        return recordings
+    begin_ns = min(zero.ns for zero in zeros)
+    return [
+        replace(r, time_s=r.time_s + (zero.ns - begin_ns) / NANOSECONDS, zero=Zero(begin_ns, zero.utc))
+        for r, zero in zip(recordings, zeros, strict=True)
+    ]
 
 
 def _with_readings(recording: Recording, simulator: Simulator) -> Recording:
@@ -93,6 +114,7 @@ def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> Non
             raise BadInput(
                 f"recording {recording.name}: no output moves ({names}); leave it out, its sensors stand still"
             )
+        _check_in_step(recording, simulator)
     apart = [float(np.median(np.diff(r.time_s))) for r in recordings]
     longest, shortest = int(np.argmax(apart)), int(np.argmin(apart))
     if apart[longest] > A_THOUSAND * apart[shortest]:
@@ -101,6 +123,21 @@ def check_measured(recordings: Sequence[Recording], simulator: Simulator) -> Non
             f"{recordings[shortest].name} {apart[shortest]:.3g} s; is its time in ms? Say so in a TOML file beside it: "
             "[channels] time_s = {column = 'time_s', unit = 'ms'}"
         )
+
+
+def _check_in_step(recording: Recording, simulator: Simulator) -> None:
+    """Refuse an output that is read in every other row or less, as a slow channel beside fast ones is.
+
+    Blocks of rows in which most readings are missing are not compared, so it would pass unseen.
+    """
+    for variable, y in zip(simulator.outputs, recording.values.T[len(simulator.inputs) :], strict=True):
+        read = np.flatnonzero(~np.isnan(y))
+        if len(read) > 1 and np.median(np.diff(read)) >= 2:
+            own_s = float(np.median(np.diff(recording.time_s[read])))
+            raise BadInput(
+                f"recording {recording.name}: output {variable.name} is read every {own_s:.4g} s, other channels more "
+                f"often; write rate_Hz = {1.0 / own_s:.4g} into {recording.name}.toml beside it, which makes means"
+            )
 
 
 def check_excited(recordings: Sequence[Recording], simulator: Simulator) -> None:

@@ -16,6 +16,7 @@ from twinbench.bench.cli import (
     fmu,
     latency,
     listing,
+    look,
     machines,
     mismatch,
     prove,
@@ -37,6 +38,7 @@ COMMANDS = {
     "check": check,
     "tune": tune,
     "simulate": simulate,
+    "look": look,
     "estimate": estimate,
     "compare": compare,
     "machines": machines,
@@ -57,6 +59,7 @@ EPILOG = """examples:
   twinbench run --only oracle my_baseline.py       yours, from one file
   twinbench check my_baseline.py                   the contract every estimator keeps
   twinbench simulate --out recordings              the benchmark's recordings as CSV
+  twinbench look plant.mf4 --out looked            what a recording holds, and a figure of it
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
   twinbench export --out controller                the trained operator as ONNX, for a controller
   twinbench list mechanisms                        what a compressor model can leave out

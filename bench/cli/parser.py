@@ -11,6 +11,7 @@ SIMULATOR_HELP = (
     "compressor, nominal, path/to/file.py[:NAME], package.module:NAME, path/to/machine.fmu, or a model.toml"
 )
 MACHINE_HELP = "compressor, two_tanks, motor, path/to/file.py[:NAME], or package.module:NAME (default: compressor)"
+RECORDING_HELP = ".csv, .csv.gz, .parquet, .mat, .mf4, .tdms, .mcap, .bag or .db3"
 VERBOSE_HELP = "report progress in detail on stderr; give it twice for more"
 
 
@@ -32,7 +33,7 @@ def add_machine(parser: argparse.ArgumentParser, default: str = "compressor") ->
 
 def add_recordings(parser: argparse.ArgumentParser) -> None:
     """The recordings that a command reads."""
-    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    parser.add_argument("recordings", nargs="+", type=Path, metavar="RECORDING", help=RECORDING_HELP)
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:

@@ -237,7 +237,8 @@ def _summarise(
         **quality.to_json(),
         "final": final,
         "says": f"{recording.name}: at the end of {seconds:.0f} s, {who} has {words}.",
-        "rests_on": told(recording.name, quality),
+        "notes": list(recording.notes),
+        "rests_on": [*told(recording.name, quality), *(f"  {note}" for note in recording.notes)],
     }
 
 

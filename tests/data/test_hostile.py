@@ -12,8 +12,10 @@ from recording_files import TYPICAL, refusal, table, write
 
 from twinbench.common.shown import LONGEST_MESSAGE, as_map, printable, shown
 from twinbench.common.toml_file import MOST_TOML_BYTES
-from twinbench.data import table as reader
-from twinbench.data.recording import LONGEST_GAP, SHORT_GAP, read_recording
+from twinbench.data.clock import LONGEST_GAP, SHORT_GAP
+from twinbench.data.formats import holdings
+from twinbench.data.formats import text as reader
+from twinbench.data.recording import read_recording
 from twinbench.machines.compressor import COMPRESSOR
 
 YEAR_S = 365.25 * 86400.0
@@ -162,7 +164,7 @@ def test_a_file_of_gigabytes(tmp_path, monkeypatch, name):
 
 @pytest.mark.parametrize("name", ["run.csv", "run.csv.gz", "run.parquet"])
 def test_more_cells_than_can_be_read(tmp_path, monkeypatch, name):
-    monkeypatch.setattr(reader, "MOST_CELLS", 700)
+    monkeypatch.setattr(holdings, "MOST_CELLS", 700)
     line = refusal(write(table(100), tmp_path, name))
     assert "rows of 8 columns, at most 700 cells can be read; split it" in line
 
@@ -199,10 +201,11 @@ def test_a_csv_that_is_something_else(tmp_path, name, what):
 
 
 @pytest.mark.parametrize("name", ["run.csv", "run.parquet"])
-def test_dates_are_named_and_what_to_write_instead(tmp_path, name):
+def test_dates_in_a_channel_are_named(tmp_path, name):
     frame = table()
-    frame["time_s"] = pd.Timestamp("2024-01-01") + pd.to_timedelta(frame["time_s"], unit="s")
+    frame["p_dis_bar"] = pd.Timestamp("2024-01-01") + pd.to_timedelta(frame["time_s"], unit="s")
     line = refusal(write(frame, tmp_path, name))
+    assert "column p_dis_bar: '2024-01-01 00:00:00" in line
     assert "is a date or a time of day, no number; write seconds since the start" in line
 
 

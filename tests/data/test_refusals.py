@@ -188,13 +188,6 @@ def test_time_in_parts_of_a_second(tmp_path, unit, factor, since_s):
     assert np.allclose(told.time_s - told.time_s[0], table(40)["time_s"], atol=1e-6)
 
 
-@pytest.mark.parametrize("name", ["run.csv", "run.parquet"])
-def test_dates_for_time(tmp_path, name):
-    frame = table()
-    frame["time_s"] = pd.Timestamp("2024-01-01") + pd.to_timedelta(frame["time_s"], unit="s")
-    assert "time_s" in refusal(write(frame, tmp_path, name))
-
-
 @pytest.mark.parametrize("text", ["Bad", "3,1", "1.2.3", "inf", "-inf"])
 @pytest.mark.parametrize("column", ["p_dis_bar", "time_s"])
 def test_text_in_a_number_column(tmp_path, column, text):

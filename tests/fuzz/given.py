@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import gzip
 import io
+import pickle
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from helpers.recording_kinds import WRITERS
 
 from twinbench.machines.compressor import CHANNELS, INPUTS, OUTPUTS
 
@@ -54,6 +57,7 @@ class Given:
         encode: text of a CSV to bytes.
         spoil: bytes of the file to other bytes.
         sidecar: the TOML file beside it.
+        beside: further recordings in its folder, by name.
         maps: values of ``--map``.
     """
 
@@ -64,12 +68,15 @@ class Given:
     encode: Callable[[str], bytes] = str.encode
     spoil: Callable[[bytes], bytes] = bytes
     sidecar: str | bytes | None = None
+    beside: dict[str, pd.DataFrame] = field(default_factory=dict)
     maps: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> Path:
         path = folder / self.name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(self.spoil(self._bytes()))
+        for name, frame in self.beside.items():
+            frame.to_csv(path.with_name(name), index=False)
         if self.sidecar is not None:
             text = self.sidecar if isinstance(self.sidecar, bytes) else self.sidecar.encode()
             path.with_name(self.stem + ".toml").write_bytes(text)
@@ -77,13 +84,16 @@ class Given:
 
     @property
     def stem(self) -> str:
-        return Path(self.name).name.removesuffix(".gz").removesuffix(".csv").removesuffix(".parquet")
+        kinds = [kind for kind in (".csv", ".csv.gz", ".parquet", *WRITERS) if self.name.endswith(kind)]
+        return Path(self.name).name.removesuffix(max(kinds, key=len, default=""))
 
     def _bytes(self) -> bytes:
         if self.name.endswith(".parquet"):
             buffer = io.BytesIO()
             self.frame.to_parquet(buffer, index=False)
             return buffer.getvalue()
+        if (kind := Path(self.name).suffix) in WRITERS:
+            return written(self.frame, kind)
         data = self.encode(self.to_text(self.frame))
         return gzip.compress(data, mtime=0) if self.name.endswith(".gz") else data
 
@@ -99,6 +109,20 @@ class Given:
     def cells(self) -> None:
         """Columns that may hold anything."""
         self.frame = self.frame.astype(object)
+
+
+_WRITTEN: dict[tuple[str, bytes], bytes] = {}
+
+
+def written(frame: pd.DataFrame, kind: str) -> bytes:
+    """The frame as a file of a kind. Libraries put the time of writing into it, so the first one is kept."""
+    key = kind, pickle.dumps(frame)
+    if key not in _WRITTEN:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"day{kind}"
+            WRITERS[kind](frame, path)
+            _WRITTEN[key] = path.read_bytes()
+    return _WRITTEN[key]
 
 
 assert set(CHANNELS) == set(COMPRESSOR.channels)

@@ -18,8 +18,11 @@ left_behind: a refusal that changed files, or any end that left one half-written
 LONGEST_LINE = 2200
 """Characters of a refusal: longer is no line that anybody reads."""
 NOT_USABLE = 3
-NOTES = (" runs code from ", "blanks around column names are left out")
-"""Said ahead of whatever comes, of a model.toml and of a recording."""
+NOTES = (
+    " runs code from ", "blanks around column names are left out", "s (rate_Hz = ", "s, stamped at their ",
+    "each keeps its own clock",
+)  # fmt: skip
+"""Said ahead of whatever comes, of a model.toml and of recordings."""
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f]")
 HALF_WRITTEN = (".part", ".tmp")
 

@@ -6,6 +6,7 @@ import gzip
 
 import numpy as np
 import pandas as pd
+from helpers.recording_kinds import ROS, WRITERS, maps_of
 
 from fuzz.cases import ORDERLY, REFUSED, SAME, SAME_OR_REFUSED, Shelf, pick
 from fuzz.given import TIME, Given
@@ -225,7 +226,66 @@ def numbers_as_text_in_parquet(given: Given, rng: np.random.Generator) -> None:
     given.frame = given.frame.map(lambda value: repr(value) if value == value else None)
 
 
-@mutator(REFUSED)
-def times_of_day_in_parquet(given: Given, rng: np.random.Generator) -> None:
+@mutator(SAME)
+def dates_in_parquet(given: Given, rng: np.random.Generator) -> None:
     given.name = "day.parquet"
     given.frame[TIME] = pd.Timestamp("2026-03-01") + pd.to_timedelta(given.frame[TIME], unit="s")
+
+
+def as_kind(given: Given, kind: str) -> None:
+    """The recording as a file of another kind, with a sidecar where that names its columns itself."""
+    given.name = f"day{kind}"
+    pairs = [item.rsplit("=", 1) for item in maps_of(kind, list(given.machine.channels))]
+    given.sidecar = "\n".join(["[channels]", *(f"{channel} = '{column}'" for column, channel in pairs)])
+
+
+def _as(kind: str) -> None:
+    FILES.add(f"as_{kind[1:]}", lambda given, rng: as_kind(given, kind), SAME)
+
+
+for _kind in WRITERS:
+    _as(_kind)
+
+
+@mutator(ORDERLY)
+def another_kind_cut_short(given: Given, rng: np.random.Generator) -> None:
+    as_kind(given, pick(rng, WRITERS))
+    given.spoil = lambda data: data[: int(rng.integers(1, len(data)))]
+
+
+@mutator(ORDERLY)
+def another_kind_with_bytes_flipped(given: Given, rng: np.random.Generator) -> None:
+    as_kind(given, pick(rng, WRITERS))
+    given.spoil = lambda data: flipped(data, rng)
+
+
+def flipped(data: bytes, rng: np.random.Generator) -> bytes:
+    """A few bits turned, most of them where the file says what it holds."""
+    spoilt = bytearray(data)
+    end = len(data) if rng.random() < 0.3 else min(len(data), 3000)
+    for at in rng.integers(0, end, int(rng.integers(1, 6))):
+        spoilt[int(at)] ^= 1 << int(rng.integers(8))
+    return bytes(spoilt)
+
+
+@mutator(REFUSED)
+def another_kind_of_garbage(given: Given, rng: np.random.Generator) -> None:
+    given.name = f"day{pick(rng, WRITERS)}"
+    given.spoil = lambda data: rng.bytes(int(rng.integers(1, 5000)))
+
+
+@mutator(REFUSED)
+def another_kind_by_name_only(given: Given, rng: np.random.Generator) -> None:
+    given.name, given.spoil = f"day{pick(rng, WRITERS)}", lambda data: given.to_text(given.frame).encode()
+
+
+@mutator(REFUSED)
+def a_bag_without_the_topic(given: Given, rng: np.random.Generator) -> None:
+    as_kind(given, pick(rng, ROS))
+    given.sidecar = str(given.sidecar).replace(f"/{given.machine.channels[0]}/data", "/tank/data")
+
+
+@mutator(REFUSED)
+def another_kind_whose_time_goes_back(given: Given, rng: np.random.Generator) -> None:
+    as_kind(given, pick(rng, [kind for kind in WRITERS if kind not in ROS]))  # a bag's messages are sorted by time
+    given.frame = given.frame.iloc[::-1].reset_index(drop=True)

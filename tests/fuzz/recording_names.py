@@ -25,6 +25,11 @@ BAD_SIDECARS = (
     "[channels]\n{c} = ['x']\n", "[channels]\n{c} = ''\n", "[channels]\n{c} = {{ unit = '10**10**10' }}\n",
     "[channels]\n{c} = {{ column = 'gone' }}\n", "[channels]\n{c} = 1979-05-27\n", "[channels]\n{c} = nan\n",
     "[channels]\n{c} = 'a'\n{c} = 'b'\n", "= = =\n", "<xml/>",
+    "rate_Hz = -1\n", "rate_Hz = nan\n", "rate_Hz = 1e9\n", "rate_Hz = 1e-9\n", "rate_Hz = [1]\n",
+    "stamp = 'left'\naverage_s = 1\n", "stamp = 'end'\n", "stamp = {{}}\naverage_s = 1\n", "average_s = 'x'\n",
+    "join = ['day.csv', 'next.csv']\n", "join = ['gone.csv']\n", "join = [7]\n", "join = ['.']\n", "join = '\\u0000'\n",
+    "[constants]\n{c} = 'x'\n", "[constants]\nno_channel = 1.0\n", "[constants]\n{c} = inf\n", "time_zone = '/'\n",
+    "[channels]\n{c} = 'x'\n[constants]\n{c} = 1.0\n", "time_zone = 'Mars'\n", "time_zone = 3\n",
 )  # fmt: skip
 
 
@@ -121,6 +126,41 @@ def a_sidecar_that_is_none(given: Given, rng: np.random.Generator) -> None:
 @mutator(REFUSED)
 def a_sidecar_in_another_encoding(given: Given, rng: np.random.Generator) -> None:
     given.sidecar = f"[channels]\n{given.channel(rng)} = 'µ°'\n".encode(pick(rng, ("latin-1", "utf-16")))
+
+
+@mutator(SAME)
+def joined_of_two_files(given: Given, rng: np.random.Generator) -> None:
+    half = len(given.frame) // 2
+    given.beside[f"{given.stem}_more.csv"] = given.frame.iloc[half:]
+    given.frame = given.frame.iloc[:half]
+    given.sidecar = f"join = ['{given.stem}_more.csv']\n"
+
+
+@mutator(REFUSED)
+def joined_in_another_order(given: Given, rng: np.random.Generator) -> None:
+    half = len(given.frame) // 2
+    given.beside[f"{given.stem}_more.csv"] = given.frame.iloc[:half]
+    given.frame = given.frame.iloc[half:]
+    given.sidecar = f"join = ['{given.stem}_more.csv']\n"
+
+
+@mutator(CLOSE_OR_TOLD, mismatch=ORDERLY, simulate=ORDERLY)
+def means_at_a_lower_rate(given: Given, rng: np.random.Generator) -> None:
+    own_Hz = 1.0 / float(given.frame[TIME].diff().median())
+    given.sidecar = f"rate_Hz = {own_Hz / int(rng.integers(2, 6))!r}\n"
+
+
+@mutator(CLOSE_OR_TOLD)
+def stamps_of_means(given: Given, rng: np.random.Generator) -> None:
+    period_s = float(given.frame[TIME].diff().median())
+    given.sidecar = f"stamp = '{pick(rng, ('start', 'middle', 'end'))}'\naverage_s = {period_s!r}\n"
+
+
+@mutator(CLOSE_OR_TOLD, mismatch=ORDERLY, simulate=ORDERLY)
+def a_constant_in_the_place_of_a_channel(given: Given, rng: np.random.Generator) -> None:
+    """Its median: right for what hardly moves; of anything else it has to be told."""
+    channel = given.channel(rng)
+    given.sidecar = f"[constants]\n{channel} = {float(given.frame[channel].median())!r}\n"
 
 
 @mutator(SAME)

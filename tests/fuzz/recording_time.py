@@ -17,6 +17,19 @@ def clock_starts_elsewhere(given: Given, rng: np.random.Generator) -> None:
     given.frame[TIME] += pick(rng, (-1000.0, 86400.0, 1e6))
 
 
+@mutator(SAME)
+def dates_with_a_zone(given: Given, rng: np.random.Generator) -> None:
+    begin = pd.Timestamp("2026-03-29T00:59:30", tz=pick(rng, ("UTC", "Europe/Berlin", "Asia/Kolkata")))
+    given.frame[TIME] = [t.isoformat() for t in begin + pd.to_timedelta(given.frame[TIME], unit="s")]
+
+
+@mutator(REFUSED)
+def dates_of_which_some_have_a_zone(given: Given, rng: np.random.Generator) -> None:
+    begin = pd.Timestamp("2026-03-01T12:00:00")
+    given.frame[TIME] = [t.isoformat() for t in begin + pd.to_timedelta(given.frame[TIME], unit="s")]
+    given.frame.loc[int(rng.integers(len(given.frame))), TIME] += pick(rng, ("Z", "+01:00"))
+
+
 @mutator(CLOSE_OR_TOLD)
 def clock_of_the_epoch(given: Given, rng: np.random.Generator) -> None:
     given.frame[TIME] += 1.7e9 + rng.random()
@@ -99,6 +112,13 @@ def stamps_that_are_no_numbers(given: Given, rng: np.random.Generator) -> None:
     given.cells()
     texts = ("2026-03-01T12:00:00", "12:00", "now", "1e400", "-inf", "0,05", "[b]")
     given.frame.loc[int(rng.integers(len(given.frame))), TIME] = pick(rng, texts)
+
+
+@mutator(REFUSED)
+def dates_that_are_none(given: Given, rng: np.random.Generator) -> None:
+    given.frame[TIME] = [f"2026-03-01T12:00:{s:06.3f}Z" for s in given.frame[TIME] % 60.0]
+    odd = ("2026-02-30T12:00:00Z", "2026-03-01T25:00:00Z", "0000-00-00", "99999-01-01T00:00:00Z", "2026-03-01", "now")
+    given.frame.loc[int(rng.integers(1, len(given.frame))), TIME] = pick(rng, odd)
 
 
 @mutator(REFUSED)

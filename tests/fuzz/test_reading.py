@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
+from helpers.recording_kinds import WRITERS, maps_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzz.cases import SAME
-from fuzz.given import TANK, Given
+from fuzz.given import TANK, Given, written
 from fuzz.recording_cells import CELLS
-from fuzz.recording_files import FILES
+from fuzz.recording_files import FILES, flipped
 from fuzz.recording_names import NAMES
 from fuzz.recording_time import CLOCK
 from fuzz.world import tank_recording
 from twinbench.common.errors import BadInput
+from twinbench.common.shown import printable
+from twinbench.data.look.whole import look
+from twinbench.data.look.words import told
 from twinbench.data.recording import Recording, read_recording
 
 UNITS = {"pump_V": "V", "h_m": "m"}
@@ -30,8 +36,15 @@ BESIDES = {
     "truth_of_another_machine_besides",
     "clock_starts_elsewhere",
 }
-KINDS, NAMED = {"nothing", "gzipped", "as_parquet"}, {"nothing", "renamed_and_mapped", "renamed_by_a_sidecar"}
+KINDS, NAMED = (
+    {"nothing", "gzipped", "as_parquet"},
+    {"nothing", "renamed_and_mapped", "renamed_by_a_sidecar"},
+)
 MUTATORS = {m.name: m for shelf in (FILES, CELLS, CLOCK, NAMES) for m in shelf.mutators}
+LARGE = {"a_bomb_in_gzip", "a_cell_of_megabytes", "very_many_columns"}
+"""Mutators that take long, and whose reading other tests see to."""
+SPOILT = 12
+"""Spoilt files of each kind."""
 anything = settings(derandomize=True, deadline=None, max_examples=150)
 
 
@@ -66,7 +79,7 @@ def good() -> Given:
 
 
 @anything
-@given(content=st.binary(max_size=2000), kind=st.sampled_from([".csv", ".csv.gz", ".parquet"]))
+@given(content=st.binary(max_size=2000), kind=st.sampled_from([".csv", ".csv.gz", ".parquet", *WRITERS]))
 def test_any_bytes(content, kind):
     with folder() as here:
         (here / f"day{kind}").write_bytes(content)
@@ -132,3 +145,28 @@ def test_what_means_the_same_reads_the_same(besides, kind, named, seed):
     assert recording is not None
     np.testing.assert_allclose(recording.values, TABLE[list(UNITS)], rtol=1e-12)
     np.testing.assert_allclose(np.diff(recording.time_s), np.diff(TABLE["time_s"]), rtol=1e-6)
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_a_file_of_another_kind_with_bits_turned_is_read_or_refused(kind):
+    data = written(TABLE, kind)
+    with folder() as here:
+        for seed in range(SPOILT):
+            rng = np.random.default_rng(seed)
+            whole = flipped(data, rng) if seed % 3 else data[: int(rng.integers(1, len(data)))]
+            (here / f"day{kind}").write_bytes(whole)
+            read(here / f"day{kind}", *maps_of(kind, list(UNITS)))
+
+
+@pytest.mark.parametrize("name", sorted(set(MUTATORS) - LARGE))
+def test_whatever_is_looked_at_is_told_in_json_or_refused_in_one_line(name):
+    spoilt = good()
+    MUTATORS[name].spoil(spoilt, np.random.default_rng(1))
+    with folder() as here:
+        path, refused = spoilt.write(here), ""
+        try:
+            seen = look(path, spoilt.maps)
+        except BadInput as refusal:
+            refused = printable(str(refusal))
+        assert refused or json.dumps(seen.to_json(), allow_nan=False)
+        assert refused or all(told(seen))

@@ -5,12 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
+from helpers.recording_kinds import BEGAN_NS, write_mdf, write_mdf_groups
 from tank_files import TANK, tank_table, write_python, write_recording
 
 from twinbench.common.errors import BadInput
 from twinbench.mismatch.model import load_simulator
 from twinbench.mismatch.recordings import check_excited, check_measured, read_recordings
+from twinbench.mismatch.tracks import prepare
 
 RECORDINGS = Path(__file__).parents[3] / "shared" / "recordings"
 
@@ -167,3 +170,36 @@ def test_real_recordings_are_read_recordings(tmp_path):
     assert [r.values.shape for r in recordings] == [(1024, 2), (1024, 2)]
     check_measured(recordings, simulator)
     check_excited(recordings, simulator)
+
+
+def test_recordings_that_know_their_dates_share_one_clock(tmp_path, tank, caplog):
+    rows = tank_table()
+    write_mdf(rows, tmp_path / "later.mf4")
+    before = pd.Timestamp(BEGAN_NS, tz="Europe/Berlin") - pd.Timedelta(minutes=10)
+    stamps = [(before + pd.Timedelta(seconds=s)).isoformat() for s in rows["time_s"] - rows["time_s"][0]]
+    paths = [tmp_path / "later.mf4", write_recording(tmp_path, rows.assign(time_s=stamps), "first.csv")]
+    later, first = read_recordings(paths, tank)
+    assert first.time_s[0] == 0.0
+    assert np.allclose(later.time_s, 600.0 + rows["time_s"], rtol=0.0, atol=1e-9)
+    assert not caplog.text
+    undated = write_recording(tmp_path, rows, "undated.csv")
+    begins = [r.time_s[0] for r in read_recordings([*paths, undated], tank)]
+    assert begins == [rows["time_s"][0], 0.0, rows["time_s"][0]]
+    assert "only some recordings say in UTC when they began; each keeps its own clock" in caplog.text
+
+
+def test_a_slow_output_beside_fast_channels_asks_for_means(tmp_path, tank):
+    """Blocks in which most readings are missing are not compared: such a channel would pass unseen."""
+    time_s = 0.1 * np.arange(4000)
+    fast = pd.DataFrame({"time_s": time_s, "pump_V": 3.0 + np.sin(time_s / 7.0)})
+    slow = pd.DataFrame({"time_s": time_s, "h_m": 0.5 + 0.1 * np.sin(time_s)}).iloc[::10]
+    path = tmp_path / "day.mf4"
+    write_mdf_groups([fast, slow], path, {"h_m": "m", "pump_V": "V"})
+    line = refused(check_measured, read_recordings([path], tank), tank)
+    assert "output h_m is read every 1 s, other channels more often; write rate_Hz = 1 into day.toml" in line
+    (tmp_path / "day.toml").write_text("rate_Hz = 1\n")
+    recordings = read_recordings([path], tank)
+    check_measured(recordings, tank)
+    (track,) = prepare(recordings, tank)
+    assert np.isfinite(track.means).all()
+    assert np.array_equal(recordings[0].values[:, 1], slow["h_m"])

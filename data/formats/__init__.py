@@ -1,0 +1,1 @@
+"""What files hold, as tables: one file for each kind."""

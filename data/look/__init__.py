@@ -1,0 +1,1 @@
+"""What a recording holds, before anybody has a simulator or an estimator."""
