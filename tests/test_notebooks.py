@@ -11,6 +11,7 @@ from types import ModuleType
 import pytest
 from helpers.notebooks import NOTEBOOKS, executed, stored
 from helpers.prose import ROOT, sentences
+from mkdocs.config import load_config
 from nbformat import NotebookNode
 
 LONGEST_WORDS = 35
@@ -84,6 +85,15 @@ def hook() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=names)
+def test_the_site_takes_the_notebook_and_its_page_and_nothing_that_it_writes(path: Path) -> None:
+    left_out = load_config(str(ROOT / "mkdocs.yml"), plugins=[], hooks=[])["exclude_docs"].match_file
+    assert not left_out(f"notebooks/{path.name}")
+    assert not left_out(f"notebooks/{path.stem}.md")
+    assert left_out("notebooks/small.toml")
+    assert left_out("notebooks/monday.csv")
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=names)
