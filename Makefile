@@ -5,7 +5,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer
 
 JOBS ?= 2
 
-.PHONY: bench test test-slow lint docs pages clean
+# Where `make publish` puts the site: a branch of a remote, from which the host serves it.
+REMOTE ?= origin
+BRANCH ?= gh-pages
+
+.PHONY: bench test test-slow lint docs publish notebooks dist pages clean
 
 bench: .venv/.ready
 	$(BIN)/twinbench run --profile quick
@@ -26,12 +30,26 @@ lint: .venv/.ready-dev
 docs: .venv/.ready-dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
+# The site, built, as the only content of a branch of the remote.
+publish: docs
+	$(BIN)/ghp-import --no-history --no-jekyll --push --force --remote $(REMOTE) --branch $(BRANCH) site
+
+# Every notebook with what it shows now.
+notebooks: .venv/.ready-dev
+	$(BIN)/python tests/helpers/notebooks.py
+
+# Source distribution and wheel in dist/, as an index of packages would take them.
+dist: .venv/.ready-dev
+	rm -rf dist
+	$(BIN)/hatchling build --target sdist --target wheel
+	$(BIN)/twine check --strict dist/*
+
 # Every block of a page that shows a file of results/ becomes that file as it is now.
 pages: .venv/.ready
 	$(BIN)/python -m twinbench.common.page_marks
 
 clean:
-	rm -rf .venv site results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
+	rm -rf .venv site dist results/quick .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 
 .venv/bin/python:
 	@test -n "$(PYTHON)" || { echo "twinbench needs Python 3.11, 3.12 or 3.13 with venv; install one, or name it: make PYTHON=/path/to/python3.12"; exit 2; }

@@ -24,6 +24,7 @@ TOGETHER = (
 LONGEST = (
     "test_contract", "test_fuzz", "test_engine", "test_evidence", "test_latency", "test_prove", "test_opponents",
     "test_package", "test_real_recordings", "test_tutorial", "test_estimate", "test_cli", "test_additions",
+    "test_notebooks",
 )  # fmt: skip
 """Files that begin, so that none of them runs on alone at the end."""
 

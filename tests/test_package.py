@@ -7,7 +7,9 @@ import os
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import venv
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -18,17 +20,36 @@ ROOT = Path(__file__).parents[1]
 OWN = "raise RuntimeError('a user file of this name was imported')\n"
 
 
+def build(source: Path, folder: Path, *targets: str) -> None:
+    """Make the wheel, the source distribution or both in a folder."""
+    made = [sys.executable, "-m", "hatchling", "build", "--directory", str(folder)]
+    made += [word for target in targets for word in ("--target", target)]
+    subprocess.run(made, check=True, cwd=source, capture_output=True)
+
+
+def content(wheel: Path) -> dict[str, int]:
+    """Every file of a wheel, with its checksum."""
+    with zipfile.ZipFile(wheel) as files:
+        return {file.filename: file.CRC for file in files.infolist()}
+
+
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The Python of an environment that holds the wheel, and of ours what it depends on."""
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the wheel and the source distribution."""
     folder = tmp_path_factory.mktemp("package")
-    made = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
-    subprocess.run(made, check=True, cwd=ROOT, capture_output=True)
+    build(ROOT, folder, "sdist", "wheel")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def installed(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of an environment that holds the wheel, and of ours what it depends on."""
+    folder = tmp_path_factory.mktemp("installed")
     venv.create(folder / "env", with_pip=False, symlinks=True)
     python = folder / "env" / "bin" / "python"
     code = "import sysconfig; print(sysconfig.get_path('purelib'))"
     packages = Path(subprocess.run([python, "-c", code], check=True, capture_output=True, text=True).stdout.strip())
-    (wheel,) = folder.glob("twinbench-*.whl")
+    (wheel,) = built.glob("twinbench-*.whl")
     pip = [
         sys.executable,
         "-m",
@@ -63,6 +84,27 @@ def said(installed: Path, workplace: Path, *arguments: str, status: int = 0) -> 
     )
     assert done.returncode == status, done.stderr
     return done.stdout
+
+
+def test_an_index_would_take_both_distributions(built: Path) -> None:
+    both = sorted(str(path) for path in built.iterdir())
+    assert [path.rpartition(".")[2] for path in both] == ["whl", "gz"]
+    done = subprocess.run(
+        [sys.executable, "-m", "twine", "check", "--strict", *both], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.count("PASSED") == 2
+
+
+def test_the_source_distribution_makes_the_same_wheel(built: Path, tmp_path: Path) -> None:
+    (archive,) = built.glob("*.tar.gz")
+    with tarfile.open(archive) as files:
+        assert all(file.isfile() for file in files.getmembers()), "links are of a checkout alone"
+        files.extractall(tmp_path, filter="data")
+    (source,) = tmp_path.iterdir()
+    build(source, tmp_path / "again", "wheel")
+    (wheel,), (again,) = built.glob("*.whl"), (tmp_path / "again").glob("*.whl")
+    assert content(again) == content(wheel)
 
 
 def test_one_name_joins_the_users_packages(installed: Path) -> None:
