@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from helpers.tiny_run import parts, run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import comparable, parts, run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
-from twinbench.bench.runner import Backend, Wanted, run
 from twinbench.bench.statistics.scores import METRICS
 from twinbench.common.versions import code_version
 
@@ -82,16 +81,6 @@ def undisturbed(inputs: tuple[Path, list[str]], tmp_path_factory: pytest.TempPat
     return out
 
 
-def comparable(out: Path) -> dict[str, bytes]:
-    """What two runs of the same must agree on to the byte."""
-    tables = [p for p in (out / "tables").iterdir() if p.stem not in ("cost", "comparison")]  # times differ
-    files = [out / "scores.csv", out / "failures.csv", *tables]
-    same = {str(path.relative_to(out)): path.read_bytes() for path in files}
-    compared = pd.read_csv(out / "tables" / "comparison.csv")
-    timeless = compared.drop(columns=[c for c in compared if c.startswith("train")])
-    return same | {"tables/comparison.csv": timeless.to_csv().encode()}
-
-
 def test_ten_kills_leave_the_tables_of_an_undisturbed_run(
     inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -142,16 +131,6 @@ def test_what_fails_is_told_and_the_others_go_on(
     for name in ("tables/comparison.md", "tables/comparison.csv", "tables/comparison.tex", "report.html"):
         assert "did not converge" in (tmp_path / "out" / name).read_text(), name
     assert "failed: raises, seed 0, fit: RuntimeError: did not converge" in capsys.readouterr().out
-
-
-def test_dask_workers_give_the_same_scores(inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        profile = load_profile(str(inputs[0]))
-        run(profile, tmp_path, Wanted(tuple(inputs[1])), Backend("dask", cluster.scheduler_address))
-    assert (tmp_path / "scores.csv").read_bytes() == (undisturbed / "scores.csv").read_bytes()
 
 
 def test_a_changed_setting_runs_again_only_what_depends_on_it(inputs: tuple[Path, list[str]], tmp_path: Path) -> None:
