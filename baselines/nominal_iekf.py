@@ -8,6 +8,7 @@ a wide prior. So the row says what iterating is worth, and little can be gained.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit
@@ -68,6 +69,12 @@ class NominalIEKF(NominalFilter):
 
     name = "nominal_iekf"
     says = "iterated extended Kalman filter with the recalibrated reduced-order model"
+    settings: ClassVar[dict[str, Any]] = {
+        **NominalFilter.settings,
+        "health_walk": 2.285,
+        "state_walk": 2.502,
+        "slow_error": 0.3137,
+    }
 
     def tick(
         self,

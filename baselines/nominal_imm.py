@@ -107,7 +107,14 @@ class NominalIMM(NominalFilter):
 
     name = "nominal_imm"
     says = "interacting multiple models of wear, still, ramping and leaping, with the recalibrated reduced-order model"
-    settings: ClassVar[dict[str, Any]] = {**NominalFilter.settings, "still": 0.2, "leap": 3.0}
+    settings: ClassVar[dict[str, Any]] = {
+        **NominalFilter.settings,
+        "health_walk": 1.319,
+        "state_walk": 14.04,
+        "slow_error": 0.7499,
+        "still": 0.05028,
+        "leap": 0.7052,
+    }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         **NominalFilter.search_space,
         "still": (0.02, 1.0),

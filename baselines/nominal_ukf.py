@@ -52,7 +52,13 @@ class NominalUKF(NominalFilter):
     name = "nominal_ukf"
     says = "unscented Kalman filter with the recalibrated reduced-order model"
     toy_filter = staticmethod(linear_filter)
-    settings: ClassVar[dict[str, Any]] = {**NominalFilter.settings, "alpha": 0.5}
+    settings: ClassVar[dict[str, Any]] = {
+        **NominalFilter.settings,
+        "health_walk": 2.171,
+        "state_walk": 17.61,
+        "slow_error": 1.392,
+        "alpha": 0.8778,
+    }
     search_space: ClassVar[dict[str, Sequence[float]]] = {**NominalFilter.search_space, "alpha": (0.3, 1.0)}
     online = NominalFilter.online | {"alpha"}
 

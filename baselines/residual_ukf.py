@@ -84,6 +84,8 @@ class ResidualUKF(NominalUKF):
     draws = True
     settings: ClassVar[dict[str, Any]] = {
         **NominalUKF.settings,
+        "slow_error": 3.389,
+        "alpha": 0.5,
         "iterations": 10000,
         "rows": 1024,
         "copies": 3,

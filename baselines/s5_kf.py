@@ -30,6 +30,8 @@ class S5Kalman(GRUKalman):
         "states": 96,
         "layers": 2,
         "readout": 250,
+        "noise_inflation": 2.346,
+        "error_memory": 15.46,
     }
 
     def network(self, features: int) -> TwoRates:

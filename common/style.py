@@ -57,6 +57,8 @@ RC: dict[Any, Any] = {
     "figure.facecolor": PAPER,
     "axes.facecolor": "none",
     "svg.hashsalt": "twinbench",
+    # Text of a PDF that can be searched and copied.
+    "pdf.fonttype": 42,
     # Names are users': a channel called $x_ must not be read as a formula.
     "text.parse_math": False,
 }
@@ -129,4 +131,12 @@ def svg(figure: Figure) -> str:
     """The figure as SVG text; equal figures give equal text."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()
+
+
+@styled
+def pdf(figure: Figure, title: str) -> bytes:
+    """The figure as a PDF of one page; equal figures give equal bytes."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="pdf", metadata={"Title": title, "Creator": "Twinbench", "CreationDate": None})
     return buffer.getvalue()

@@ -9,13 +9,14 @@ Columns named ``true_*`` exist in simulated data only and never get past this do
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from twinbench.common.documents import read_file
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import as_map, bare, shown
 from twinbench.data.batch import Batch
@@ -29,7 +30,7 @@ from twinbench.machines.machine import Machine
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["TIME", "Recording", "check_overlap", "read_recording", "truth_table"]
+__all__ = ["TIME", "Recording", "check_overlap", "files_of", "read_recording", "truth_table"]
 
 LONGEST_RUN_S = 14 * 86400.0
 LONGEST_GAP = 10.0
@@ -110,7 +111,7 @@ def read_recording(
     """
     table = read_table(path)
     name = _name(path)
-    found = sources(path, path.with_name(name + ".toml"), list(table.columns), mapping, units)
+    found = sources(path, _sidecar(path), list(table.columns), mapping, units)
     time_s = _clock(table, found[TIME], path, longest_s, period_s)
     columns = []
     for channel, unit in units.items():
@@ -132,6 +133,17 @@ def read_recording(
     read = {source.column for source in found.values()}
     unread = tuple(c for c in table.columns if c and c not in read)
     return Recording(name, time_s, tuple(units), np.stack(columns, axis=-1), unread)
+
+
+def files_of(path: Path, held_out: bool = False) -> Iterator[dict[str, Any]]:
+    """A recording's file and the TOML file beside it, if there is one, as a document's provenance names them."""
+    yield from read_file("recording", path, held_out)
+    if _sidecar(path).is_file():
+        yield from read_file("sidecar", _sidecar(path), held_out)
+
+
+def _sidecar(path: Path) -> Path:
+    return path.with_name(stem(path) + ".toml")
 
 
 def _name(path: Path) -> str:

@@ -1,11 +1,13 @@
-"""What the site needs beside its pages: the commands' help, files that lie outside docs/, and formulas as MathML."""
+"""What the site needs beside its pages: help, fields of the schemas, files outside docs/, and formulas as MathML."""
 
 from __future__ import annotations
 
 import argparse
 import html
+import json
 import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,9 @@ from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files, InclusionLevel
 
 from twinbench.bench.cli.main import build_parser
+from twinbench.bench.cli.schema import SCHEMAS
 
+FIELDS = re.compile(r"<!-- the fields of (\w+) -->")
 HELP = "<!-- the help of every command -->"
 WIDTH = "80"
 """Columns of the help, as argparse reads them."""
@@ -45,7 +49,7 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
-    """The commands' help in its place; of links to folders and pages that the site does not hold, the text."""
+    """Help and fields in their places; of links to folders and pages that the site does not hold, the text."""
     docs = Path(config.docs_dir)
     here = docs / Path(page.file.src_uri).parent
 
@@ -54,7 +58,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         left_out = place.exists() and not place.is_relative_to(docs) and not _is_taken(place, docs)
         return link[1] if left_out else link[0]  # what is nowhere stays, for mkdocs to complain of
 
-    return OUTSIDE.sub(kept, markdown).replace(HELP, commands_help() if HELP in markdown else "")
+    told = FIELDS.sub(lambda mark: fields_table(mark[1]), OUTSIDE.sub(kept, markdown))
+    return told.replace(HELP, commands_help() if HELP in told else "")
 
 
 def on_page_content(html: str, page: Any, config: Any, files: Files) -> str:
@@ -77,6 +82,45 @@ def commands_help() -> str:
         return "\n".join(f"## {name}\n\n```text\n{p.format_help()}```\n" for name, p in parsers.items())
     finally:
         os.environ.pop("COLUMNS") if before is None else os.environ.update(COLUMNS=before)
+
+
+def fields_table(name: str) -> str:
+    """A row for every field of a published schema: where it stands, of what type it is, what it is."""
+    schema = json.loads(SCHEMAS[name].read_text(encoding="utf-8"))
+    rows = [f"| `{where}` | {kind} | {says} |" for where, kind, says in _fields(schema, schema, "")]
+    return "\n".join(["| field | type | what it is |", "|---|---|---|", *rows])
+
+
+def _fields(schema: dict[str, Any], part: dict[str, Any], where: str) -> Iterator[tuple[str, str, str]]:
+    for name, field in part.get("properties", {}).items():
+        here, inner = f"{where}.{name}".lstrip("."), _resolved(schema, field)
+        yield here, _kind(schema, field), field["description"]
+        yield from _inside(schema, inner, here)
+
+
+def _inside(schema: dict[str, Any], part: dict[str, Any], where: str) -> Iterator[tuple[str, str, str]]:
+    """The fields of an object, or of what a list, a table or a choice holds."""
+    yield from _fields(schema, part, where)
+    for key, mark in (("items", "[]"), ("additionalProperties", ".*")):
+        if key in part:
+            yield from _inside(schema, _resolved(schema, part[key]), where + mark)
+    for one in (*part.get("anyOf", ()), *part.get("oneOf", ())):
+        yield from _inside(schema, _resolved(schema, one), where)
+
+
+def _resolved(schema: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
+    return schema["$defs"][part["$ref"].rpartition("/")[2]] if "$ref" in part else part
+
+
+def _kind(schema: dict[str, Any], field: dict[str, Any]) -> str:
+    """A field's type in words; the words themselves where it may hold few."""
+    inner = _resolved(schema, field)
+    if "enum" in inner:
+        return ", ".join(f"`{word}`" for word in inner["enum"])
+    if "anyOf" in inner:
+        return " or ".join(_kind(schema, one) for one in inner["anyOf"])
+    kinds = inner["type"] if isinstance(inner["type"], list) else [inner["type"]]
+    return " or ".join(kinds)
 
 
 def _formula(match: re.Match[str]) -> str:

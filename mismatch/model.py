@@ -96,6 +96,15 @@ def load_model(spec: str, trust: bool = False) -> Model:
         return Model(load.load_simulator(spec))
 
 
+def made_of(spec: str) -> Iterator[str]:
+    """The specs that a simulator is made of: its own, and of a ``model.toml`` its base and its mechanisms' sources."""
+    yield spec
+    if spec.endswith(".toml"):
+        content = _content(Path(spec))
+        for below in (content["base"], *(entry["from"] for entry in content["mechanisms"])):
+            yield from made_of(moved(below, Path(spec).parent, Path.cwd()))
+
+
 def load_catalogue(spec: str, simulator: Simulator) -> tuple[Mechanism, ...]:
     """A user's mechanisms from ``path/to/file.py[:NAME]``, which join those that we have for the simulator.
 

@@ -21,6 +21,7 @@ from twinbench.mismatch.naming.foretold import foretold
 from twinbench.mismatch.naming.name import FAR_OFF
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.proof import Held, Worse, held_out, worse_outputs
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.mismatch.solve import HOP, NEARLY, solve
 from twinbench.mismatch.stage_calibrate import Calibration
 from twinbench.mismatch.stuck import Stuck, set_aside
@@ -205,7 +206,7 @@ def _mended(chosen: Settled, variance: Array) -> Fit:
     Args:
         variance: (ny,) of the noise of block means, in the outputs' units squared.
     """
-    best, rng = _fitted(chosen.problem, chosen.at), np.random.default_rng(0)
+    best, rng = _fitted(chosen.problem, chosen.at), np.random.default_rng(ENGINE_SEED)
     scale = np.array([u.scale for u in chosen.problem.unknowns])
     for _ in range(HOPS):
         if _excess(best.residuals, variance).max(initial=0.0) <= FAR_OFF:

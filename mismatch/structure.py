@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twinbench.mismatch.natures import MASS_FLOWS, PRESSURES, SPEEDS
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.physics.compose import plain_rhs
 from twinbench.physics.simulator import Array, Equation, Simulator, Variable
 
@@ -39,7 +40,7 @@ def _rates_of_others(simulator: Simulator) -> dict[int, int]:
 
 def scattered(simulator: Simulator) -> tuple[Array, Array]:
     """Points within a scale of the nominal one, always the same: states (5, nx) and inputs (5, nu), in their units."""
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(ENGINE_SEED)
 
     def of(variables: tuple[Variable, ...]) -> Array:
         nominal, scale = (np.array([getattr(v, name) for v in variables], dtype=float) for name in ("nominal", "scale"))

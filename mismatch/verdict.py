@@ -20,6 +20,9 @@ from twinbench.physics.simulator import Mechanism
 CONSISTENT, PARAMETERS, INCOMPLETE = "consistent", "parameter change", "incomplete"
 VERDICTS = (CONSISTENT, PARAMETERS, SENSOR, PHYSICS, INCOMPLETE, UNEXPLAINED)
 """All that ``verdict`` may say."""
+VERDICT_VERSION = 1
+"""Of the form of ``verdict.json``. It rises when a field goes, or changes its type or what it means. A new field leaves
+it as it is."""
 CHANGED_SD = 3.0
 """Posterior standard deviations that a parameter must have moved by to be called changed."""
 CHANGED_SCALES = 0.5
@@ -52,9 +55,10 @@ class Verdict:
     diagnosis: Diagnosis
 
     def to_dict(self) -> dict[str, Any]:
-        """``verdict.json``."""
+        """``verdict.json``, but for its provenance."""
         d = self.diagnosis
         return {
+            "schema_version": VERDICT_VERSION,
             "verdict": self.verdict,
             "says": self.says,
             "points": list(self.points),

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from twinbench.common.documents import to_json
 from twinbench.common.errors import BadInput
 from twinbench.common.page import write_bytes
 from twinbench.common.store import sha256_of, write_text
@@ -28,7 +29,6 @@ from twinbench.mismatch.model import load_simulator
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.report.figures import draw
 from twinbench.mismatch.report.replays import replays
-from twinbench.mismatch.report.write import to_json
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PAGE = ROOT / "results" / "real_recordings", ROOT / "docs" / "real_recordings.md"
@@ -114,7 +114,7 @@ def run(folder: Path, out: Path, command: str) -> None:
         )
         rows += errors(case, verdict)
         digests |= {p: sha256_of(folder / p) for p in (case.learnt, case.held_out) if p}
-        write_text(out / case.name / "verdict.json", to_json(verdict) + "\n")
+        write_text(out / case.name / "verdict.json", to_json(verdict.to_dict()) + "\n")
         for drawing in itertools.islice(draw(verdict), 2):  # the held-out part, the learnt part
             if drawing.figure is not None:
                 settle(drawing.figure)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Iterator
 from typing import Any
 
 from twinbench.common.threads import pin
@@ -10,10 +11,13 @@ from twinbench.common.threads import pin
 pin()  # before NumPy: threads of two processes that wait for each other on two cores take three times the work
 
 import pytest  # noqa: E402
+from helpers.documents import checking  # noqa: E402
+
+from twinbench.common import store  # noqa: E402
 
 TOGETHER = (
     ("test_engine", "test_evidence"),
-    ("test_mismatch_report", "test_mismatch_page", "test_layout"),
+    ("test_mismatch_report", "test_mismatch_page", "test_sheet", "test_layout"),
     ("test_online", "test_export", "test_soak", "test_cycle"),
 )
 """Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin."""
@@ -22,6 +26,14 @@ LONGEST = (
     "test_package", "test_real_recordings", "test_tutorial", "test_estimate", "test_cli", "test_additions",
 )  # fmt: skip
 """Files that begin, so that none of them runs on alone at the end."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _documents_keep_their_schemas() -> Iterator[None]:
+    """Whatever a test makes the product write for programs is held against its published schema there and then."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(store, "write_atomically", checking(store.write_atomically))
+        yield
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from helpers.tiny_profile import PROFILE
+from jsonschema import Draft202012Validator
 
 ROOT = Path(__file__).parents[1]
 OWN = "raise RuntimeError('a user file of this name was imported')\n"
@@ -91,7 +93,13 @@ def test_the_first_verdict_of_the_tutorial(installed: Path, workplace: Path) -> 
     said(installed, workplace, "logger.py")
     line = next(line for line in page.splitlines() if line.startswith("twinbench mismatch"))
     assert "coulomb_friction" in said(installed, workplace, "-m", *line.split(), status=10)
-    assert (workplace / "found" / "report.html").is_file()
+    for name in ("report.html", "report.pdf"):
+        assert (workplace / "found" / name).is_file()
+    verdict = json.loads((workplace / "found" / "verdict.json").read_text(encoding="utf-8"))
+    schema = json.loads(said(installed, workplace, "-m", "twinbench", "schema", "verdict"))
+    Draft202012Validator(schema).validate(verdict)
+    assert verdict["provenance"]["commit"] is None, "around a package lies somebody else's code"
+    assert "estimate" in said(installed, workplace, "-m", "twinbench", "schema", "summary")
 
 
 def test_a_tiny_run_with_a_users_estimator(installed: Path, workplace: Path) -> None:

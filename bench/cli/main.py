@@ -13,6 +13,7 @@ from twinbench.bench.cli import (
     estimate,
     export,
     flagship,
+    fmu,
     latency,
     listing,
     machines,
@@ -20,6 +21,7 @@ from twinbench.bench.cli import (
     prove,
     report,
     run,
+    schema,
     simulate,
     tune,
 )
@@ -40,10 +42,12 @@ COMMANDS = {
     "machines": machines,
     "export": export,
     "mismatch": mismatch,
+    "fmu": fmu,
     "prove": prove,
     "flagship": flagship,
     "report": report,
     "latency": latency,
+    "schema": schema,
     "completion": complete,
 }
 PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
@@ -62,6 +66,8 @@ EPILOG = """examples:
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
+  twinbench fmu found/model.toml --out mended.fmu  the mended simulator for other tools, as an FMU
+  twinbench schema verdict                         what verdict.json holds, for programs
 exit status:
     0  done
     1  a method, a check or a worker process failed; what was finished is kept

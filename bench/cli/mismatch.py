@@ -11,11 +11,19 @@ from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_recordings, 
 SAYS = "find what a simulator leaves out, name it, model it, and prove it on held-out recordings"
 EXAMPLE = (
     "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
-    "DIR gets verdict.json, report.html and model.toml, which is the mended simulator.\n"
+    "DIR gets verdict.json, report.html, report.pdf of one page, and model.toml, which is the mended simulator.\n"
+    "twinbench schema verdict says what verdict.json holds; --json prints the same to stdout.\n"
     "exit status:\n"
     + "\n".join(f"  {status:3}  {says}" for status, says in mismatch_status.SAYS.items())
     + "\n    2  bad input"
 )
+FILES = {
+    "report.html": "report",
+    "report.pdf": "on one page",
+    "verdict.json": "for programs",
+    "model.toml": "mended model",
+}
+"""What is written, and what it is called where the terminal lists it."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -70,14 +78,17 @@ def run(a: argparse.Namespace) -> int:
     asked = Request(
         a.simulator, a.recordings, a.hold_out, a.catalogue, a.map, a.trust, a.inputs, a.leave_out, a.prior, a.measured
     )
-    verdict = explain(asked, a.out)
+    verdict, document = explain(asked, a.out)
     # What was found is told before it is drawn: drawing takes a while, and may fail.
-    from twinbench.mismatch.report.write import to_json, to_text, write_page
+    from twinbench.common.documents import to_json
+    from twinbench.mismatch.report.sheet import write_sheet
+    from twinbench.mismatch.report.write import to_text, write_page
 
-    told = to_json(verdict) if a.json else to_text(verdict, get_terminal_size().columns)
+    told = to_json(document) if a.json else to_text(verdict, get_terminal_size().columns)
     print(told, file=a.stdout if a.json else None, flush=True)
     write_page(verdict, a.out)
+    write_sheet(verdict, document["provenance"], a.out)
     if not a.json:
-        for name, says in (("report.html", "report"), ("verdict.json", "for programs"), ("model.toml", "mended model")):
+        for name, says in FILES.items():
             print(f"{says}: {(a.out / name).resolve()}")
     return mismatch_status.STATUS[verdict.verdict]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import pandas as pd
 from twinbench.bench import cells
 from twinbench.bench.cells import Cell
 from twinbench.bench.estimate.figure import Readings, estimate_figure
+from twinbench.bench.estimate.made import Trained
 from twinbench.bench.estimate.quality import Quality, judge
 from twinbench.bench.estimate.reference import References
 from twinbench.bench.estimate.sampling import joined, manner_of
@@ -24,17 +25,21 @@ from twinbench.bench.profile import Profile, flattened, folder_of, profile_on
 from twinbench.bench.registry import discover, find
 from twinbench.bench.results import load_results
 from twinbench.bench.roster import label, ordered
+from twinbench.common.documents import strict, to_json
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import each
 from twinbench.common.store import Store, write_atomically, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import code_version
-from twinbench.data.recording import Recording, check_overlap, read_recording
+from twinbench.data.recording import Recording, check_overlap, files_of, read_recording
 from twinbench.data.units import limits_of, units_of
 from twinbench.machines.coordinates import Array
 from twinbench.machines.load import load_machine
 from twinbench.machines.machine import Machine
 
+SUMMARY_VERSION = 1
+"""Of the form of a summary. It rises when a field goes, or changes its type or what it means. A new field leaves it as
+it is."""
 SHORTEST_S = 10.0
 MOST_ROWS = 30_000
 BOUNDS = {"value": "mean", "low": "low", "high": "high"}
@@ -54,6 +59,10 @@ class Training:
     results: Path | None = None
     machine: str = ""
 
+    def folder(self, profile: Profile) -> Path:
+        """The run's, where its profile is read already."""
+        return self.results or folder_of(profile, self.machine)
+
 
 def trained_cells(where: Training, names: Sequence[str]) -> tuple[Store, list[Cell]]:
     """A run's store, and the first-seed cells of the named estimators, or of all that are trained there.
@@ -62,7 +71,7 @@ def trained_cells(where: Training, names: Sequence[str]) -> tuple[Store, list[Ce
         BadInput: one is not trained in that run, or none is.
     """
     profile = profile_on(where.profile, where.machine)
-    results = where.results or folder_of(profile, where.machine)
+    results = where.folder(profile)
     named = f" --machine {where.machine}" if where.machine else ""
     store = Store(results / "store")
     found = []
@@ -139,14 +148,20 @@ def apply(
     store, (cell,) = trained_cells(where, [name])
     pin_torch()
     references = References(store, cell, cells.load_fit(store, cell))
-    answers = [_answer(recording, references, label(cell.estimator)) for recording in each("estimate", recordings)]
+    trained = Trained(name, where.profile, profile.machine, where.folder(profile), store, cell)
+    made = trained.provenance(mapping, force)
+    each_made = [{**made, "files": [*files_of(path), *made["files"]]} for path in paths]
+    answers = [
+        _answer(recording, references, label(cell.estimator), each_made[k])
+        for k, recording in enumerate(each("estimate", recordings))
+    ]
     for answer in answers:
         if answer.quality.usable or force:
             _write(out, answer)
     return [answer.summary for answer in answers]
 
 
-def _answer(recording: Recording, references: References, who: str) -> _Answer:
+def _answer(recording: Recording, references: References, who: str, made: Mapping[str, Any]) -> _Answer:
     batch = recording.to_batch(references.machine)
     manner = manner_of(batch.measured[0])
     every = max(1, batch.measured.shape[1] // MOST_ROWS)
@@ -161,7 +176,8 @@ def _answer(recording: Recording, references: References, who: str) -> _Answer:
         batch.machine, batch.time_s, batch.measured[0], seen.accepted[0], manner, *references.envelope, warning
     )
     summary = _summarise(recording, references.machine, who, estimates, quality)
-    return _Answer(estimates, readings, quality, {**summary, "calibrated": factors is not None})
+    summary |= {"calibrated": factors is not None, "provenance": made}
+    return _Answer(estimates, readings, quality, strict(summary))
 
 
 def _calibrated(estimates: Estimates, factors: Array, machine: Machine) -> Estimates:
@@ -213,6 +229,7 @@ def _summarise(
     words = "; ".join(f"{w} {f['value']:.4g} ({f['low']:.4g} to {f['high']:.4g})" for w, f in said.values())
     seconds = float(recording.time_s[-1] - recording.time_s[0])
     return {
+        "schema_version": SUMMARY_VERSION,
         "recording": recording.name,
         "estimator": who,
         "seconds": seconds,
@@ -234,5 +251,5 @@ def _write(out: Path, answer: _Answer) -> None:
     table = pd.DataFrame(columns)
     drawn = (time_s, mean, low, high, answer.readings)
     write_csv(out / f"{name}.estimates.csv", table)
-    write_text(out / f"{name}.summary.json", json.dumps(answer.summary, indent=2) + "\n")
+    write_text(out / f"{name}.summary.json", to_json(answer.summary) + "\n")
     write_atomically(out / f"{name}.png", lambda path: estimate_figure(*drawn, path))

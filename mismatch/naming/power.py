@@ -14,6 +14,7 @@ from twinbench.mismatch.naming.decision import CREDIBLE
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, UNTOLD, one_sided
 from twinbench.mismatch.naming.picture import Picture
 from twinbench.mismatch.naming.sets import Sets
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.physics.simulator import Array
 
 SHOWN = (0.1, 0.3, 1.0, 3.0)
@@ -144,7 +145,7 @@ class Draws:
         self._prior, self._bounded = sets.prior[self.usable], sets.bounded[self.usable]
         v, functions = len(self.usable), sets.many + np.arange(len(sets.group))
         some = np.array([*self.usable, *functions], dtype=int)
-        G, rng = sets.reduced.G[np.ix_(some, some)], np.random.default_rng(0)
+        G, rng = sets.reduced.G[np.ix_(some, some)], np.random.default_rng(ENGINE_SEED)
         values, vectors = np.linalg.eigh(G)
         seen = rng.normal(size=(SIMULATED, len(G))) @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
         seen += (rng.normal(size=(SIMULATED, len(G) - v)) * s[sets.group]) @ G[v:]

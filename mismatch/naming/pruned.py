@@ -14,6 +14,7 @@ from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import LEARNT, one_sided
 from twinbench.mismatch.naming.posterior import posterior
 from twinbench.mismatch.naming.settle import SETTLED, Settled, odds_of, settled
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.mismatch.solve import HOP
 from twinbench.physics.simulator import Array
 
@@ -49,7 +50,7 @@ def from_elsewhere(
         first: the first end; the other arguments are as of ``all_at_once``.
         z: (K,) where the first one began, each unknown in its own unit.
     """
-    rng, scale = np.random.default_rng(0), np.array([u.scale for u in problem.unknowns])
+    rng, scale = np.random.default_rng(ENGINE_SEED), np.array([u.scale for u in problem.unknowns])
     ends = [first]
     while len(ends) < BEGINNINGS and (len(ends) < 2 or ends[0].log - ends[1].log >= LEARNT):
         hop = HOP * scale * rng.standard_normal(len(scale))

@@ -23,6 +23,7 @@ from twinbench.mismatch.naming.sets import PARAMETER, Key, Sets
 from twinbench.mismatch.naming.settle import HOPELESS, Settled
 from twinbench.mismatch.naming.view import View, prior_mean
 from twinbench.mismatch.proof import RESAMPLED_PIECES
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.mismatch.variants import Variant, typical
 from twinbench.mismatch.words import count
 from twinbench.physics.simulator import Array
@@ -90,7 +91,7 @@ class Rival(NamedTuple):
 
 def checked(answer: Answer) -> SelfCheck:
     """The decoys, the halves and the sizes of an answer; the same whenever it is asked."""
-    naming, chosen, rng = answer.naming, answer.chosen, np.random.default_rng(0)
+    naming, chosen, rng = answer.naming, answer.chosen, np.random.default_rng(ENGINE_SEED)
     view, others = naming.around(chosen), naming.beside(chosen.problem.machine, chosen.candidates)
     shown = Painter(view, naming.ground, others, probes=naming.painter.probes).picture()
     columns = Columns(view, chosen)

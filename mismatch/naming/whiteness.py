@@ -15,6 +15,7 @@ from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.settle import Settled, columns_of
 from twinbench.mismatch.naming.view import WANDERS, View
 from twinbench.mismatch.noise import BEYOND_DOUBT
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.physics.simulator import Array
 
 
@@ -68,7 +69,7 @@ def coloured(chosen: Settled, ground: Ground) -> Coloured:
     for one in columns:
         one[:, :, len(chosen.z) :] *= chosen.share / WANDERS
     G, b, _ = chosen.products.over()
-    noise = ground.noise_drawn(G, b, chosen.prior(ground), view.residuals, columns, np.random.default_rng(0))
+    noise = ground.noise_drawn(G, b, chosen.prior(ground), view.residuals, columns, np.random.default_rng(ENGINE_SEED))
     learnt = ground.noise.learnt(noise, np.sqrt(ground.variance))
     white = [np.where(np.isfinite(n), learnt.whitened(n[:, :, None])[:, :, 0], np.nan) for n in noise]
     channels = [channel[np.isfinite(channel)] for channel in np.concatenate(white).T]

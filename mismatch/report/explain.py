@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from twinbench.common.documents import made_from, read_file
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable
-from twinbench.mismatch.model import load_catalogue, load_model, model_toml, whole_catalogue
+from twinbench.data.recording import files_of
+from twinbench.mismatch.model import load_catalogue, load_model, made_of, model_toml, whole_catalogue
 from twinbench.mismatch.recordings import check_excited, check_measured, read_recordings
+from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.mismatch.told import read_told
 
 if TYPE_CHECKING:
@@ -44,8 +47,37 @@ class Request:
     prior: Sequence[str] = ()
     measured: Sequence[str] = ()
 
+    def provenance(self) -> dict[str, Any]:
+        """What a verdict on this rests on, as ``verdict.json`` holds it. Everything has been read and can be used."""
+        settings = {
+            "simulator": self.spec,
+            "catalogue": self.catalogue,
+            "map": self.mapping,
+            "inputs": self.inputs,
+            "leave_out": self.leave_out,
+            "prior": self.prior,
+            "measured": self.measured,
+            "seed": ENGINE_SEED,
+        }
+        return made_from(settings, self._files())
 
-def explain(asked: Request, out: Path) -> Verdict:
+    def _files(self) -> Iterator[dict[str, Any]]:
+        for spec in made_of(self.spec):
+            yield from read_file("simulator", spec)
+        yield from read_file("catalogue", self.catalogue)
+        last = len(self.paths) - 1 if not self.hold_out and len(self.paths) > 1 else None  # as ``diagnose`` has it
+        for k, path in enumerate((*self.paths, *self.hold_out)):
+            yield from files_of(path, held_out=k == last or k >= len(self.paths))
+
+
+class Explained(NamedTuple):
+    """What was found, and the same as ``verdict.json`` holds it."""
+
+    verdict: Verdict
+    document: dict[str, Any]
+
+
+def explain(asked: Request, out: Path) -> Explained:
     """Diagnose, and write ``verdict.json`` and ``model.toml`` into ``out``; figures and page come after them.
 
     Raises:
@@ -67,6 +99,7 @@ def explain(asked: Request, out: Path) -> Verdict:
     whole = whole_catalogue(simulator, own, period_s)
     told.check(simulator, whole)
     check_writable(out)
+    made = asked.provenance()
     with Progress() as progress:
         verdict = diagnose(
             simulator,
@@ -83,5 +116,6 @@ def explain(asked: Request, out: Path) -> Verdict:
         joined = verdict.diagnosis.joined.inputs
         said = joined if given.inputs or joined == "linear" else ""
         model = model_toml(asked.spec, simulator, verdict.mechanisms, verdict.values, out, asked.catalogue, said)
-        write_findings(verdict, model, out)
-    return verdict
+        document = {**verdict.to_dict(), "provenance": made}
+        write_findings(document, model, out)
+    return Explained(verdict, document)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -49,6 +49,23 @@ def fit_over_time(
         spikes: readings that were taken out, of any recording and channel.
     """
     figure = canvas(PAGE_MM, 12.0 + 62.0 * len(channels))
+    draw_fit(figure, replay, channels, outputs, sd, spikes)
+    return figure
+
+
+def draw_fit(
+    figure: FigureBase,
+    replay: Replay,
+    channels: Sequence[int],
+    outputs: Sequence[Variable],
+    sd: Array,
+    spikes: Sequence[Spike] = (),
+) -> None:
+    """As ``fit_over_time``, into a figure or a part of one.
+
+    Args:
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
+    """
     grid = figure.subplots(
         2 * len(channels),
         2,
@@ -80,7 +97,6 @@ def fit_over_time(
     figure.align_ylabels(grid[:, 0])
     handles = _handles(replay.after is not None, bool(mine))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), columnspacing=1.6)
-    return figure
 
 
 def _readings(axes: Axes, replay: Replay, channel: int, rows: Array, time: Array) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.lines import Line2D
 
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled, thin
@@ -38,12 +38,21 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
     Args:
         sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
     """
+    figure = canvas(PAGE_MM, 14.0 + 42.0 * (2 if verdict.located else 1))
+    draw_over_time(figure, learnt, verdict, sd)
+    return figure
+
+
+def draw_over_time(figure: FigureBase, learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> None:
+    """As ``over_time``, into a figure or a part of one.
+
+    Args:
+        sd: (ny,) standard deviation of the noise of block means, in the outputs' units.
+    """
     # The recordings in which it shows most, in their own order.
     order = sorted(range(len(learnt)), key=lambda r: -np.nan_to_num(level(learnt[r].before, sd)))[:MOST_RECORDINGS]
     located = verdict.located
-    rows = 2 if located else 1
-    figure = canvas(PAGE_MM, 14.0 + 42.0 * rows)
-    grid = figure.subplots(rows, len(order), sharex="col", sharey="row", squeeze=False)
+    grid = figure.subplots(2 if located else 1, len(order), sharex="col", sharey="row", squeeze=False)
     for column, r in enumerate(sorted(order)):
         track = learnt[r].track
         scale, unit = time_unit(float(track.time_s[-1] - track.time_s[0]))
@@ -66,7 +75,6 @@ def over_time(learnt: Sequence[Replay], verdict: Verdict, sd: Array) -> Figure:
     _level_axis(grid[-1])
     figure.align_ylabels(grid[:, 0])
     _legend(figure, learnt)
-    return figure
 
 
 def _pieces(axes: Axes, replay: Replay, scale: float, sd: Array) -> None:
@@ -160,7 +168,7 @@ def _level_axis(panels: np.ndarray) -> None:
         panels[0].set_ylim(0.0, 1.1 * max(1.1, *ends))
 
 
-def _legend(figure: Figure, shown: Sequence[Replay]) -> None:
+def _legend(figure: FigureBase, shown: Sequence[Replay]) -> None:
     both = shown[0].after is not None
     handles = [Line2D([], [], label="before, calibrated" if both else "calibrated", **BEFORE_POINTS)]
     if both:

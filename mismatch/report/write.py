@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-import numpy as np
-
+from twinbench.common.documents import to_json
 from twinbench.common.errors import BadInput
 from twinbench.common.page import render, write_bytes, write_figures
 from twinbench.common.store import write_text
@@ -24,13 +22,13 @@ OPENING = "fit_held_out"
 _WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # names of channels
 
 
-def write_findings(verdict: Verdict, model: str, out: Path) -> None:
-    """Write ``verdict.json`` and ``model.toml`` into a folder.
+def write_findings(document: Mapping[str, Any], model: str, out: Path) -> None:
+    """Write ``verdict.json``, which holds ``document``, and ``model.toml`` into a folder.
 
     Raises:
         CannotWrite: the folder cannot be written to.
     """
-    write_text(out / "verdict.json", to_json(verdict) + "\n")
+    write_text(out / "verdict.json", to_json(document) + "\n")
     write_text(out / "model.toml", model)
 
 
@@ -51,27 +49,10 @@ def write_page(verdict: Verdict, out: Path) -> None:
     write_bytes(out / "report.html", _html(verdict, figures).encode())
 
 
-def to_json(verdict: Verdict) -> str:
-    """``verdict.json``: strict JSON, with null for what is no finite number."""
-    return json.dumps(_plain(verdict.to_dict()), indent=2, allow_nan=False, ensure_ascii=False)
-
-
 def to_text(verdict: Verdict, width: int = 80) -> str:
     """The verdict for a terminal: the sentence, then its points."""
     points = [fill(p, width, initial_indent="- ", subsequent_indent="  ", **_WHOLE) for p in verdict.points]
     return "\n".join([fill(verdict.says, width, **_WHOLE), "", *points, ""])
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 def _html(verdict: Verdict, figures: list[dict[str, Any]]) -> str:
@@ -116,6 +97,6 @@ def _provenance(verdict: Verdict) -> list[tuple[str, str]]:
         ("held out", named(d.held)),
         ("inputs", joined[d.joined.inputs]),
         ("looked for", f"{len(d.machine.candidates)} mechanisms and faults"),
-        ("also written", "verdict.json, model.toml (the mended simulator), figures/"),
+        ("also written", "verdict.json, model.toml (the mended simulator), report.pdf (one page), figures/"),
     ]
     return [(name, text) for name, text in pairs if text]

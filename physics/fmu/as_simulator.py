@@ -18,9 +18,9 @@ from twinbench.physics.fmu.unpack import digest, opened
 from twinbench.physics.native import executed, native
 from twinbench.physics.simulator import Array, Equation, Simulator, Variable
 
-STEPS, NEAR, STEP = 20, 1e-9, 1e-6
+START_STEPS, CLOSE_SCALES, DIFFERENCE_SCALES = 20, 1e-9, 1e-6
 """Newton steps to the state that reads what was read, how near in scales is there, and the step of the differences."""
-PROBES, FAR, LATER_S = 200, 10.0, 1.0
+TRIED_POINTS, FAR, LATER_S = 200, 10.0, 1.0
 """Points at which it is tried on load, how far away in scales, and a time after the start."""
 
 
@@ -49,10 +49,10 @@ def _loaded(path: Path, content: str) -> Simulator:
     found = Simulator(
         name=description.name or path.stem,
         says=description.says,
-        states=tuple(_variable(s, _or(s.start, 0.0)) for s in description.states),
-        inputs=tuple(_variable(v, _or(v.start, 0.0)) for v in inputs),
-        outputs=tuple(_variable(v, _or(v.start, 0.0)) for v in outputs),
-        parameters=tuple(_variable(v, v.start) for v in parameters),
+        states=tuple(map(_variable, description.states)),
+        inputs=tuple(map(_variable, inputs)),
+        outputs=tuple(map(_variable, outputs)),
+        parameters=tuple(map(_variable, parameters)),
         rhs=rhs,
         output=output,
         initial=_unknown,
@@ -85,10 +85,10 @@ def _moved_to(v: Variable, nominal: float) -> Variable:
 def _slopes(simulator: Simulator, x: Array, u: Array, theta: Array, scale: Array) -> Array:
     """What the readings change by if a state moves by its scale, (ny, nx), by central differences."""
     ahead, behind = (
-        np.stack([simulator.output(x + way * STEP * move, u, theta) for move in np.diag(scale)], axis=-1)
+        np.stack([simulator.output(x + way * DIFFERENCE_SCALES * move, u, theta) for move in np.diag(scale)], axis=-1)
         for way in (1.0, -1.0)
     )
-    return np.nan_to_num((ahead - behind) / (2.0 * STEP))
+    return np.nan_to_num((ahead - behind) / (2.0 * DIFFERENCE_SCALES))
 
 
 def _unknown(u0: Array, y0: Array, theta: Array) -> Array:
@@ -112,7 +112,7 @@ def _probe(simulator: Simulator, library: Library) -> None:
     library.set_time(LATER_S)
     if not np.array_equal(before, simulator.rhs(x, u, theta)):  # type: ignore[misc]
         raise ValueError("its rates depend on time; make what drives it an input")
-    for _ in range(PROBES):
+    for _ in range(TRIED_POINTS):
         away = (rng.uniform(-FAR, FAR, part.size) for part in (x, u))
         simulator.rhs(x + of_x * next(away), u + of_u * next(away), theta)  # type: ignore[misc]
     if library.noted(calls.TIMED):
@@ -121,11 +121,9 @@ def _probe(simulator: Simulator, library: Library) -> None:
         raise ValueError("its states jump at events; only machines whose states move steadily can be examined")
 
 
-def _or(value: float, otherwise: float) -> float:
-    return value if math.isfinite(value) else otherwise
-
-
-def _variable(v: Scalar, nominal: float) -> Variable:
+def _variable(v: Scalar) -> Variable:
+    """Nominal at its start, or near 0 within its bounds where that is calculated."""
+    nominal = v.start if math.isfinite(v.start) else min(max(v.low, 0.0), v.high)
     low, high = min(v.low, nominal), max(v.high, nominal)
     return Variable(v.name, v.unit, low, high, nominal, v.size if v.size > 0.0 else 0.0, v.says)
 
@@ -179,12 +177,12 @@ class Initial:
         x = np.array([s.nominal for s in self.simulator.states])
         scale = np.array([s.scale for s in self.simulator.states])
         of_reading = np.array([o.scale for o in self.simulator.outputs])
-        for _ in range(STEPS):
+        for _ in range(START_STEPS):
             gap = (y0 - self.simulator.output(x, u0, theta)) / of_reading
             gap[~np.isfinite(gap)] = 0.0
             slopes = _slopes(self.simulator, x, u0, theta, scale) / of_reading[:, None]
-            move = np.linalg.pinv(slopes, rcond=STEP) @ gap
+            move = np.linalg.pinv(slopes, rcond=DIFFERENCE_SCALES) @ gap
             x = x + scale * move
-            if np.abs(move).max() < NEAR:
+            if np.abs(move).max() < CLOSE_SCALES:
                 break
         return x

@@ -17,9 +17,9 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 SYMBOL = "twinbench_fmus"
-MOST = 64
+MOST_FMUS = 64
 """FMUs in one process."""
-REGISTRY = np.zeros((MOST, 2), np.int64)
+REGISTRY = np.zeros((MOST_FMUS, 2), np.int64)
 """Key and address of the table of each."""
 binding.add_symbol(SYMBOL, REGISTRY.ctypes.data)
 
@@ -40,7 +40,7 @@ HEAD = 24
 BUSY, HANDLE, READY, THETA = 0, 1, 2, 3
 WORST, ERROR = 1, 3
 """Worst status with which a call's result still counts, a warning; and FMI's status of an error."""
-UPDATES = 10
+MOST_UPDATES = 10
 """Most turns of an event iteration; relations that have not settled by then do not."""
 
 
@@ -98,8 +98,8 @@ def _call(typingctx, address, given):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _table(key):  # type: ignore[no-untyped-def]
     """Address of the table of an FMU."""
-    known = carray(_as_ints(_registry()), (MOST, 2))
-    for k in range(MOST):
+    known = carray(_as_ints(_registry()), (MOST_FMUS, 2))
+    for k in range(MOST_FMUS):
         if known[k, 0] == key:
             return known[k, 1]
     return 0
@@ -120,7 +120,7 @@ def _update(head, handle):  # type: ignore[no-untyped-def]
     """Iterate the event that the instance is in, until its relations have settled. Returns the worst status."""
     info = np.zeros(6, np.int64)
     flags, worst, at = info.view(np.int32), 0, info.ctypes.data
-    for _ in range(UPDATES):
+    for _ in range(MOST_UPDATES):
         info[:] = 0
         if head[VERSION] == 2:
             worst = max(worst, _call(head[UPDATE], (handle, at)))

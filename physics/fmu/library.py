@@ -77,8 +77,8 @@ class Library:
         self._references = [np.array([v.reference for v in group], np.uint32) for group in chosen]
         self._table = self._tabled(description, handles)
         place = len(_LOADED)
-        if place == calls.MOST:
-            raise ValueError(f"is FMU number {place + 1} of this process, which may hold {calls.MOST}")
+        if place == calls.MOST_FMUS:
+            raise ValueError(f"is FMU number {place + 1} of this process, which may hold {calls.MOST_FMUS}")
         calls.REGISTRY[place] = key, self._table.ctypes.data
         _LOADED.append(self)
 
@@ -108,6 +108,7 @@ class Library:
     def _instance(self, description: Description, folder: Path, number: int) -> int:
         name, token = f"twinbench_{number}".encode(), description.token.encode()
         resources, empty = folder / "resources", ctypes.c_void_p(None)
+        given: tuple[object, ...]
         if self._version == "2":
             make = self._library.fmi2Instantiate
             libc = ctypes.CDLL(None) if os.name != "nt" else ctypes.cdll.msvcrt

@@ -63,15 +63,20 @@ def _home() -> Path:
     return Path(config.CACHE_DIR or Path(tempfile.gettempdir()) / "twinbench")  # type: ignore[attr-defined]
 
 
+def platform_of(version: str) -> str:
+    """What FMI 2 or 3 calls this platform."""
+    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
+    old = f"{SYSTEM[sys.platform]}{'64' if sys.maxsize > 2**32 else '32'}"
+    return old if version == "2" else f"{machine}-{LONG[sys.platform]}"
+
+
 def binary(description: Description, folder: Path) -> Path:
     """The library to load.
 
     Raises:
         ValueError: one line: none for this platform; it says for which there are.
     """
-    machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
-    old = f"{SYSTEM[sys.platform]}{'64' if sys.maxsize > 2**32 else '32'}"
-    wanted = old if description.version == "2" else f"{machine}-{LONG[sys.platform]}"
+    wanted = platform_of(description.version)
     file = folder / "binaries" / wanted / f"{description.exchange}{SUFFIX[sys.platform]}"
     if not file.is_file():
         there = sorted(p.name for p in (folder / "binaries").glob("*")) or ["no platform"]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import re
+from datetime import datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,10 +13,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.documents import bare_verdict
 from helpers.refusals import refused
 from helpers.tiny_run import twinbench
 
 from twinbench.bench.cli.mismatch_status import NAMED, SAYS, STATUS
+from twinbench.bench.cli.surroundings import Terminated
 from twinbench.common.errors import BadInput
 from twinbench.mismatch.verdict import VERDICTS
 
@@ -97,7 +102,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             points=("It is lost through the wall.", "And " + "so on " * 20),
             mechanisms=mechanisms,
             values=values,
-            to_dict=lambda: {"verdict": found},
+            to_dict=lambda: bare_verdict(found),
             diagnosis=SimpleNamespace(joined=SimpleNamespace(inputs="held")),
         )
 
@@ -108,6 +113,7 @@ def engine(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     monkeypatch.setattr("twinbench.mismatch.diagnose", diagnose)
     monkeypatch.setattr("twinbench.mismatch.report.write.write_page", write_page)
+    monkeypatch.setattr("twinbench.mismatch.report.sheet.write_sheet", lambda *_: None)
     return called
 
 
@@ -116,7 +122,7 @@ def test_mismatch_hands_on_what_it_read_and_writes_the_mended_model(
 ) -> None:
     arguments = ("mismatch", "lag.py", "day.csv", "--hold-out", "next.csv", "--catalogue", "loss.py", "--out", "found")
     assert twinbench(*arguments, "--json") == NAMED
-    assert json.loads(capsys.readouterr().out) == {"verdict": "missing physics"}
+    assert json.loads(capsys.readouterr().out)["verdict"] == "missing physics"
     assert [r.name for r in engine["recordings"]] == ["day"]
     assert [r.name for r in engine["hold_out"]] == ["next"]
     names = [m.name for m in engine["catalogue"]]
@@ -140,8 +146,44 @@ def test_the_terminal_has_one_sentence_then_a_list_then_the_files(
     assert lines[4].startswith(("  so on", "  on"))
     assert max(map(len, lines[:6])) <= 60
     files = [line.rpartition("/")[2] for line in lines if "/found/" in line]
-    assert files == ["report.html", "verdict.json", "model.toml"]
-    assert lines[-3:] == [line for line in lines if "/found/" in line]
+    assert files == ["report.html", "report.pdf", "verdict.json", "model.toml"]
+    assert lines[-4:] == [line for line in lines if "/found/" in line]
+
+
+def test_json_is_the_file_and_says_what_the_verdict_rests_on(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("next.toml").write_text("[channels]\nT_in = 'T_in'\n")
+    given = ("--catalogue", "loss.py", "--map", "T_out=T_out", "--leave-out", "offset@T", "--prior", "loss=0.5")
+    known = ("--measured", "T_in=1K", "--inputs", "linear")
+    assert twinbench("mismatch", "lag.py", "day.csv", "next.csv", *given, *known, "--out", "found", "--json") == NAMED
+    said = capsys.readouterr().out
+    assert said.encode() == Path("found/verdict.json").read_bytes()
+    made = json.loads(said)["provenance"]
+    assert made["settings"] == {
+        "simulator": "lag.py", "catalogue": "loss.py", "map": ["T_out=T_out"], "inputs": "linear",
+        "leave_out": ["offset@T"], "prior": ["loss=0.5"], "measured": ["T_in=1K"], "seed": 0,
+    }  # fmt: skip
+    read = [("simulator", "lag.py", False), ("catalogue", "loss.py", False), ("recording", "day.csv", False)]
+    read += [("recording", "next.csv", True), ("sidecar", "next.toml", True)]  # of several the last is held out
+    assert [(f["role"], f["path"], f["held_out"]) for f in made["files"]] == read
+    for file in made["files"]:
+        content = Path(file["path"]).read_bytes()
+        assert (file["bytes"], file["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+    assert datetime.fromisoformat(made["time"]).utcoffset() == timedelta(0)
+    assert re.fullmatch(r"\d+\.\d+\.\d+", made["twinbench"])
+    assert str(workplace) not in said, "nobody named it"
+
+
+def test_a_mended_model_counts_with_all_that_it_is_made_of(workplace: Path, engine: dict[str, Any]) -> None:
+    arguments = ("mismatch", "lag.py", "day.csv", "--hold-out", "next.csv", "--catalogue", "loss.py", "--out", "found")
+    assert twinbench(*arguments) == NAMED
+    assert twinbench("mismatch", "found/model.toml", "day.csv", "--out", "again") == NAMED
+    files = json.loads(Path("again/verdict.json").read_text())["provenance"]["files"]
+    assert [(f["role"], f["path"], f["held_out"]) for f in files] == [
+        *(("simulator", path, False) for path in ("found/model.toml", "lag.py", "loss.py")),
+        ("recording", "day.csv", False),
+    ]
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -159,6 +201,22 @@ def test_the_exit_status_tells_the_verdict_and_help_and_docs_say_which(
     assert f"{status}  {SAYS[status]}\n" in capsys.readouterr().out
     page = (Path(__file__).parents[2] / "docs" / "mismatch_tutorial.md").read_text(encoding="utf-8")
     assert f"| {status} | {SAYS[status]} |" in page
+
+
+@pytest.mark.parametrize(
+    ("ends", "status"),
+    [(FloatingPointError("it diverges"), 1), (BadInput("no"), 2), (KeyboardInterrupt(), 130), (Terminated(), 143)],
+    ids=str,
+)
+def test_without_a_verdict_the_exit_status_says_why_and_a_program_reads_nothing(
+    workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str], ends: BaseException, status: int
+) -> None:
+    engine["fails"] = ends
+    assert twinbench("mismatch", "lag.py", "day.csv", "--out", "found", "--json") == status
+    said, complaint = capsys.readouterr()
+    assert said == ""
+    assert complaint.startswith("twinbench: ")
+    assert not Path("found").exists()
 
 
 def test_findings_and_model_are_there_before_anything_is_drawn(
@@ -244,7 +302,7 @@ BAD = [
 def test_bad_input_is_one_line_and_nothing_is_written(
     workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
 ) -> None:
-    assert says in refused(workplace, capsys, "mismatch", "--out", "found/here", *arguments)
+    assert says in refused(workplace, capsys, "mismatch", "--json", "--out", "found/here", *arguments)
 
 
 def test_mismatch_hands_on_what_is_known_beforehand(workplace: Path, engine: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import hashlib
 import io
 import json
 import re
@@ -13,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.documents import check, no_number
 from helpers.refusals import listing
 from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
@@ -62,7 +64,9 @@ def estimated(trained: SimpleNamespace, table: pd.DataFrame, folder: Path, *more
     arguments = ("estimate", "oracle", mine, "--profile", trained.profile, "--results", trained.run)
     with contextlib.redirect_stdout(io.StringIO()) as said:
         status = twinbench(*arguments, "--out", folder / "out", "--json", *more)
-    return status, json.loads(said.getvalue())[0], {p.name for p in listing(folder / "out")}
+    (summary,) = json.loads(said.getvalue(), parse_constant=no_number)
+    check("summary", summary)
+    return status, summary, {p.name for p in listing(folder / "out")}
 
 
 @pytest.fixture
@@ -96,6 +100,22 @@ def test_a_sound_recording_is_usable_and_says_what_was_used(trained, sound, whic
     assert said["nis_median"] == pytest.approx(1.0, abs=0.15), "an exact filter's NIS is chi-square"
     assert 0.005 < said["flags"]["spike"] < 0.03
     assert said["gaps"] == 0
+
+
+def test_the_summary_says_what_it_rests_on(trained, tmp_path):
+    (tmp_path / "mine.toml").write_text("[channels]\nvalve = 'valve'\n")
+    _, said, _ = estimated(trained, trained.tables[0], tmp_path, "--map", "valve=valve")
+    assert json.loads((tmp_path / "out" / "mine.summary.json").read_text()) == said
+    made = said["provenance"]
+    assert made["settings"] == {
+        "estimator": "oracle", "profile": str(trained.profile), "results": str(trained.run), "machine": "compressor",
+        "map": ["valve=valve"], "force": False, "seed": 0,
+    }  # fmt: skip
+    assert [f["role"] for f in made["files"]] == ["recording", "sidecar", "profile", "training", "calibration"]
+    for file in made["files"]:
+        content = Path(file["path"]).read_bytes()
+        assert (file["bytes"], file["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+        assert not file["held_out"]
 
 
 def test_intervals_are_those_that_fit_the_calibration_recordings(trained, tmp_path):

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 import pandas as pd
+from helpers import documents
 
 from fuzz.worker import Ended
 from twinbench.bench.cli.mismatch_status import STATUS
@@ -113,6 +114,7 @@ def estimate(folder: Path, ended: Ended) -> Answer:
     summaries = sorted(folder.rglob("*.summary.json"))
     need(summaries, "exit status 0 and no summary")
     summary = strict_json(summaries[0].read_text())
+    documents.check("summary", summary)
     (table,) = summaries[0].parent.glob("*.estimates.csv")
     columns = numbers_of(table)
     for name in ESTIMATED:
@@ -148,11 +150,13 @@ def mismatch(folder: Path, ended: Ended) -> Answer:
     status(ended, *STATUS.values())
     (path,) = folder.rglob("verdict.json")
     verdict = strict_json(path.read_text())
+    documents.check("verdict", verdict)
     found = verdict["verdict"]
     need(ended.status == STATUS[found], f"exit status {ended.status}, and the verdict is {found}")
     for f in verdict["findings"]:
         need(f["probability"] is None or 0.0 <= f["probability"] <= 1.0, f"a probability of {f['probability']}")
-    need(path.with_name("model.toml").is_file() and path.with_name("report.html").is_file(), "files are missing")
+    beside = ("model.toml", "report.html", "report.pdf")
+    need(all(path.with_name(name).is_file() for name in beside), "files are missing")
     says = verdict["says"]
     for share in re.findall(r"(-?[\d.]+) %", says):
         need(-1e3 < float(share) <= 100.0, f"{share} % in: {says}")

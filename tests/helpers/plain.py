@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from helpers.documents import check_verdict
 from twinbench.data.recording import Recording
 from twinbench.mismatch import Verdict
 from twinbench.mismatch.asked import Asked
@@ -19,5 +20,7 @@ def diagnosed(
     hold_out: Sequence[Recording] = (),
     catalogue: Sequence[Mechanism] | None = None,
 ) -> Verdict:
-    """As ``diagnose``, but what is said is decided by the evidence alone."""
-    return conclude(examine(Asked(simulator, recordings, hold_out, catalogue), rule=EVIDENCE_ALONE))
+    """As ``diagnose``, but what is said is decided by the evidence alone; a program may read it."""
+    verdict = conclude(examine(Asked(simulator, recordings, hold_out, catalogue), rule=EVIDENCE_ALONE))
+    check_verdict(verdict)
+    return verdict

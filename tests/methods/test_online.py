@@ -17,7 +17,7 @@ from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.estimator import FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED, Sample
 
-SAMPLES = 12_000
+SAMPLES = 6_000
 CHANNELS, SAMPLE_PERIOD_S = COMPRESSOR.channels, COMPRESSOR.sample_period_s
 
 
@@ -34,7 +34,7 @@ def readings() -> tuple[np.ndarray, np.ndarray]:
     measured = corrupt(COMPRESSOR, truth.inputs[0], truth.outputs[0], Corruption(), rng)[:SAMPLES]
     pieces = np.array_split(measured, len(FAULTS))
     with_faults = [
-        with_fault(piece, replace(f, seconds=10.0, rise_s=min(f.rise_s, 4.0)), rng)
+        with_fault(piece, replace(f, seconds=5.0, rise_s=min(f.rise_s, 2.0)), rng)
         for piece, f in zip(pieces, FAULTS, strict=True)
     ]
     lag_s = np.zeros((SAMPLES, len(CHANNELS)))

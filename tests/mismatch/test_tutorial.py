@@ -81,7 +81,7 @@ def test_the_mended_model_stands_on_the_first_and_on_the_users_file(followed):
 
 
 def test_everything_that_the_page_says_is_written_is(followed):
-    for name in ("report.html", "verdict.json", "model.toml", "figures"):
+    for name in ("report.html", "report.pdf", "verdict.json", "model.toml", "figures"):
         assert (followed[0] / "found" / name).exists()
 
 

@@ -1,4 +1,4 @@
-"""The Modelica Association's Reference FMUs, built from their sources: each is a simulator, or refused with the reason."""
+"""The Modelica Association's Reference FMUs, built from source: each is a simulator, or refused with the reason."""
 
 from __future__ import annotations
 
