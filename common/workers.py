@@ -20,11 +20,10 @@ from typing import Any
 import joblib
 
 from twinbench.common.attempts import AT_WORK, Done, at_work, attempt
-from twinbench.common.cluster import current
+from twinbench.common.cluster import current, on_cluster
 from twinbench.common.errors import WorkerKilled
 from twinbench.common.jobs import VARIABLE, cores
 from twinbench.common.orphans import end_with_parent
-from twinbench.common.spread import on_cluster
 
 Several = Mapping[str, tuple[Any, ...]]
 """Arguments of a function, by what the item is called."""
@@ -55,7 +54,7 @@ def side_by_side(
     if client is None:
         ended = _in_processes(work, several, min(jobs or cores(), len(several)))
     else:
-        ended = on_cluster(client, work, several, say, folder)
+        ended = on_cluster(client, work, several, say, folder or Path())
     given_up = []
     for name, done in ended:
         if done.given_up:

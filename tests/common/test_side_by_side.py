@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from twinbench.common import at_worker
 from twinbench.common.cluster import working_on
 from twinbench.common.errors import BadInput, WorkerKilled
 from twinbench.common.workers import side_by_side
@@ -63,7 +62,6 @@ def threads(request: pytest.FixtureRequest) -> Iterator[None]:
         working_on("dask", cluster.scheduler_address),
     ):
         yield
-    at_worker.settled.cache_clear()
 
 
 @pytest.mark.parametrize("threads", [2], indirect=True)
@@ -83,11 +81,12 @@ def test_a_worker_of_other_code_or_without_the_folder_is_refused(
         monkeypatch.setenv(name, "1")
     folder = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr("twinbench.common.spread.own_source", lambda: "of another version")
+        versions = iter("12")  # the command's and the worker's
+        patch.setattr("twinbench.common.cluster.own_source", lambda: next(versions))
         with pytest.raises(BadInput, match=r"^worker \S+ on \S+ has not the Twinbench, or the libraries, of this mach"):
             list(side_by_side(abs, {"one": (-1,)}, print, folder))
         patch.undo()
-        patch.setattr("twinbench.common.spread.Path.cwd", lambda: tmp_path / "elsewhere")
+        patch.setattr("twinbench.common.cluster.Path.cwd", lambda: tmp_path / "elsewhere")
         with pytest.raises(
             BadInput, match=r"^worker \S+ on \S+ does not see \S+/elsewhere of this machine; use a fold"
         ):
