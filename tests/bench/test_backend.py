@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,11 +32,16 @@ def _quick() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
-    """The address of a cluster's scheduler."""
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        yield cluster.scheduler_address
+    """The scheduler's address of a cluster of two processes, which nobody starts again once they are killed."""
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as cluster:
+        command = [sys.executable, "-m", "dask", "worker", cluster.scheduler_address, "--no-nanny", "--nthreads", "1"]
+        workers = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for _ in range(2)]
+        try:
+            yield cluster.scheduler_address
+        finally:
+            for worker in workers:
+                worker.kill()
+                worker.wait()
 
 
 def estimators(folder: Path, fit: str = "") -> list[str]:
@@ -69,7 +76,7 @@ def test_a_worker_killed_in_mid_suite_is_told_and_changes_no_table(
 @pytest.mark.timeout(300)
 def test_tuning_on_a_cluster_tries_what_it_tries_here(scheduler: str, tmp_path: Path) -> None:
     specs = estimators(tmp_path)
-    arguments = ("tune", *specs, "--profile", write_profile(tmp_path), "--trials", 6, "--out")
+    arguments = ("tune", *specs, "--profile", write_profile(tmp_path), "--trials", 5, "--out")
     assert twinbench(*arguments, tmp_path / "here") == 0
     assert twinbench(*arguments, tmp_path / "there", "--scheduler", scheduler) == 0
     for name in ("steady", "wrong"):
