@@ -1,13 +1,14 @@
 """A Dask cluster of SLURM jobs, for `twinbench ... --scheduler scheduler.json`: python examples/slurm_cluster.py 32
 
 Start it where jobs may be submitted, in a folder that all machines share. It keeps as many jobs in SLURM's queue as you
-say, each with one worker on one core. A job that ends is submitted again. Ctrl-C or SIGTERM ends them all.
+say, each with one worker on one core. A job that ends after its worker has begun is submitted again. Ctrl-C or SIGTERM ends them all.
 """
 
 import json
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 
 from dask_jobqueue import SLURMCluster
@@ -25,6 +26,7 @@ JOB = {
     # "interface": "ib0",  # the network that compute nodes reach this machine by
 }
 FILE = Path("scheduler.json")
+LOOK_S = 10.0  # how often it is looked whether jobs have ended
 
 
 def main(workers: int) -> None:
@@ -32,14 +34,14 @@ def main(workers: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: sys.exit(0))
     with SLURMCluster(**JOB) as cluster:
-        cluster.adapt(minimum_jobs=workers, maximum_jobs=workers)
         beside = FILE.with_suffix(".part")
         beside.write_text(json.dumps({"address": cluster.scheduler_address}))
         os.replace(beside, FILE)  # whoever waits for the file finds it whole
         print(f"{workers} workers asked for; the scheduler is at {cluster.scheduler_address}, see {FILE}", flush=True)
         try:
             while True:
-                signal.pause()
+                cluster.scale(jobs=workers)  # submits again what has ended
+                time.sleep(LOOK_S)
         finally:
             FILE.unlink(missing_ok=True)
 
