@@ -1,7 +1,8 @@
 """A Dask cluster of SLURM jobs, for `twinbench ... --scheduler scheduler.json`: python examples/slurm_cluster.py 32
 
 Start it where jobs may be submitted, in a folder that all machines share. It keeps as many jobs in SLURM's queue as you
-say, each with one worker on one core. A job that ends after its worker has begun is submitted again. Ctrl-C or SIGTERM ends them all.
+say, each with one worker on one core. A job that ends after its worker has begun is submitted again. Ctrl-C or SIGTERM
+ends them all.
 """
 
 import json

@@ -15,9 +15,12 @@ import pytest
 from helpers.tiny_run import comparable, parts, run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
+from twinbench.bench.cost import foretold
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
+from twinbench.bench.runner import plan
 from twinbench.bench.statistics.scores import METRICS
+from twinbench.common.store import Store
 from twinbench.common.versions import code_version
 
 KILLER = """
@@ -233,3 +236,36 @@ def test_what_each_part_cost_is_kept_with_it_and_told_by_every_later_run(
         file.unlink()
     assert twinbench(*run_arguments(inputs[0], out, inputs[1])) == 0
     assert cost()["cpu_s"].isna().all()
+
+
+def test_a_run_says_before_it_starts_what_is_left_and_what_it_will_cost(
+    inputs: tuple[Path, list[str]],
+    undisturbed: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def told(out: Path, text: str) -> str:
+        path = tmp_path / "tiny.toml"
+        path.write_text(text)
+        profile = load_profile(str(path))
+        return foretold(plan(profile, tuple(inputs[1])), profile, Store(out / "store"), out)
+
+    monkeypatch.chdir(tmp_path)
+    out, text = shutil.copytree(undisturbed, tmp_path / "out"), inputs[0].read_text()
+    assert told(out, text) == "to do: nothing is left to train or evaluate"
+    unknown = (
+        "to do: 2 trainings and 2 evaluations; their cost is not known: no cost.csv of them in new or results/paper"
+    )
+    assert told(Path("new"), text) == unknown
+    rows = ["steady,0,fit,360", "steady,0,estimate,120", "wrong,0,fit,"]
+    (out / "cost.csv").write_text("\n".join(["estimator,seed,stage,cpu_s", *rows]) + "\n")
+    # Trained on twice the recordings, it is evaluated on as many as before.
+    more = text.replace("n_train = 2", "n_train = 4")
+    said = f"to do: 2 trainings and 2 evaluations, about 14 core-minutes by {out}/cost.csv; the cost of 2 is not known"
+    assert told(out, more) == said
+    assert told(out, text.replace("minutes = 2.5", "minutes = 4.5")).count("about 16 core-minutes") == 1
+    (out / "manifest.json").write_text("{")
+    assert "is not known" in told(out, more)
+    assert twinbench(*run_arguments(inputs[0], Path("new"), inputs[1][:1])) == 0
+    assert "to do: 1 training and 1 evaluation; their cost is not known" in capsys.readouterr().err

@@ -40,12 +40,10 @@ def test_an_item_that_loses_its_process_is_done_by_another_and_told(tmp_path: Pa
 def test_an_item_that_no_process_survives_is_given_up_after_all_others(tmp_path: Path) -> None:
     said: list[str] = []
     several = {name: (tmp_path, name, 9 * (name == "a")) for name in "abcd"}
-    ended = []
-    with pytest.raises(
-        WorkerKilled, match=r"^a lost 3 workers, process \d+ and .*; it is given up.*run the same command"
-    ):
-        for name in side_by_side(dies, several, said.append, jobs=2):
-            ended.append(name)
+    ended: list[str] = []
+    says = r"^a lost 3 workers, process \d+ and .*; it is given up.*run the same command"
+    with pytest.raises(WorkerKilled, match=says):
+        ended.extend(side_by_side(dies, several, said.append, jobs=2))
     assert sorted(ended) == list("bcd")
     assert (tmp_path / "a").read_text() == "xxx"
     assert all("a lost" not in line for line in said), "it is told once"
