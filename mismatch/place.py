@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -63,12 +64,12 @@ class Place:
         typical = TYPICAL_SHARE * self.rate / at
         what, _, source = effect.partition("_from_")
         high, says = generous * typical, f"size of the {what.replace('_', ' ')}{f' from {source}' if source else ''}"
-        return Variable(f"{effect}_{self.name}", unit, low * high, high, typical, typical, says)
+        return Variable(f"{effect}_{self.name}", _without_ones(unit), low * high, high, typical, typical, says)
 
     def shape(self, effect: str, what: str, unit: str, within: Range, says: str) -> Variable:
         """A parameter that shapes an effect: a threshold, a time constant."""
         name, (low, high, typical) = f"{effect}_{what}_{self.name}", within
-        return Variable(name, unit, low, high, min(max(typical, low), high), (high - low) / 6.0, says)
+        return Variable(name, _without_ones(unit), low, high, min(max(typical, low), high), (high - low) / 6.0, says)
 
     def add(self, effect: str, says: str, formula: str, term: Rate, *parameters: Variable, **more: Any) -> Term:
         """The mechanism; ``{0}``, ``{1}`` in the formula become its parameters' names, ``{x}`` the state's.
@@ -82,5 +83,12 @@ class Place:
 
 
 def bracketed(unit: str) -> str:
-    """A unit that can stand in a product or quotient."""
-    return f"({unit})" if set(unit) & set(" /*") else unit
+    """A unit that can stand in a product or quotient; 1 of what has none."""
+    return f"({unit})" if set(unit) & set(" /*") else unit or "1"
+
+
+def _without_ones(unit: str) -> str:
+    """A quotient of units in which nothing is divided by 1: ``1/s/1^3`` is ``1/s``."""
+    first, *rest = unit.removeprefix("1 ").split("/")
+    one = re.compile(r"1(\^[\d.]+)?")
+    return "/".join(["1" if one.fullmatch(first) else first, *(part for part in rest if not one.fullmatch(part))])

@@ -76,11 +76,20 @@ def _skill(summary: Summary) -> Iterator[str]:
         below = [e for e, s in skills.items() if s.high < 0.0]
         level = [e for e in skills if e not in (*above, *below)]
         said = [f"Of the rows that cost nothing, {against} errs least in {ASKED[metric]}."]
-        worth = [f"{label(e)} {_skill_of(summary, e, metric)}" for e in above]
-        said += [_listed("Better than it by the paired 95 % interval, with this skill", worth)]
+        said += [_better(summary, above, len(skills), metric)]
         said += [_listed("No difference is found for", map(label, level))] if level else []
         said += [_listed("Worse", map(label, below))] if below else []
         yield " ".join(said)
+
+
+def _better(summary: Summary, above: list[str], asked: int, metric: str) -> str:
+    """How many err less than that row, and what the first of them and the proposed method are worth."""
+    if not above:
+        return f"By the paired 95 % interval none of {asked} others errs less."
+    first = min(above, key=lambda e: summary.value(e, metric).mean)
+    shown = [first, *([PROPOSED] if PROPOSED in above and first != PROPOSED else [])]
+    worth = names_of(f"{label(e)} has a skill of {_skill_of(summary, e, metric)}" for e in shown)
+    return f"By the paired 95 % interval {len(above)} of {asked} others err less: {worth}."
 
 
 def _parameters(summary: Summary) -> Iterator[str]:

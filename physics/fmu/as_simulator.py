@@ -1,4 +1,4 @@
-"""An FMU for model exchange as a simulator: its states, inputs, outputs and parameters, its rates and readings."""
+"""An FMU as a simulator: its states, inputs, outputs and parameters, its rates and readings."""
 
 from __future__ import annotations
 
@@ -20,12 +20,13 @@ from twinbench.physics.simulator import Array, Equation, Simulator, Variable
 
 START_STEPS, CLOSE_SCALES, DIFFERENCE_SCALES = 20, 1e-9, 1e-6
 """Newton steps to the state that reads what was read, how near in scales is there, and the step of the differences."""
+NO_RATES = "is for co-simulation, and tells no rates before it is stepped; export it for model exchange"
 TRIED_POINTS, FAR, LATER_S = 200, 10.0, 1.0
 """Points at which it is tried on load, how far away in scales, and a time after the start."""
 
 
 def simulator_of(path: str | Path) -> Simulator:
-    """The simulator that an FMU is (FMI 2.0 or 3.0, model exchange).
+    """The simulator that an FMU is (FMI 2.0 or 3.0), for model exchange, or for co-simulation if it tells its rates.
 
     An FMU is somebody's machine code. To load it is to run it.
 
@@ -58,6 +59,8 @@ def _loaded(path: Path, content: str) -> Simulator:
         initial=_unknown,
     )
     found = _at_start(found, calls.start(key, found.theta()))
+    if not description.exchange:
+        _obeys(found, key)
     _probe(found, library)
     return found
 
@@ -94,6 +97,19 @@ def _slopes(simulator: Simulator, x: Array, u: Array, theta: Array, scale: Array
 def _unknown(u0: Array, y0: Array, theta: Array) -> Array:
     """Stands where ``Initial`` will, which needs the simulator."""
     raise NotImplementedError
+
+
+def _obeys(simulator: Simulator, key: int) -> None:
+    """Try whether an FMU for co-simulation can be brought to a state, and tells rates there, before it is stepped.
+
+    Raises:
+        ValueError: one line: it cannot.
+    """
+    x, u = (np.array([v.nominal for v in group]) for group in (simulator.states, simulator.inputs))
+    x = x + np.array([s.scale for s in simulator.states])
+    theta = simulator.theta()
+    if not np.array_equal(calls.kept(key, x, u, theta), x) or not np.isfinite(simulator.rhs(x, u, theta)).all():  # type: ignore[misc]
+        raise ValueError(NO_RATES)
 
 
 def _probe(simulator: Simulator, library: Library) -> None:
@@ -134,12 +150,10 @@ def _chosen(description: Description) -> tuple[tuple[Scalar, ...], ...]:
     Raises:
         ValueError: one line: what cannot be simulated.
     """
-    if not description.exchange:
-        raise ValueError("is for co-simulation only, which tells no rates; export it for model exchange")
     if description.needs_tool:
         raise ValueError("runs only where its authoring tool is; export it with its own binary")
     if not description.states:
-        raise ValueError("has no continuous states, so nothing to simulate")
+        raise ValueError("has no continuous states, so nothing to simulate" if description.exchange else NO_RATES)
     real = REAL[description.version]
     inputs = description.of("input")
     for v in (*inputs, *description.states):

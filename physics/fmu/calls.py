@@ -6,6 +6,9 @@ symbol and an FMU's key, never an address. So what is compiled in one process is
 Each FMU has a table of 64-bit words: HEAD words about it, then one row for each of its instances. A row begins with
 BUSY, HANDLE and READY; the parameters with which the instance was initialised follow. Threads share the instances. A
 thread takes one by a compare-and-swap of its BUSY.
+
+An FMU for co-simulation stays in initialisation mode. There its states can be set like inputs, and their derivatives
+read like outputs. It is never stepped.
 """
 
 from __future__ import annotations
@@ -23,8 +26,10 @@ REGISTRY = np.zeros((MOST_FMUS, 2), np.int64)
 """Key and address of the table of each."""
 binding.add_symbol(SYMBOL, REGISTRY.ctypes.data)
 
-(VERSION, INSTANCES, STATES, INPUTS, OUTPUTS, PARAMETERS, EVENTS, OF_INPUTS, OF_OUTPUTS, OF_PARAMETERS) = range(10)
-"""Places in the head of a table: sizes, then the addresses of value references."""
+(VERSION, EXCHANGE, INSTANCES, STATES, INPUTS, OUTPUTS, PARAMETERS, EVENTS) = range(8)
+"""Places in the head of a table: FMI's version, 0 of an FMU for co-simulation, then sizes."""
+(OF_STATES, OF_RATES, OF_INPUTS, OF_OUTPUTS, OF_PARAMETERS) = range(8, 13)
+"""Places of the addresses of value references."""
 FUNCTIONS = (
     "set_reals", "get_reals", "set_states", "get_rates", "reset", "setup", "enter_initialisation",
     "leave_initialisation", "enter_event_mode", "update_discrete", "enter_continuous_mode", "get_states",
@@ -32,11 +37,12 @@ FUNCTIONS = (
 (
     SET_REALS, GET_REALS, SET_STATES, GET_RATES, RESET, SETUP, ENTER_INIT, EXIT_INIT, ENTER_EVENT, UPDATE, ENTER_CONT,
     GET_STATES,
-) = range(10, 22)  # fmt: skip
+) = range(13, 25)  # fmt: skip
 """Places of the functions' addresses."""
-JUMPED, TIMED = 22, 23
-"""Places where it is noted that the states jumped at an event, and that the FMU has a timetable of events."""
-HEAD = 24
+JUMPED, TIMED, BEGINS = 25, 26, 27
+"""Places where it is noted that the states jumped at an event, that the FMU has a timetable of events, and the time,
+as a double, at which instances begin."""
+HEAD = 28
 BUSY, HANDLE, READY, THETA = 0, 1, 2, 3
 WORST, ERROR = 1, 3
 """Worst status with which a call's result still counts, a warning; and FMI's status of an error."""
@@ -141,15 +147,17 @@ def _update(head, handle):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _initialise(head, handle, theta):  # type: ignore[no-untyped-def]
     """Begin anew with these parameters. Returns the worst status."""
-    no, zero = np.int32(0), 0.0
+    no, zero, begins = np.int32(0), 0.0, head.view(np.float64)[BEGINS]
     worst = _call(head[RESET], (handle,))
     if head[VERSION] == 2:
-        worst = max(worst, _call(head[SETUP], (handle, no, zero, zero, no, zero)))
+        worst = max(worst, _call(head[SETUP], (handle, no, zero, begins, no, zero)))
     worst = max(worst, _reals(head, SET_REALS, handle, OF_PARAMETERS, head[PARAMETERS], theta.ctypes.data))
     if head[VERSION] == 2:
         worst = max(worst, _call(head[ENTER_INIT], (handle,)))
     else:
-        worst = max(worst, _call(head[ENTER_INIT], (handle, no, zero, zero, no, zero)))
+        worst = max(worst, _call(head[ENTER_INIT], (handle, no, zero, begins, no, zero)))
+    if not head[EXCHANGE]:
+        return worst
     worst = max(worst, _call(head[EXIT_INIT], (handle,)))
     worst = max(worst, _update(head, handle))
     return max(worst, _call(head[ENTER_CONT], (handle,)))
@@ -191,12 +199,22 @@ def _at(head, row, x, u, theta):  # type: ignore[no-untyped-def]
             own[THETA + i] = theta[i]
         own[READY] = 1.0
     worst = max(worst, _reals(head, SET_REALS, handle, OF_INPUTS, head[INPUTS], u.ctypes.data))
+    if not head[EXCHANGE]:
+        return max(worst, _reals(head, SET_REALS, handle, OF_STATES, head[STATES], x.ctypes.data))
     worst = max(worst, _call(head[SET_STATES], (handle, x.ctypes.data, head[STATES])))
     if head[EVENTS] > 0:  # relations are frozen between events: they are looked at anew at every state
         worst = max(worst, _call(head[ENTER_EVENT], (handle,)))
         worst = max(worst, _update(head, handle))
         worst = max(worst, _call(head[ENTER_CONT], (handle,)))
     return worst
+
+
+@njit(cache=True)
+def _reads(head, function, references, handle, values):  # type: ignore[no-untyped-def]
+    """Get states or rates: by the function for them in model exchange, else like outputs. Returns the status."""
+    if head[EXCHANGE]:
+        return _call(head[function], (handle, values.ctypes.data, values.size))
+    return _reals(head, GET_REALS, handle, references, values.size, values.ctypes.data)
 
 
 @njit(cache=True)
@@ -216,7 +234,7 @@ def rates(key, x, u, theta):  # type: ignore[no-untyped-def]
     row = _take(table, head, theta)
     worst = _at(head, row, x, u, theta)
     handle = carray(_as_ints(row), THETA)[HANDLE]
-    worst = max(worst, _call(head[GET_RATES], (handle, dx.ctypes.data, x.size)))
+    worst = max(worst, _reads(head, GET_RATES, OF_RATES, handle, dx))
     _give(row, worst)
     if worst > WORST:
         dx[:] = np.nan
@@ -240,6 +258,22 @@ def readings(key, x, u, theta):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def kept(key, x, u, theta):  # type: ignore[no-untyped-def]
+    """The states (nx,) that an FMU has once it was brought to x; NaN where it reports an error."""
+    table = _table(key)
+    head = carray(_as_ints(table), HEAD)
+    found = np.empty(x.size)
+    row = _take(table, head, theta)
+    worst = _at(head, row, x, u, theta)
+    handle = carray(_as_ints(row), THETA)[HANDLE]
+    worst = max(worst, _reads(head, GET_STATES, OF_STATES, handle, found))
+    _give(row, worst)
+    if worst > WORST:
+        found[:] = np.nan
+    return found
+
+
+@njit(cache=True)
 def start(key, theta):  # type: ignore[no-untyped-def]
     """The states (nx,) in which an FMU starts with these parameters; NaN where it reports an error."""
     table = _table(key)
@@ -247,7 +281,7 @@ def start(key, theta):  # type: ignore[no-untyped-def]
     x = np.empty(head[STATES])
     row = _take(table, head, theta)
     handle = carray(_as_ints(row), THETA)[HANDLE]
-    worst = max(_initialise(head, handle, theta), _call(head[GET_STATES], (handle, x.ctypes.data, x.size)))
+    worst = max(_initialise(head, handle, theta), _reads(head, GET_STATES, OF_STATES, handle, x))
     _give(row, ERROR)  # what begins next with it begins anew
     if worst > WORST:
         x[:] = np.nan

@@ -50,6 +50,7 @@ class Description:
         needs_tool: it runs only where its authoring tool is.
         indicators: how many event indicators it has.
         states: its continuous states, in the order of the calls.
+        rates: their derivatives, in the same order.
     """
 
     version: str
@@ -63,6 +64,12 @@ class Description:
     indicators: int
     variables: tuple[Scalar, ...]
     states: tuple[Scalar, ...]
+    rates: tuple[Scalar, ...]
+
+    @property
+    def identifier(self) -> str:
+        """The name of its binary: as a model for exchange if it is one."""
+        return self.exchange or self.simulates
 
     def of(self, causality: str) -> tuple[Scalar, ...]:
         """The variables of a causality: input, output or parameter."""
@@ -85,6 +92,7 @@ def describe(text: str) -> Description:
     variables = _variables(root, version[:1])
     model, co = root.find("ModelExchange"), root.find("CoSimulation")
     said = model if model is not None else co if co is not None else xml.Element("none")
+    pairs = _states(root, version[:1], variables)
     return Description(
         version=version[:1],
         name=root.get("modelName", ""),
@@ -96,7 +104,8 @@ def describe(text: str) -> Description:
         needs_tool=said.get("needsExecutionTool") == "true",
         indicators=int(root.get("numberOfEventIndicators", len(root.findall("ModelStructure/EventIndicator")))),
         variables=tuple(variables),
-        states=tuple(_states(root, version[:1], variables)),
+        states=tuple(state for state, _ in pairs),
+        rates=tuple(rate for _, rate in pairs),
     )
 
 
@@ -138,19 +147,24 @@ def _number(said: Mapping[str, str], name: str, otherwise: float) -> float:
         return otherwise
 
 
-def _states(root: xml.Element, version: str, variables: Sequence[Scalar]) -> list[Scalar]:
-    """The states whose derivatives the structure lists; FMI 2 counts variables from 1, FMI 3 has references."""
-    listed, states = root.find("ModelVariables"), []
+def _states(root: xml.Element, version: str, variables: Sequence[Scalar]) -> list[tuple[Scalar, Scalar]]:
+    """Each state with its rate, as the structure lists them; FMI 2 counts variables from 1, FMI 3 has references.
+
+    For co-simulation FMI 2 need not list them. Then every variable counts that says whose derivative it is.
+    """
+    listed, pairs = root.find("ModelVariables"), []
     entries = list(listed) if listed is not None else []
     by_reference = {v.reference: k for k, v in reversed(list(enumerate(variables)))}
     path = "Derivatives/Unknown" if version == "2" else "ContinuousStateDerivative"
-    for rate in root.findall(f"ModelStructure/{path}"):
-        try:
-            if version == "2":
-                states.append(variables[int(entries[int(rate.get("index", 0)) - 1][0].get("derivative", 0)) - 1])
-            else:
-                entry = entries[by_reference[int(rate.get("valueReference", -1))]]
-                states.append(variables[by_reference[int(entry.get("derivative", -1))]])
-        except (LookupError, ValueError):
-            raise ValueError("its structure names a derivative of no state; export the FMU again") from None
-    return states
+    try:
+        if version == "2":
+            at = [int(rate.get("index", 0)) - 1 for rate in root.findall(f"ModelStructure/{path}")]
+            for k in at or [k for k, entry in enumerate(entries) if entry[0].get("derivative")]:
+                pairs.append((variables[int(entries[k][0].get("derivative", 0)) - 1], variables[k]))
+        else:
+            for rate in root.findall(f"ModelStructure/{path}"):
+                k = by_reference[int(rate.get("valueReference", -1))]
+                pairs.append((variables[by_reference[int(entries[k].get("derivative", -1))]], variables[k]))
+    except (LookupError, ValueError):
+        raise ValueError("its structure names a derivative of no state; export the FMU again") from None
+    return pairs

@@ -27,6 +27,8 @@ NAMES = {
     ),
 }  # fmt: skip
 """FMI's names of ``calls.FUNCTIONS``, by version."""
+OF_ALL = ("SetReal", "GetReal", "SetFloat64", "GetFloat64", "Reset", "SetupExperiment", "EnterInitializationMode")
+"""Those that an FMU for co-simulation is asked for, too."""
 LOG = {
     "2": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p),
     "3": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p),
@@ -74,7 +76,8 @@ class Library:
         count = 1 if description.once else cores() + 1
         handles = [self._instance(description, folder, k) for k in range(count)]
         self._instances = count
-        self._references = [np.array([v.reference for v in group], np.uint32) for group in chosen]
+        groups = (description.states, description.rates, *chosen)
+        self._references = [np.array([v.reference for v in group], np.uint32) for group in groups]
         self._table = self._tabled(description, handles)
         place = len(_LOADED)
         if place == calls.MOST_FMUS:
@@ -87,11 +90,18 @@ class Library:
         return bool(self._table[place])
 
     def set_time(self, time_s: float) -> None:
-        """Tell all instances that are ready another time."""
+        """Tell all instances that are ready another time; for co-simulation they begin anew then."""
+        if not self._table[calls.EXCHANGE]:
+            self._table.view(np.float64)[calls.BEGINS] = time_s
+            self._rows()[:, calls.READY] = 0
+            return
         function = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_double)(self._address("SetTime"))
-        for row in self._table[calls.HEAD :].reshape(self._instances, -1):
+        for row in self._rows():
             if row[calls.READY]:
                 function(int(row[calls.HANDLE]), time_s)
+
+    def _rows(self) -> np.ndarray:
+        return self._table[calls.HEAD :].reshape(self._instances, -1)
 
     def _note(self, said: bytes | None) -> None:
         self.says = (said or b"").decode(errors="replace").strip()
@@ -114,12 +124,24 @@ class Library:
             libc = ctypes.CDLL(None) if os.name != "nt" else ctypes.cdll.msvcrt
             parts = (ctypes.cast(part, ctypes.c_void_p).value for part in (libc.calloc, libc.free))
             self._callbacks = _Callbacks(self._log, *parts, None, None)
-            given = (name, 0, token, resources.as_uri().encode(), ctypes.byref(self._callbacks), 0, 0)
+            given = (
+                name,
+                int(not description.exchange),
+                token,
+                resources.as_uri().encode(),
+                ctypes.byref(self._callbacks),
+                0,
+                0,
+            )
         else:
-            make = self._library.fmi3InstantiateModelExchange
             where = f"{resources}{os.sep}".encode()
-            no = ctypes.c_bool(False)
-            given = (name, token, where, no, no, empty, self._log)
+            no, none = ctypes.c_bool(False), ctypes.c_size_t(0)
+            if description.exchange:
+                make = self._library.fmi3InstantiateModelExchange
+                given = (name, token, where, no, no, empty, self._log)
+            else:
+                make = self._library.fmi3InstantiateCoSimulation
+                given = (name, token, where, no, no, no, no, empty, none, empty, self._log, empty)
         make.restype = ctypes.c_void_p
         handle = make(*given)
         if not handle:
@@ -128,13 +150,14 @@ class Library:
 
     def _tabled(self, description: Description, handles: Sequence[int]) -> np.ndarray:
         """Head and rows as ``calls`` has them, in words."""
-        sizes = [len(references) for references in self._references]
+        sizes = [len(references) for references in self._references[2:]]
         head = np.zeros(calls.HEAD, np.int64)
-        head[: calls.OF_INPUTS] = (
-            int(self._version), len(handles), len(description.states), *sizes, description.indicators
+        exchange = bool(description.exchange)
+        head[: calls.OF_STATES] = (
+            int(self._version), exchange, len(handles), len(description.states), *sizes, description.indicators
         )  # fmt: skip
-        head[calls.OF_INPUTS : calls.SET_REALS] = [references.ctypes.data for references in self._references]
-        names = NAMES[self._version]
+        head[calls.OF_STATES : calls.SET_REALS] = [references.ctypes.data for references in self._references]
+        names = [name if exchange or name in OF_ALL else "" for name in NAMES[self._version]]
         head[calls.SET_REALS : calls.SET_REALS + len(names)] = [self._address(name) for name in names]
         rows = np.zeros((len(handles), calls.THETA + sizes[2]), np.int64)
         rows[:, calls.HANDLE] = handles

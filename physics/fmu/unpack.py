@@ -77,7 +77,7 @@ def binary(description: Description, folder: Path) -> Path:
         ValueError: one line: none for this platform; it says for which there are.
     """
     wanted = platform_of(description.version)
-    file = folder / "binaries" / wanted / f"{description.exchange}{SUFFIX[sys.platform]}"
+    file = folder / "binaries" / wanted / f"{description.identifier}{SUFFIX[sys.platform]}"
     if not file.is_file():
         there = sorted(p.name for p in (folder / "binaries").glob("*")) or ["no platform"]
         raise ValueError(f"has no binary for {wanted}, but for {', '.join(there)}; export it for this platform")

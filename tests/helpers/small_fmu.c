@@ -1,4 +1,4 @@
-/* A small FMU for model exchange, FMI 2.0 or 3.0. The header beside it has its sizes and equations. */
+/* A small FMU, FMI 2.0 or 3.0, for model exchange or for co-simulation that is never stepped. The header beside it has its sizes and equations. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,6 +21,7 @@ enum { OK = 0, ERROR = 3 };
 typedef struct {
     double v[NX + NX + NU + NY + NP + 1]; /* states, rates, inputs, outputs, parameters, time */
     int settled;                          /* what the relation was at the last event */
+    int co;                               /* an instance for co-simulation */
 } Small;
 
 static void solve(Small *m) {
@@ -32,15 +33,17 @@ static void begin(Small *m) {
     memcpy(m->v, start, sizeof m->v);
     m->settled = 0;
 }
-static void *make(const char *token) {
+static void *make(const char *token, int co) {
     Small *m = strcmp(token, TOKEN) ? NULL : malloc(sizeof *m);
-    if (m) begin(m);
+    if (!m) return NULL;
+    begin(m);
+    m->co = co;
     return m;
 }
 static int set(Small *m, const unsigned *r, size_t n, const double *values) {
     for (size_t i = 0; i < n; i++) {
         if (r[i] >= NX + NX + NU + NY + NP) return ERROR;
-        m->v[r[i]] = values[i];
+        if (TELLS || !m->co || r[i] >= NX) m->v[r[i]] = values[i];
     }
     return OK;
 }
@@ -61,7 +64,7 @@ static int update(Small *m, Truth *jumped, Truth *timed) {
 
 OUT void NAME(FreeInstance)(Small *m) { free(m); }
 OUT int NAME(Reset)(Small *m) { begin(m); return OK; }
-OUT int NAME(ExitInitializationMode)(Small *m) { (void)m; return OK; }
+OUT int NAME(ExitInitializationMode)(Small *m) { return m->co ? ERROR : OK; }
 OUT int NAME(EnterEventMode)(Small *m) { (void)m; return OK; }
 OUT int NAME(EnterContinuousTimeMode)(Small *m) { (void)m; return OK; }
 OUT int NAME(SetTime)(Small *m, double t) { m->v[NX + NX + NU + NY + NP] = t; return OK; }
@@ -77,7 +80,7 @@ OUT int NAME(GetContinuousStates)(Small *m, double *x, size_t n) {
 typedef struct { Truth needed, terminate, nominals, values, timed; double at; } Event;
 OUT void *fmi2Instantiate(const char *name, int kind, const char *guid, const char *where, const void *calls, Truth visible, Truth log) {
     (void)name; (void)where; (void)calls; (void)visible; (void)log;
-    return kind ? NULL : make(guid);
+    return kind == CO ? make(guid, kind) : NULL;
 }
 OUT int fmi2SetupExperiment(Small *m, Truth d, double tol, double t, Truth s, double end) {
     (void)d; (void)tol; (void)s; (void)end;
@@ -89,10 +92,17 @@ OUT int fmi2SetReal(Small *m, const unsigned *r, size_t n, const double *v) { re
 OUT int fmi2GetReal(Small *m, const unsigned *r, size_t n, double *v) { return get(m, r, n, v); }
 OUT int fmi2GetDerivatives(Small *m, double *dx, size_t n) { solve(m); memcpy(dx, m->v + NX, n * sizeof *dx); return STATUS; }
 #else
+#if CO
+OUT void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *where, Truth visible, Truth log, Truth events, Truth early, const unsigned *between, size_t n, void *env, void *say, void *told) {
+    (void)name; (void)where; (void)visible; (void)log; (void)events; (void)early; (void)between; (void)env; (void)say;
+    return n || told ? NULL : make(token, 1);
+}
+#else
 OUT void *fmi3InstantiateModelExchange(const char *name, const char *token, const char *where, Truth visible, Truth log, void *env, void *say) {
     (void)name; (void)where; (void)visible; (void)log; (void)env; (void)say;
-    return make(token);
+    return make(token, 0);
 }
+#endif
 OUT int fmi3EnterInitializationMode(Small *m, Truth d, double tol, double t, Truth s, double end) {
     (void)d; (void)tol; (void)s; (void)end;
     return fmi3SetTime(m, t);

@@ -30,6 +30,7 @@ class SmallFMU:
         parameters: their values.
         more: attributes of a variable's Real or Float64, by its name.
         relation: an expression that is looked at at events alone, known to the equations as ``settled``.
+        tells: in co-simulation its states can be set before it is stepped.
     """
 
     states: Mapping[str, str]
@@ -43,6 +44,7 @@ class SmallFMU:
     status: str = "OK"
     indicators: int = 0
     exchange: str = "ModelExchange"
+    tells: bool = True
     flags: str = ""
 
     def build(self, folder: Path, version: int = 2, name: str = "small") -> Path:
@@ -85,6 +87,7 @@ class SmallFMU:
             "FMI": version, "TOKEN": '"{small}"', **{name: len(group) for name, group in sizes.items()},
             "EQUATIONS": " ".join(lines), "START": f"{{{', '.join(map(repr, start))}}}", "JUMPS": in_c(self.jumps),
             "RELATION": in_c(self.relation), "TIMETABLE": self.timetable, "STATUS": in_c(self.status),
+            "CO": int(self.exchange == "CoSimulation"), "TELLS": int(self.tells),
         }  # fmt: skip
         return "".join(f"#define {name} {value}\n" for name, value in defined.items())
 

@@ -289,3 +289,11 @@ def test_what_is_offered_follows_from_the_variables():
     assert effects(MOTOR, "voltage_V") == {"backlash", "dead_zone", "dead_zone_unequal"}
     assert effects(TANKS, "out_cm3_s") == {"saturation", "dead_zone"}
     assert effects(PLANT, "m_rec_kg_s") == set()  # no flow while its amplitude is zero
+
+
+def test_sizes_on_a_machine_without_units_are_by_the_second():
+    bare = replace(MASS, states=tuple(replace(s, unit="") for s in MASS.states))
+    units = {v.name: v.unit for m in generic(bare) if not isinstance(m, Series) for v in m.parameters}
+    assert units["hardening_spring_v_m_s"] == "1/s"
+    assert units["quadratic_friction_v_m_s"] == "1/s"
+    assert not [unit for unit in units.values() if unit.startswith("/") or "//" in unit or "1^" in unit]

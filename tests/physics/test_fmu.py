@@ -6,6 +6,7 @@ import subprocess
 import sys
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +33,14 @@ def rates(x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
     return np.array([x[1], (u[0] - b * x[1] - k * np.sin(x[0])) / J])
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(
+    scope="module",
+    params=[(2, "ModelExchange"), (3, "ModelExchange"), (2, "CoSimulation"), (3, "CoSimulation")],
+    ids=str,
+)
 def file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return SWING.build(tmp_path_factory.mktemp("fmu"), request.param)
+    version, kind = request.param
+    return replace(SWING, exchange=kind).build(tmp_path_factory.mktemp("fmu"), version)
 
 
 def points(count: int, seed: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -106,10 +112,13 @@ def test_relations_hold_at_every_state_and_not_as_at_the_last_event(tmp_path: Pa
 
 LONE = SmallFMU(states={"level": "-k * level"}, outputs={"read": "level"}, parameters={"k": 0.5})
 REFUSED = {
-    "co-simulation only": SmallFMU(**{**vars(LONE), "exchange": "CoSimulation"}),
+    "tells no rates before it is stepped": SmallFMU(**{**vars(LONE), "exchange": "CoSimulation", "tells": False}),
     "authoring tool": SmallFMU(**{**vars(LONE), "flags": 'needsExecutionTool="true"'}),
     "no continuous states": SmallFMU(states={}, outputs={"read": "2.0"}),
     "depend on time": SmallFMU(**{**vars(LONE), "states": {"level": "-k * level + time"}}),
+    "its rates depend on time": SmallFMU(
+        **{**vars(LONE), "states": {"level": "-k * level + time"}, "exchange": "CoSimulation"}
+    ),
     "jump at events": SmallFMU(**{**vars(LONE), "jumps": "level < 0", "indicators": 1}),
     "timetable of events": SmallFMU(**{**vars(LONE), "timetable": 1}),
     "reports an error at its own start": SmallFMU(**{**vars(LONE), "status": "ERROR"}),
@@ -146,6 +155,7 @@ def rewritten(file: Path, old: str, new: str) -> Path:
         ('guid="{small}"', 'guid="{else}"', "makes no instance"),
         ("<Real unit", "<Integer unit", "must be a single real number"),
         ("<fmiModelDescription", "<", "is no XML"),
+        ("<ModelExchange", "<CoSimulation", "makes no instance"),
         ('modelIdentifier="small"', 'modelIdentifier="large"', "has no binary for .*, but for"),
     ],
 )

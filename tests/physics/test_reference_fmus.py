@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import re
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.small_fmu import needs_gcc
+from helpers.tiny_run import twinbench
 from scipy.integrate import solve_ivp
 
 from twinbench.physics.fmu.as_simulator import simulator_of
@@ -24,7 +28,7 @@ pytestmark = [
 WHERE = {2: "linux64", 3: "x86_64-linux"}
 REFUSED = {
     "BouncingBall": "jump at events",
-    "Clocks": "co-simulation only",
+    "Clocks": "tells no rates",
     "Feedthrough": "no continuous states",
     "Resource": "no continuous states",
     "Stair": "no continuous states",
@@ -32,14 +36,19 @@ REFUSED = {
 }
 
 
-def built(model: str, version: int, folder: Path) -> Path:
+def built(model: str, version: int, folder: Path, but: str = "") -> Path:
+    """The FMU, built in a folder; its description without one of its kinds."""
     inside = SOURCES / model
     library, file = folder / f"{model}.so", folder / f"{model}_{version}.fmu"
     code = [inside / "model.c", SOURCES / "src" / f"fmi{version}Functions.c", SOURCES / "src" / "cosimulation.c"]
     flags = ["-O2", "-shared", "-fPIC", f"-DFMI_VERSION={version}", "-DDISABLE_PREFIX", "-I", SOURCES / "include"]
     subprocess.run(["gcc", *flags, "-I", inside, "-o", library, *code, "-lm"], check=True)
     with zipfile.ZipFile(file, "w") as archive:
-        archive.write(inside / f"FMI{version}.xml", "modelDescription.xml")
+        text = (inside / f"FMI{version}.xml").read_text()
+        if but:
+            text, found = re.subn(rf"<{but}\b([^<]*?/>|.*?</{but}>)", "", text, flags=re.S)
+            assert found == 1
+        archive.writestr("modelDescription.xml", text)
         archive.write(library, f"binaries/{WHERE[version]}/{model}.so")
     return file
 
@@ -74,6 +83,38 @@ def test_trajectories_are_those_of_the_equations(model: str, version: int, tmp_p
     )
     x, _ = simulate(found, np.empty((1, time_s.size, 0)), start, dt_s=time_s[1], substeps=4)
     np.testing.assert_allclose(x[0], exact.y.T, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("model", "version"), [m for m in offered() if m[0] not in REFUSED])
+def test_one_for_co_simulation_that_tells_its_rates_is_the_same_simulator(
+    model: str, version: int, tmp_path: Path
+) -> None:
+    exchange = simulator_of(built(model, version, tmp_path))
+    (tmp_path / "co").mkdir()
+    co = simulator_of(built(model, version, tmp_path / "co", but="ModelExchange"))
+    rng, theta = np.random.default_rng(0), exchange.theta()
+    for _ in range(20):
+        x = np.array([s.nominal + 0.3 * s.scale * rng.normal() for s in exchange.states])
+        u = np.array([v.nominal for v in exchange.inputs])
+        np.testing.assert_array_equal(co.rhs(x, u, theta), exchange.rhs(x, u, theta))  # type: ignore[misc]
+        np.testing.assert_array_equal(co.output(x, u, theta), exchange.output(x, u, theta))
+
+
+def test_a_cubic_term_concealed_in_one_of_them_is_found(tmp_path: Path) -> None:
+    file, cubic, rng = built("VanDerPol", 2, tmp_path), 0.1, np.random.default_rng(3)
+    time_s, days = np.arange(0.0, 40.0, 0.05), []
+    for k, start in enumerate([(0.1, 0.0), (3.0, 0.0), (-1.0, 2.5), (0.5, -3.0)]):
+        truth = solve_ivp(
+            lambda _, x: EQUATIONS["VanDerPol"](x, 1.0) - np.array([0.0, cubic * x[0] ** 3]),
+            (0.0, 40.0), start, t_eval=time_s, rtol=1e-9, atol=1e-9,
+        )  # fmt: skip
+        read = truth.y + 0.01 * rng.standard_normal(truth.y.shape)
+        days.append(tmp_path / f"day{k}.csv")
+        pd.DataFrame({"time_s": time_s, "x0": read[0], "x1": read[1]}).to_csv(days[-1], index=False)
+    status = twinbench("mismatch", file, *days[:3], "--hold-out", days[3], "--out", tmp_path / "found")
+    (finding,) = json.loads((tmp_path / "found" / "verdict.json").read_text())["findings"]
+    assert (status, finding["mechanism"]) == (10, "hardening_spring@x1")
+    assert finding["parameters"]["hardening_spring_x1"]["value"] == pytest.approx(cubic, rel=0.05)
 
 
 def test_all_of_them_are_here() -> None:
