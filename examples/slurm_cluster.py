@@ -21,6 +21,7 @@ JOB = {
     "walltime": "04:00:00",  # longer than the longest cell takes
     "job_name": "twinbench",
     "log_directory": "slurm_logs",
+    "scheduler_options": {"dashboard_address": ":0"},  # any free port; others use this machine, too
     # What your site asks for besides:
     # "queue": "normal",
     # "account": "my_project",

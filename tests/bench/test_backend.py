@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 from helpers.tiny_run import comparable, run_arguments, run_here, twinbench, write_estimator, write_profile
 
-distributed = pytest.importorskip("distributed")
+dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
 
 DIES = """
         import os, pathlib
@@ -32,8 +32,14 @@ def _quick() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
-    """The scheduler's address of a cluster of two processes, which nobody starts again once they are killed."""
-    with distributed.LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as cluster:
+    """The scheduler's address of a cluster of two processes, which nobody starts again once they are killed.
+
+    It gives an item up that loses one worker. So Twinbench has to ask for it again.
+    """
+    with (
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as cluster,
+    ):
         command = [sys.executable, "-m", "dask", "worker", cluster.scheduler_address, "--no-nanny", "--nthreads", "1"]
         workers = [subprocess.Popen(command, stderr=subprocess.DEVNULL) for _ in range(2)]
         try:

@@ -55,7 +55,7 @@ def threads(request: pytest.FixtureRequest) -> Iterator[None]:
     distributed = pytest.importorskip("distributed")
     with (
         distributed.LocalCluster(
-            n_workers=1, threads_per_worker=request.param, processes=False, dashboard_address=None
+            n_workers=1, threads_per_worker=request.param, processes=False, dashboard_address=":0"
         ) as cluster,
         working_on("dask", cluster.scheduler_address),
     ):
