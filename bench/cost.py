@@ -61,11 +61,11 @@ def _rates(folder: Path, todo: Sequence[Cell], machine: str) -> dict[tuple[str, 
         if profile.get("machine", COMPRESSOR.name) != machine:
             return {}
         table = earlier.rows("cost.csv", ())
-        took_s = pd.to_numeric(table["cpu_s"]).groupby([table["stage"], table["estimator"]]).mean().dropna()
+        table = table.assign(cpu_s=pd.to_numeric(table["cpu_s"])).groupby(["stage", "estimator"])["cpu_s"].mean()
         whole = {_whole(cell): cell for cell in todo}
         return {
             (stage, name): s / _size(stage, whole[name], profile)
-            for (stage, name), s in took_s.items()
+            for stage, name, s in table.dropna().reset_index().to_numpy()
             if name in whole
         }
     except (BadInput, LookupError, TypeError, ValueError, ZeroDivisionError):
