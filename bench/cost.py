@@ -61,11 +61,12 @@ def _rates(folder: Path, todo: Sequence[Cell], machine: str) -> dict[tuple[str, 
         if profile.get("machine", COMPRESSOR.name) != machine:
             return {}
         table = earlier.rows("cost.csv", ())
-        table = table.assign(cpu_s=pd.to_numeric(table["cpu_s"])).groupby(["stage", "estimator"])["cpu_s"].mean()
+        table = table.assign(cpu_s=pd.to_numeric(table["cpu_s"]))
+        took_s = table.groupby(["stage", "estimator"])["cpu_s"].mean().dropna()
         whole = {_whole(cell): cell for cell in todo}
         return {
             (stage, name): s / _size(stage, whole[name], profile)
-            for stage, name, s in table.dropna().reset_index().to_numpy()
+            for stage, name, s in took_s.reset_index().to_numpy()
             if name in whole
         }
     except (BadInput, LookupError, TypeError, ValueError, ZeroDivisionError):

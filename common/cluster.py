@@ -25,7 +25,7 @@ from twinbench.common.versions import own_source
 
 CONNECT_S = 5.0
 """So long a scheduler may take to answer."""
-_LOOK_S = 1.0  # how often it is looked whether there are workers
+_GLANCE_S = 1.0  # how often it is looked whether there are workers
 _CLIENT: ContextVar[Any] = ContextVar("client", default=None)
 _OTHER_CODE = "{} has not the Twinbench, or the libraries, of this machine; install the same and start it again"
 
@@ -141,7 +141,7 @@ def _ended(going: Mapping[Any, int]) -> Any:
     from distributed import wait
 
     try:
-        return wait(list(going), timeout=_LOOK_S, return_when="FIRST_COMPLETED").done
+        return wait(list(going), timeout=_GLANCE_S, return_when="FIRST_COMPLETED").done
     except TimeoutError:
         return ()
 
