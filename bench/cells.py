@@ -53,6 +53,9 @@ class Cell:
     estimates: str
     settings: tuple[tuple[str, Any], ...]
 
+    def __str__(self) -> str:
+        return f"{self.estimator}, seed {self.seed}"
+
 
 @dataclass(frozen=True)
 class Outcome:

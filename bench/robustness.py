@@ -58,6 +58,9 @@ class Trial:
     condition: Condition
     key: str
 
+    def __str__(self) -> str:
+        return f"{self.cell}, {self.condition.name}"
+
 
 def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
     """Every condition for every estimator with every seed, once where seeds share what they learnt; for the proposed

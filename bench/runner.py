@@ -6,18 +6,17 @@ import contextlib
 import logging
 import operator
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import joblib
 import pandas as pd
 from rich.console import Console
 
 from twinbench.bench import cells, robustness, run_files, scenes
 from twinbench.bench.cells import Cell, Outcome
+from twinbench.bench.cost import foretold
 from twinbench.bench.earlier import Earlier, read_earlier, what_differs
 from twinbench.bench.latency import estimators as latency
 from twinbench.bench.profile import Profile
@@ -31,7 +30,6 @@ from twinbench.bench.statistics.health import true_start_held
 from twinbench.bench.statistics.scores import score
 from twinbench.common.errors import BadInput
 from twinbench.common.filespec import join_spec, split_spec
-from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, sweep
 from twinbench.common.workers import side_by_side
@@ -70,27 +68,16 @@ class Wanted:
     resume: bool = True
 
 
-@dataclass(frozen=True)
-class Backend:
-    """Where the cells run: in processes of this machine ("local"), or on the cluster of a Dask scheduler ("dask")."""
-
-    name: str = "local"
-    scheduler: str = ""
-
-    @property
-    def local(self) -> bool:
-        return self.name == "local"
-
-
 def run(
     profile: Profile,
     out: Path,
     wanted: Wanted = Wanted(),
-    backend: Backend = Backend(),
     command: str = "",
     console: Console | None = None,
 ) -> Finished:
     """Run a profile into ``out``, beside what is there. Rows of estimators that are not run stay.
+
+    It is run in processes of this machine, or on the cluster that ``common.cluster.working_on`` names.
 
     Raises:
         BadInput: an unknown estimator or setting, a folder that cannot be written to, or some estimators alone
@@ -101,15 +88,13 @@ def run(
     load_machine(profile.machine)  # tried before anything is written
     todo = plan(profile, wanted.only, wanted.ablations)
     before = _before(out, profile, todo[0].data, bool(wanted.only), wanted.resume)
-    with _workers(backend, len(todo)) as processes:
-        check_writable(out)
-        sweep(out)
-        if not wanted.resume:
-            _forget(store, profile, todo if wanted.only else None)
-        _say_plan(console, profile, todo, store, out, before)
-        with Progress(console) as progress:
-            stages = _Stages(progress, processes, backend.local)
-            ran = _chain(stages, store, profile, todo, wanted.harder)
+    check_writable(out)
+    sweep(out)
+    if not wanted.resume:
+        _forget(store, profile, todo if wanted.only else None)
+    _say_plan(console, profile, todo, store, out, before)
+    with Progress(console) as progress:
+        ran = _chain(_Stages(progress, out), store, profile, todo, wanted.harder)
     ran = replace(ran, command=command, unchanged=before.unchanged(todo) if wanted.resume else set())
     run_files.write(out, before, store, ran)
     return Finished(ran.failed, write_report(out))
@@ -120,8 +105,7 @@ class _Stages:
     """The parts of a run, each over all its items, and the seconds that each took."""
 
     progress: Progress
-    processes: int
-    local: bool
+    out: Path
     walls: dict[str, float] = field(default_factory=dict)
 
     def over(self, name: str, work: Any, *arguments: Any) -> list[Any]:
@@ -129,12 +113,13 @@ class _Stages:
         *common, items = arguments
         results = []
         with self.timed(name), self.progress.stage(name, len(items)) as going:
-            for result in side_by_side(work, [(*common, i) for i in items], self.processes, self.local):
+            # Recordings, which are simulated as one item, are named by no more than their key.
+            several = {name if isinstance(item, str) else f"{name}: {item}": (*common, item) for item in items}
+            for result in side_by_side(work, several, self.progress.say, self.out):
                 results.append(result)
                 going.step()
                 if isinstance(result, Outcome):
-                    cell = result.cell
-                    log.info("%s: %s, seed %d: %s", name, cell.estimator, cell.seed, result.reason or "done")
+                    log.info("%s: %s: %s", name, result.cell, result.reason or "done")
         return results
 
     @contextlib.contextmanager
@@ -291,7 +276,7 @@ def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store
         + f"\nseeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
         f"calibrated on {data.n_calibration}, "
-        f"tested on {data.n_test + data.n_single} others\n"
+        f"tested on {data.n_test + data.n_single} others\n{foretold(todo, profile, store, out)}\n"
         f"results in {out}"
         + (f"; {done} of {len(todo)} cells are there from an earlier run" if done else "")
         + (f"; beside {names_of(map(label, beside))}, whose rows stay" if beside else ""),
@@ -299,28 +284,3 @@ def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store
         markup=False,
         soft_wrap=True,
     )
-
-
-@contextlib.contextmanager
-def _workers(backend: Backend, most: int) -> Iterator[int]:
-    """joblib's own processes, no more than ``most``, or those of a Dask cluster; yields how many for joblib."""
-    if backend.local:
-        with warnings.catch_warnings(), joblib.parallel_config(backend="loky"):
-            # loky starts a process anew once it holds much memory. Loaded sequences do that; nothing is lost.
-            warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
-            yield min(cores(), most)
-        return
-    if not backend.scheduler:
-        raise BadInput("--backend dask needs --scheduler ADDRESS, for example tcp://10.0.0.5:8786")
-    try:
-        from distributed import Client
-
-        client = Client(backend.scheduler, timeout="10s")
-    except ImportError as error:
-        raise BadInput("--backend dask needs Dask; install it with: pip install 'twinbench[dask]'") from error
-    except (OSError, ValueError) as error:
-        raise BadInput(
-            f"no Dask scheduler answers at {backend.scheduler!r}; check the address and that it runs"
-        ) from error
-    with client, joblib.parallel_config(backend="dask"):
-        yield -1

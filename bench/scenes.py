@@ -28,6 +28,9 @@ class Take:
     recordings: str
     key: str
 
+    def __str__(self) -> str:
+        return f"{self.cell}, {self.scene}"
+
 
 def ensure_recordings(store: Store, profile: Profile, key: str) -> None:
     """Simulate the scenes unless they are there."""

@@ -6,7 +6,7 @@ import json
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import optuna
 import pandas as pd
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
-from optuna.trial import TrialState
+from optuna.trial import FrozenTrial, Trial, TrialState
 from rich.console import Console
 
 from twinbench.bench import cells
@@ -30,6 +30,7 @@ from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, write_csv, write_text
 from twinbench.common.versions import provenance
+from twinbench.common.workers import side_by_side
 from twinbench.machines.load import load_machine, machine_at
 from twinbench.methods.estimator import Estimator
 
@@ -39,6 +40,9 @@ MOST_TRIALS = 10_000
 """More is a slip of the finger."""
 EVALUATION = Evaluation(stride=10)
 TUNE_SEED = 0
+
+_Asked = tuple[str, int]
+"""An estimator's name, and a trial's number."""
 
 
 def errors_of(subject: Subject) -> tuple[tuple[str, ...], ...]:
@@ -86,58 +90,111 @@ def searched(
     return kind, own, {name: search_space(kind, name, own[name]) for name in names}
 
 
+@dataclass(frozen=True)
+class _Search:
+    """The trials of one estimator.
+
+    Attributes:
+        own: its settings in the profile.
+        spaces: what is searched, and where.
+        randomly: so many trials are drawn at random; each later one learns from all before it.
+    """
+
+    spec: str
+    kind: type[Estimator]
+    own: Mapping[str, Any]
+    spaces: Mapping[str, Sequence[Any]]
+    study: optuna.Study
+    randomly: int
+
+    @property
+    def finished(self) -> list[FrozenTrial]:
+        return self.study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+
+    def ask(self, trials: int) -> list[tuple[Trial, dict[str, Any]]]:
+        """The next trials, of ``trials`` in all, and their settings: those that no other's outcome decides.
+
+        The first is alone: others may share its training.
+        """
+        done = len(self.finished)
+        count = max(min(self.randomly, trials) - done, 1) if done else 1
+        asked = [self.study.ask() for _ in range(count if done < trials else 0)]
+        defaults = self.kind.settings
+        return [(t, {n: _suggest(t, n, defaults[n], space) for n, space in self.spaces.items()}) for t in asked]
+
+
 def tune(
-    spec: str, profile: Profile, out: Path, trials: int, console: Console, command: str = "", online: bool = False
-) -> str:
-    """Try settings out of an estimator's search space until there are ``trials`` of them, earlier ones counted.
+    specs: Sequence[str],
+    profile: Profile,
+    out: Path,
+    trials: int,
+    console: Console,
+    command: str = "",
+    online: bool = False,
+) -> list[str]:
+    """Try settings out of estimators' search spaces until each has had ``trials`` of them, earlier ones counted.
 
     The first trial is the profile's own settings. With ``online`` only those settings vary that act after training,
-    so that one training serves all trials and may be as long as the benchmark's.
+    so that one training serves all trials and may be as long as the benchmark's. Trials that do not learn from each
+    other are done side by side: the random ones, and those of different estimators.
 
     Writes ``NAME.csv``, one row a trial, ``NAME.toml``, the best as a profile's section, and ``NAME.json``, what
     made them.
 
     Returns:
-        What ``NAME.toml`` holds.
+        What each ``NAME.toml`` holds.
 
     Raises:
         BadInput: nothing to tune, settings that the estimator does not have, or ``out`` cannot be written to.
     """
     if not 1 <= trials <= MOST_TRIALS:
         raise BadInput(f"--trials is {trials}, must lie in [1, {MOST_TRIALS}]")
-    kind, own, spaces = searched(spec, profile, online)
+    for spec in specs:  # all that is wrong is said before the first takes its hours
+        searched(spec, profile, online)
+    profile = replace(profile, seeds=(TUNE_SEED,))
     subject = subject_of(load_machine(profile.machine))
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
-    store = Store(out / "store")
     optuna.logging.set_verbosity(logging.WARNING)
+    searches = {search.kind.name: search for search in (_search(s, profile, out, trials, online) for s in specs)}
+    began, store, key = time.time(), Store(out / "store"), cells.data_key(profile)
+    done = sum(min(len(search.finished), trials) for search in searches.values())
+    with Progress(console) as progress, progress.stage("tune", trials * len(searches), done) as going:
+        list(side_by_side(cells.ensure_data, {"simulate": (store, profile, key)}, progress.say, out))
+        while asked := {(name, t.number): (t, own) for name, s in searches.items() for t, own in s.ask(trials)}:
+            several = {
+                f"tune: {name}, trial {number}": ((name, number), searches[name].spec, _set(profile, name, own), store)
+                for (name, number), (_, own) in asked.items()
+            }
+            for (name, number), means in side_by_side(_measure, several, progress.say, out):
+                trial, _ = asked[name, number]
+                for metric, value in means.items():
+                    trial.set_user_attr(metric, value)
+                searches[name].study.tell(trial, _merit_of(subject, means))
+                going.step()
+    facts = {"command": command, "wall_s": round(time.time() - began, 1)}
+    return [_write(search, subject, out, facts) for search in searches.values()]
+
+
+def _search(spec: str, profile: Profile, out: Path, trials: int, online: bool) -> _Search:
+    """An estimator's trials, with what an earlier run left of them; what that one had not finished comes first."""
+    kind, own, spaces = searched(spec, profile, online)
+    randomly = max(4, trials // 4)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(out / f"{kind.name}.journal"))),
-        study_name=cells.make_cell(spec, TUNE_SEED, replace(profile, seeds=(TUNE_SEED,))).fit,
-        sampler=optuna.samplers.TPESampler(seed=TUNE_SEED, multivariate=True, n_startup_trials=max(4, trials // 4)),
+        study_name=cells.make_cell(spec, TUNE_SEED, profile).fit,
+        sampler=optuna.samplers.TPESampler(seed=TUNE_SEED, multivariate=True, n_startup_trials=randomly),
         load_if_exists=True,
     )
+    for left in study.get_trials(states=(TrialState.RUNNING,)):
+        study.enqueue_trial(left.params)
+        study.tell(left.number, state=TrialState.FAIL)
     if not study.trials:
         study.enqueue_trial({name: own[name] for name in spaces})
-    began = time.time()
-    before = len(_finished(study))
-    with Progress(console) as progress, progress.stage(f"tune {kind.name}", trials, min(before, trials)) as going:
-        while len(_finished(study)) < trials:
-            trial = study.ask()
-            chosen = {name: _suggest(trial, name, kind.settings[name], space) for name, space in spaces.items()}
-            means = _measure(spec, kind, replace(profile, seeds=(TUNE_SEED,)), chosen, store)
-            for name, value in means.items():
-                trial.set_user_attr(name, value)
-            study.tell(trial, _merit_of(subject, means))
-            going.step(len(_finished(study)) - going.done)
-    return _write(kind, subject, study, out, {"command": command, "wall_s": round(time.time() - began, 1)})
+    return _Search(spec, kind, own, spaces, study, randomly)
 
 
-def _finished(study: optuna.Study) -> list[optuna.trial.FrozenTrial]:
-    return study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-
-
-def _suggest(trial: optuna.Trial, name: str, default: Any, space: Sequence[float]) -> Any:
+def _suggest(trial: Trial, name: str, default: Any, space: Sequence[float]) -> Any:
     if isinstance(space, list):
         return trial.suggest_categorical(name, space)
     low, high = space
@@ -146,34 +203,34 @@ def _suggest(trial: optuna.Trial, name: str, default: Any, space: Sequence[float
     return trial.suggest_float(name, low, high, log=True)
 
 
-def _measure(
-    spec: str, kind: type[Estimator], profile: Profile, chosen: dict[str, Any], store: Store
-) -> dict[str, Any]:
-    """What the merit of some settings on the validation sequences is made of, or why they failed."""
-    own = {**profile.settings.get(kind.name, {}), **chosen}
-    profile = replace(profile, settings={**profile.settings, kind.name: own})
+def _measure(asked: _Asked, spec: str, profile: Profile, store: Store) -> tuple[_Asked, dict[str, Any]]:
+    """What the merit of a profile's settings on the validation sequences is made of, or why they failed."""
     cell = cells.make_cell(spec, TUNE_SEED, profile)
     began = time.perf_counter()
-    cells.ensure_data(store, profile, cell.data)
     outcome = cells.fit(store, profile, cell)
     if outcome.reason:
-        return {"failed": outcome.reason}
+        return asked, {"failed": outcome.reason}
     validation = cells.load_split(store, cell).validation
     try:
         estimates = evaluate(cells.load_fit(store, cell), validation.without_truth(), EVALUATION, TUNE_SEED)
     except FloatingPointError as error:
-        return {"failed": str(error)}
+        return asked, {"failed": str(error)}
     table = score(estimates, validation).groupby("metric")["value"].mean()
     subject = subject_of(machine_at(profile.machine))
     wanted = (*(m for metrics in errors_of(subject) for m in metrics), *coverages_of(subject))
     means = {m: float(table[m]) for m in wanted}
     if not np.isfinite(merit(subject, means)):
-        return {"failed": "an error is no number"}
-    return {**means, "seconds": round(time.perf_counter() - began, 1)}
+        return asked, {"failed": "an error is no number"}
+    return asked, {**means, "seconds": round(time.perf_counter() - began, 1)}
 
 
-def _write(kind: type[Estimator], subject: Subject, study: optuna.Study, out: Path, facts: dict[str, Any]) -> str:
-    done = _finished(study)
+def _set(profile: Profile, name: str, own: Mapping[str, Any]) -> Profile:
+    """The profile with other settings of an estimator."""
+    return replace(profile, settings={**profile.settings, name: {**profile.settings.get(name, {}), **own}})
+
+
+def _write(search: _Search, subject: Subject, out: Path, facts: dict[str, Any]) -> str:
+    kind, done = search.kind, search.finished
     merits = [_merit_of(subject, t.user_attrs) for t in done]
     rows = zip(done, merits, strict=True)
     table = pd.DataFrame([{"trial": t.number, **t.params, "merit": value, **_measured(t)} for t, value in rows])
@@ -192,7 +249,7 @@ def _merit_of(subject: Subject, measured: Mapping[str, Any]) -> float:
     return FAILED if "failed" in measured else merit(subject, measured)
 
 
-def _measured(trial: optuna.trial.FrozenTrial) -> dict[str, Any]:
+def _measured(trial: FrozenTrial) -> dict[str, Any]:
     """What was measured; a journal may hold the merit that counted when it was written."""
     return {name: value for name, value in trial.user_attrs.items() if name != "merit"}
 

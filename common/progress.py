@@ -148,6 +148,13 @@ class Progress:
         assert self._now is not None
         self._now.done = max(self._now.done, share)
 
+    def say(self, line: str) -> None:
+        """Something that happened, above the bars or between the lines."""
+        if log.isEnabledFor(logging.INFO):
+            log.warning(line)
+        else:
+            self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+
     def _begin(self, stage: Stage) -> Stage:
         self._now = self._stages[stage.name] = stage
         if self._bars:
@@ -199,7 +206,7 @@ class Progress:
         if log.isEnabledFor(logging.INFO):
             log.info(line)
         elif self._bars is None:
-            self.console.print(line, highlight=False, markup=False, soft_wrap=True)
+            self.say(line)
 
 
 def each(name: str, several: Sequence[T]) -> Iterator[T]:

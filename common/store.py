@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twinbench.common.attempts import AT_WORK
 from twinbench.common.errors import BadInput
 
 if TYPE_CHECKING:
@@ -107,6 +108,8 @@ def sweep(out: Path) -> None:
     for folder in ("", "tables/", "figures/", "store/*/*/"):
         for beside in out.glob(f"{folder}.*{PARTIAL}"):
             beside.unlink(missing_ok=True)
+    for marks in out.glob(f".{AT_WORK}*"):
+        shutil.rmtree(marks, ignore_errors=True)
 
 
 @contextlib.contextmanager

@@ -19,6 +19,13 @@ def pin() -> None:
         os.environ.setdefault(name, "1")
 
 
+def pin_loaded() -> None:
+    """The same for libraries that came before ``pin``: whoever runs this process had them loaded."""
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)
+
+
 def pin_torch() -> None:
     """The same for torch once it may be imported; deterministic algorithms as well."""
     import torch

@@ -39,6 +39,16 @@ def source_version(checkout: Path) -> str:
 
 
 @functools.cache
+def own_source() -> str:
+    """sha256 over all source of this Twinbench, wherever it is installed, and its libraries' versions."""
+    root = Path(sys.modules[PACKAGE].__file__ or "").parent
+    rooms = [folder for folder in root.iterdir() if (folder / "__init__.py").is_file()]
+    files = {str(path.relative_to(root)): path for room in rooms for path in room.rglob("*.py")}
+    libraries = "".join(f"{name}=={importlib.metadata.version(name)}" for name in LIBRARIES)
+    return _hashed(files, last=libraries.encode())
+
+
+@functools.cache
 def _version(module: str, source: bytes) -> str:
     libraries = "".join(f"{name}=={importlib.metadata.version(name)}" for name in LIBRARIES[:4])
     return _hashed({name: Path(path) for name, path in _closure(module).items()}, source, libraries.encode())

@@ -1,4 +1,7 @@
-"""Work in processes side by side; none of them is left behind, and one that is killed is told in one line."""
+"""Work in processes side by side, here or on a cluster: an item whose worker dies goes to another one.
+
+No process of this machine is left behind.
+"""
 
 from __future__ import annotations
 
@@ -7,46 +10,96 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator
+import tempfile
+import warnings
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 from typing import Any
 
 import joblib
 
-from twinbench.common.jobs import VARIABLE
+from twinbench.common.attempts import AT_WORK, Done, at_work, attempt
+from twinbench.common.cluster import current, on_cluster
+from twinbench.common.errors import WorkerKilled
+from twinbench.common.jobs import VARIABLE, cores
 from twinbench.common.orphans import end_with_parent
 
-
-class WorkerKilled(RuntimeError):
-    """A worker process ended in mid-work: killed, out of memory, or a crash in compiled code."""
+Several = Mapping[str, tuple[Any, ...]]
+"""Arguments of a function, by what the item is called."""
 
 
 def side_by_side(
-    work: Callable[..., Any], several: Iterable[tuple[Any, ...]], jobs: int, local: bool = True
+    work: Callable[..., Any],
+    several: Several,
+    say: Callable[[str], object],
+    folder: Path | None = None,
+    jobs: int = 0,
 ) -> Iterator[Any]:
-    """``work(*arguments)`` for each of several arguments, results as they come.
+    """``work(*arguments)`` for each of several items, results as they come.
+
+    Work is done on the cluster that ``common.cluster.working_on`` names, else in processes of this machine. An item
+    whose worker dies is done by another one.
 
     Args:
-        jobs: processes; one: this one.
-        local: they are joblib's own, not a cluster's.
+        say: hears of each item that lost a worker, in one line.
+        folder: where the results go; all workers of a cluster have to see it.
+        jobs: processes on this machine; one: this one; 0: as many as there are cores.
 
     Raises:
-        WorkerKilled: one of them ended in mid-work.
+        BadInput: a worker of the cluster cannot be used.
+        WorkerKilled: an item lost too many workers; all others are done.
     """
-    called = functools.partial(_in_worker, os.getpid(), work) if local and jobs != 1 else work
-    parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
-    try:
-        yield from parallel(joblib.delayed(called)(*arguments) for arguments in several)
-    except BrokenProcessPool as error:
+    client = current()
+    if client is None:
+        ended = _in_processes(work, several, min(jobs or cores(), len(several)))
+    else:
+        ended = on_cluster(client, work, several, say, folder or Path())
+    given_up = []
+    for name, done in ended:
+        if done.given_up:
+            given_up.append(done.says(name))
+            continue
+        if done.lost:
+            say(done.says(name))
+        yield done.result
+    if given_up:
         raise WorkerKilled(
-            "a worker process was killed, perhaps because memory ran out; run the same command again to go on from "
-            "what is finished, with --jobs 1 if it happens again"
-        ) from error
+            f"{'; '.join(given_up)}. Perhaps memory ran out; run the same command again to go on from what is finished"
+        )
 
 
-def _in_worker(parent: int, work: Callable[..., Any], *arguments: Any) -> Any:
+def _in_processes(work: Callable[..., Any], several: Several, jobs: int) -> Iterator[tuple[str, Done]]:
+    if jobs <= 1:
+        for name, arguments in several.items():
+            yield name, Done((), work(*arguments))
+        return
+    left = dict(enumerate(several.items()))
+    # loky starts a process anew once it holds much memory. Loaded sequences do that; nothing is lost.
+    with tempfile.TemporaryDirectory(prefix=AT_WORK, ignore_cleanup_errors=True) as folder, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
+        marks, suspects = Path(folder), list[int]()
+        while left:
+            # All that were at work end with the one that dies. Each is tried alone: then it is known who dies.
+            calls = [
+                joblib.delayed(_in_worker)(os.getpid(), marks, number, work, left[number][1])
+                for number in suspects[:1] or left
+            ]
+            try:
+                for number, done in joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")(calls):
+                    name, _ = left.pop(number)
+                    yield name, done
+            except BrokenProcessPool as error:
+                if not any(at_work(marks, number) for number in left):
+                    raise WorkerKilled("worker processes die before they begin; perhaps memory ran out") from error
+            suspects = [number for number in left if at_work(marks, number)]
+
+
+def _in_worker(
+    parent: int, marks: Path, number: int, work: Callable[..., Any], arguments: tuple[Any, ...]
+) -> tuple[int, Done]:
     _settle_in(parent)
-    return work(*arguments)
+    return number, attempt(marks, number, f"process {os.getpid()}", lambda: work(*arguments))
 
 
 @functools.cache

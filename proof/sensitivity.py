@@ -22,7 +22,6 @@ import pandas as pd
 from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.versions import code_version, write_manifest
@@ -182,9 +181,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"twinbench.proof.sensitivity: {error}", file=sys.stderr)
         return 2
     items = cases(asked.cases, asked.seed)
-    several = [(item, asked.seed, out) for item in items]
+    several = {f"case {item.case}": (item, asked.seed, out) for item in items}
     with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
-        for _ in side_by_side(tried, several, min(asked.jobs or cores(), len(items))):
+        for _ in side_by_side(tried, several, progress.say, out, asked.jobs):
             going.step(1)
     rows = [row for item in items for row in rows_of(item, asked.seed, out)]
     write_text(out / "cases.csv", pd.DataFrame(rows, columns=[*TRIAL, *COLUMNS]).to_csv(index=False))

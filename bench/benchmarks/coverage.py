@@ -33,7 +33,6 @@ from twinbench.bench.report.tables import calibrated_regimes  # noqa: E402
 from twinbench.bench.statistics.conformal import factors  # noqa: E402
 from twinbench.bench.statistics.coverage import coverage_by_regime, coverage_table  # noqa: E402
 from twinbench.bench.statistics.regimes import regimes_of  # noqa: E402
-from twinbench.common.jobs import cores  # noqa: E402
 from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
@@ -76,7 +75,7 @@ def main() -> None:
     a = parser.parse_args()
     store, cells = trained_cells(Training(a.profile, a.results), a.only)
     halves = fresh_halves(load_profile(a.profile), a.recordings // 2)
-    parts = side_by_side(judge, [(store, cell, halves) for cell in cells], min(cores(), len(cells)))
+    parts = side_by_side(judge, {str(cell): (store, cell, halves) for cell in cells}, print)
     table = coverage_table(pd.concat(list(parts), ignore_index=True))
     exact = exact_posterior.table(SEED)
     write_csv(a.out / "coverage.csv", table)

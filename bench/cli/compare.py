@@ -37,7 +37,7 @@ def run(a: argparse.Namespace) -> int:
     from twinbench.bench.estimate.apply import Training
     from twinbench.bench.report.table_formats import to_text
 
-    found = compare(Training(a.profile, a.results, a.machine), a.only, a.recordings, a.map)
+    found = compare(Training(a.profile, a.results, a.machine), a.only, a.recordings, a.map, a.out)
     write(a.out, found, command_line())
     if a.json:
         tell(a, {"comparison": rows_of(found.table.frame), "says": found.sentences, "failed": found.failed})

@@ -26,7 +26,7 @@ from twinbench.bench.cli import (
     simulate,
     tune,
 )
-from twinbench.bench.cli.parser import VERBOSE_HELP, Parser, Version
+from twinbench.bench.cli.parser import VERBOSE_HELP, Parser, Version, add_backend
 from twinbench.bench.cli.surroundings import Terminated, surroundings
 from twinbench.common.threads import pin
 
@@ -53,6 +53,8 @@ COMMANDS = {
     "completion": complete,
 }
 PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
+SPREAD = ("run", "prove", "flagship", "tune", "compare")
+"""What a cluster can do, too."""
 EPILOG = """examples:
   twinbench run --profile quick                    every estimator, in minutes
   twinbench run --only oracle nominal_ekf          two of them
@@ -105,6 +107,8 @@ def build_parser() -> argparse.ArgumentParser:
         if name in PARALLEL:
             says = "processes or threads at once (default: one per core); fewer need less memory"
             added.add_argument("--jobs", type=int, metavar="N", help=says)
+        if name in SPREAD:
+            add_backend(added)
         if name != "completion":
             added.add_argument("--json", action="store_true", help="write JSON to stdout, and nothing else")
         # After the command's name it must not undo what stands before it.
@@ -117,7 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = build_parser()
     arguments = parser.parse_args(argv)
     arguments.parser = parser
-    from twinbench.common.errors import BadInput
+    from twinbench.common.errors import BadInput, WorkerKilled
     from twinbench.common.shown import printable, shown
 
     try:
@@ -126,7 +130,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BadInput as error:
         print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 2
-    except FloatingPointError as error:
+    except (FloatingPointError, WorkerKilled) as error:
         print(f"twinbench: {printable(str(error))}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -139,12 +143,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         name = f" {shown(error.filename)}" if error.filename is not None else ""
         print(f"twinbench: cannot use{name}: {error.strerror or error}; give another path, or mend it", file=sys.stderr)
         return 2
-    except RuntimeError as error:
-        workers = sys.modules.get("twinbench.common.workers")
-        if workers is None or not isinstance(error, workers.WorkerKilled):
-            raise
-        print(f"twinbench: {error}", file=sys.stderr)
-        return 1
 
 
 def _stopped(status: int) -> int:

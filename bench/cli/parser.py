@@ -64,6 +64,21 @@ def add_draws(parser: argparse.ArgumentParser, count: str, default: int, says: s
     )
 
 
+def add_backend(parser: argparse.ArgumentParser) -> None:
+    """Where the work is done: ``--backend`` and ``--scheduler``."""
+    parser.add_argument(
+        "--backend",
+        choices=("joblib", "dask"),
+        help="work in processes of this machine (joblib, the default) or on a Dask cluster (dask)",
+    )
+    parser.add_argument(
+        "--scheduler",
+        default="",
+        metavar="ADDRESS",
+        help="the cluster's scheduler, tcp://host:port or the path of its scheduler file; stands for --backend dask",
+    )
+
+
 class Parser(argparse.ArgumentParser):
     """Usage errors in one line, as all bad input."""
 

@@ -41,15 +41,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="keep what an earlier run finished (default), or run it again",
     )
-    parser.add_argument(
-        "--backend",
-        choices=("local", "dask"),
-        default="local",
-        help="run on this machine (default) or on a Dask cluster",
-    )
-    parser.add_argument(
-        "--scheduler", default="", metavar="ADDRESS", help="address of the Dask scheduler: tcp://host:port"
-    )
 
 
 def run(a: argparse.Namespace) -> int:
@@ -58,13 +49,13 @@ def run(a: argparse.Namespace) -> int:
 
     from twinbench.bench.profile import folder_of, profile_on
     from twinbench.bench.report.table_formats import to_text
-    from twinbench.bench.runner import Backend, Wanted, run
+    from twinbench.bench.runner import Wanted, run
 
     profile = profile_on(a.profile, a.machine)
     out = a.out or folder_of(profile, a.machine)
     command = command_line()
     wanted = Wanted(tuple(a.only), a.ablations, a.robustness, a.resume)
-    finished = run(profile, out, wanted, Backend(a.backend, a.scheduler), command)
+    finished = run(profile, out, wanted, command)
     if a.json:
         page = str((out / "report.html").resolve())
         rows = rows_of(finished.comparison.frame)

@@ -21,6 +21,7 @@ class Terminated(BaseException):
 @contextlib.contextmanager
 def surroundings(a: argparse.Namespace) -> Iterator[None]:
     """Set them up for a command and take them down after it."""
+    from twinbench.common.cluster import working_on
     from twinbench.common.jobs import at_most
 
     a.stdout = sys.stdout
@@ -28,9 +29,12 @@ def surroundings(a: argparse.Namespace) -> Iterator[None]:
         if getattr(a, "json", False):
             # What a plug-in prints must not stand between what a program reads.
             stack.enter_context(contextlib.redirect_stdout(sys.stderr))
-        stack.enter_context(at_most(getattr(a, "jobs", None)))
+        jobs = getattr(a, "jobs", None)
+        stack.enter_context(at_most(jobs))
         stack.enter_context(_logging(a.verbose))
         stack.enter_context(_sigterm())
+        if hasattr(a, "backend"):
+            stack.enter_context(working_on(a.backend, a.scheduler, jobs))
         begun = time.monotonic()
         log.info("twinbench %s begins", a.command)
         yield

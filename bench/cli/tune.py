@@ -32,16 +32,10 @@ def run(a: argparse.Namespace) -> int:
     from rich.console import Console
 
     from twinbench.bench.profile import profile_on
-    from twinbench.bench.tune import searched, tune
-    from twinbench.machines.load import load_machine
+    from twinbench.bench.tune import tune
 
-    command = command_line()
     profile = profile_on(a.profile, a.machine)
-    console = Console(stderr=True)
-    load_machine(profile.machine)
-    for spec in a.estimators:  # all that is wrong is said before the first takes its hours
-        searched(spec, profile, a.online)
-    chosen = [tune(spec, profile, a.out, a.trials, console, command, a.online) for spec in a.estimators]
+    chosen = tune(a.estimators, profile, a.out, a.trials, Console(stderr=True), command_line(), a.online)
     if a.json:
         tell(a, [tomllib.loads(section)["settings"] for section in chosen])
     else:

@@ -19,8 +19,7 @@ from twinbench.bench.report.provenance import bullets, write_tables
 from twinbench.bench.report.table_formats import Table
 from twinbench.bench.statistics.subject import LEADS_S
 from twinbench.common.errors import BadInput
-from twinbench.common.jobs import cores
-from twinbench.common.progress import each
+from twinbench.common.progress import TELLS_S, Progress
 from twinbench.common.store import Store, check_writable, sha256_of, write_csv, write_text
 from twinbench.common.threads import pin_torch
 from twinbench.common.versions import write_manifest
@@ -52,7 +51,9 @@ class Compared:
     recordings: dict[str, str]
 
 
-def compare(where: Training, names: Sequence[str], paths: Sequence[Path], mapping: Sequence[str]) -> Compared:
+def compare(
+    where: Training, names: Sequence[str], paths: Sequence[Path], mapping: Sequence[str], out: Path
+) -> Compared:
     """Run the named estimators, or all that are trained, over recordings; every one is read before anything runs.
 
     Args:
@@ -60,14 +61,20 @@ def compare(where: Training, names: Sequence[str], paths: Sequence[Path], mappin
         names: of estimators.
         paths: of the recordings.
         mapping: ``COLUMN[unit]=channel``, as ``read_recording`` takes it.
+        out: where the results will go; on a cluster all workers see it.
 
     Raises:
         BadInput: one line; a recording that cannot be used, or an estimator that is not trained.
     """
     store, found = trained_cells(where, names)
     batches = read(found[0].machine, paths, mapping)
-    ran = side_by_side(_one, [(store, cell, tuple(paths), tuple(mapping)) for cell in found], cores())
-    outcomes = [next(ran) for _ in each("compare", [cell.estimator for cell in found])]
+    several = {cell.estimator: (store, cell, tuple(paths), tuple(mapping)) for cell in found}
+    ended = {}
+    with Progress(after_s=TELLS_S) as progress, progress.stage("compare", len(found)) as going:
+        for outcome in side_by_side(_one, several, progress.say, out):
+            ended[outcome[0]] = outcome
+            going.step()
+    outcomes = [ended[name] for name in several]
     failed = {name: reason for name, reason, _ in outcomes if reason}
     good = [scores for _, reason, scores in outcomes if not reason]
     if not good:

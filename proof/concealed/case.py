@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -103,7 +104,7 @@ def digest(out: Path, item: Item) -> str:
 
 
 def close(out: Path) -> None:
-    """End this process's own blind processes; a worker's end with the worker."""
+    """End this process's own blind processes of a folder; a worker's end with the worker, or with its next folder."""
     for place in [place for place in _PROCESSES if place[0] == str(out)]:
         _PROCESSES.pop(place).close()
 
@@ -131,9 +132,11 @@ def _sealed(case: Case, folder: Path) -> tuple[Sealed, bool]:
 
 def _process(out: Path, checkout: str) -> Engine:
     place = str(out), checkout
+    for other in {kept for kept, _ in _PROCESSES} - {str(out)}:  # a cluster's worker outlives a command
+        close(Path(other))
     if place not in _PROCESSES:
         elsewhere = Path(checkout).resolve() if checkout else None
-        _PROCESSES[place] = Engine(out, out / f"engine-{os.getpid()}.log", elsewhere)
+        _PROCESSES[place] = Engine(out, out / f"engine-{platform.node()}-{os.getpid()}.log", elsewhere)
     return _PROCESSES[place]
 
 

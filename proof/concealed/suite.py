@@ -14,7 +14,6 @@ import pandas as pd
 from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.style import svg
@@ -74,12 +73,12 @@ def run(study: Study, out: Path, console: Console, jobs: int = 0, command: str =
     todo = [(item, asked, left) for item, asked in plan if (left := missing(item, seed, out, asked))]
     if len(todo) < len(plan):
         console.print(f"{len(plan) - len(todo)} of {len(plan)} cases are there from an earlier run")
-    several = [(item, seed, out, asked, left) for item, asked, left in todo]
+    several = {f"case {item.case}": (item, seed, out, asked, left) for item, asked, left in todo}
     # Cases differ in how many engines they ask, so answers count.
     answers = sum(len(left) for *_, left in todo)
     try:
         with Progress(console) as progress, progress.stage("answers", answers) as going:
-            for done, asked in enumerate(side_by_side(run_case, several, min(jobs or cores(), len(todo) or 1)), 1):
+            for done, asked in enumerate(side_by_side(run_case, several, progress.say, out, jobs), 1):
                 going.step(asked)
                 going.says = f"{done} of {len(todo)} cases"
     finally:

@@ -16,7 +16,6 @@ import pandas as pd
 from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.versions import code_version, provenance
@@ -88,9 +87,9 @@ def run(
     todo = [(item, engine) for item, engine in listed if not _finished(_row_file(out, item, engine), item, seed)]
     if len(todo) < len(listed):
         console.print(f"{len(listed) - len(todo)} of {len(listed)} cases are there from an earlier run")
-    several = [(item, seed, out, engine) for item, engine in todo]
+    several = {f"case {item.name}, {engine}": (item, seed, out, engine) for item, engine in todo}
     with Progress(console) as progress, progress.stage("cases", len(todo)) as going:
-        for _ in side_by_side(run_case, several, min(jobs or cores(), len(todo) or 1)):
+        for _ in side_by_side(run_case, several, progress.say, out, jobs):
             going.step()
     return report(out, listed, seed, {"command": command, "wall_s": round(time.time() - began, 1)})
 

@@ -17,7 +17,6 @@ from typing import Any
 from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.common.jobs import cores
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, write_text
 from twinbench.common.style import svg
@@ -76,9 +75,9 @@ def _collected(asked: argparse.Namespace) -> list[dict[str, Any]]:
     check_writable(out)
     items = cases(asked.cases, seed)
     items = roughened(items, seed) if asked.rough else items
-    several = [(item, seed, out) for item in items]
+    several = {f"case {item.case}": (item, seed, out) for item in items}
     with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
-        for _ in side_by_side(collected, several, min(asked.jobs or cores(), len(items))):
+        for _ in side_by_side(collected, several, progress.say, out, asked.jobs):
             going.step(1)
     return [json.loads((out / f"{seed}-{item.case}.json").read_text()) for item in items]
 

@@ -17,6 +17,7 @@ import pytest
 from helpers.refusals import listing, refused
 from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
 
+from twinbench.common.errors import WorkerKilled
 from twinbench.machines.compressor import CHANNELS, ESTIMATED
 
 
@@ -172,6 +173,17 @@ def test_a_run_that_is_broken_off_says_how_to_go_on(
     assert "run the same command again to go on" in capsys.readouterr().err
 
 
+def test_an_item_that_kills_its_workers_is_one_line_and_status_1(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def killed(name: str) -> None:
+        raise WorkerKilled("steady, seed 0 lost 3 workers")
+
+    monkeypatch.setattr("twinbench.bench.profile.load_profile", killed)
+    assert twinbench("run") == 1
+    assert capsys.readouterr().err == "twinbench: steady, seed 0 lost 3 workers\n"
+
+
 def test_a_training_that_no_longer_fits_is_refused_with_what_differs(tiny, tmp_path, capsys, monkeypatch):
     arguments = ("estimate", tiny.spec, tiny.recording, "--results", tiny.run, "--out", tmp_path / "e", "--profile")
     longer = tmp_path / "tiny.toml"
@@ -197,6 +209,11 @@ BAD_USE = [
     (("run", "--only", "one/mine.py", "two/mine.py"), "two of the estimators are named 'mine'"),
     (("run", "--only", "one/mine.py", "--out", "file/out"), "cannot write file/out/.writable: Not a directory"),
     (("run", "--only", "one/mine.py", "--backend", "dask"), "--backend dask needs --scheduler ADDRESS"),
+    (("tune", "oracle", "--backend", "joblib", "--scheduler", "tcp://x:1"), "--scheduler is for --backend dask"),
+    (("prove", "--scheduler", "tcp://x:1", "--jobs", "2"), "--jobs is for this machine alone"),
+    (("flagship", "--scheduler", "gone.json"), "no Dask scheduler in gone.json; start one with: dask scheduler"),
+    (("flagship", "--scheduler", "good.csv"), "no Dask scheduler in good.csv"),
+    (("compare", "good.csv", "--out", "o", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler answers at"),
     (("simulate", "--out", "file/out"), "Not a directory"),
     (("report", "a" * 300), "cannot use 'aaa"),
     (("run", "--only", "one/mine.py", "--out", "a" * 300), "File name too long; give another path"),
@@ -246,6 +263,13 @@ def test_bad_use_is_one_line(
     workplace: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], says: str
 ) -> None:
     assert says in refused(workplace, capsys, *arguments)
+
+
+def test_without_dask_a_cluster_says_what_to_install(
+    workplace: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("twinbench.common.cluster.find_spec", lambda name: None)
+    assert "pip install 'twinbench[dask]'" in refused(workplace, capsys, "run", "--scheduler", "tcp://x:1")
 
 
 def test_without_onnx_export_says_what_to_install(

@@ -12,13 +12,15 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from helpers.tiny_run import parts, run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import comparable, parts, run_arguments, run_here, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
+from twinbench.bench.cost import foretold
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
-from twinbench.bench.runner import Backend, Wanted, run
+from twinbench.bench.runner import plan
 from twinbench.bench.statistics.scores import METRICS
+from twinbench.common.store import Store
 from twinbench.common.versions import code_version
 
 KILLER = """
@@ -82,16 +84,6 @@ def undisturbed(inputs: tuple[Path, list[str]], tmp_path_factory: pytest.TempPat
     return out
 
 
-def comparable(out: Path) -> dict[str, bytes]:
-    """What two runs of the same must agree on to the byte."""
-    tables = [p for p in (out / "tables").iterdir() if p.stem not in ("cost", "comparison")]  # times differ
-    files = [out / "scores.csv", out / "failures.csv", *tables]
-    same = {str(path.relative_to(out)): path.read_bytes() for path in files}
-    compared = pd.read_csv(out / "tables" / "comparison.csv")
-    timeless = compared.drop(columns=[c for c in compared if c.startswith("train")])
-    return same | {"tables/comparison.csv": timeless.to_csv().encode()}
-
-
 def test_ten_kills_leave_the_tables_of_an_undisturbed_run(
     inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path
 ) -> None:
@@ -142,16 +134,6 @@ def test_what_fails_is_told_and_the_others_go_on(
     for name in ("tables/comparison.md", "tables/comparison.csv", "tables/comparison.tex", "report.html"):
         assert "did not converge" in (tmp_path / "out" / name).read_text(), name
     assert "failed: raises, seed 0, fit: RuntimeError: did not converge" in capsys.readouterr().out
-
-
-def test_dask_workers_give_the_same_scores(inputs: tuple[Path, list[str]], undisturbed: Path, tmp_path: Path) -> None:
-    distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
-    ) as cluster:
-        profile = load_profile(str(inputs[0]))
-        run(profile, tmp_path, Wanted(tuple(inputs[1])), Backend("dask", cluster.scheduler_address))
-    assert (tmp_path / "scores.csv").read_bytes() == (undisturbed / "scores.csv").read_bytes()
 
 
 def test_a_changed_setting_runs_again_only_what_depends_on_it(inputs: tuple[Path, list[str]], tmp_path: Path) -> None:
@@ -254,3 +236,36 @@ def test_what_each_part_cost_is_kept_with_it_and_told_by_every_later_run(
         file.unlink()
     assert twinbench(*run_arguments(inputs[0], out, inputs[1])) == 0
     assert cost()["cpu_s"].isna().all()
+
+
+def test_a_run_says_before_it_starts_what_is_left_and_what_it_will_cost(
+    inputs: tuple[Path, list[str]],
+    undisturbed: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def told(out: Path, text: str) -> str:
+        path = tmp_path / "tiny.toml"
+        path.write_text(text)
+        profile = load_profile(str(path))
+        return foretold(plan(profile, tuple(inputs[1])), profile, Store(out / "store"), out)
+
+    monkeypatch.chdir(tmp_path)
+    out, text = shutil.copytree(undisturbed, tmp_path / "out"), inputs[0].read_text()
+    assert told(out, text) == "to do: nothing is left to train or evaluate"
+    unknown = (
+        "to do: 2 trainings and 2 evaluations; their cost is not known: no cost.csv of them in new or results/paper"
+    )
+    assert told(Path("new"), text) == unknown
+    rows = ["steady,0,fit,360", "steady,0,estimate,120", "wrong,0,fit,"]
+    (out / "cost.csv").write_text("\n".join(["estimator,seed,stage,cpu_s", *rows]) + "\n")
+    # Trained on twice the recordings, it is evaluated on as many as before.
+    more = text.replace("n_train = 2", "n_train = 4")
+    said = f"to do: 2 trainings and 2 evaluations, about 14 core-minutes by {out}/cost.csv; the cost of 2 is not known"
+    assert told(out, more) == said
+    assert told(out, text.replace("minutes = 2.5", "minutes = 4.5")).count("about 16 core-minutes") == 1
+    (out / "manifest.json").write_text("{")
+    assert "is not known" in told(out, more)
+    assert twinbench(*run_arguments(inputs[0], Path("new"), inputs[1][:1])) == 0
+    assert "to do: 1 training and 1 evaluation; their cost is not known" in capsys.readouterr().err

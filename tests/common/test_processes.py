@@ -100,16 +100,6 @@ def said(run: Run) -> list[str]:
     return [line for line in lines[begins + 1 :] if not re.match(r"(simulate|train): ", line)]
 
 
-def test_a_killed_worker_is_one_line_that_says_how_to_go_on(run: Run) -> None:
-    os.kill(run.workers()[0], signal.SIGKILL)
-    lines = said(run)
-    assert run.process.returncode == 1
-    assert len(lines) == 1, lines
-    assert "a worker process was killed" in lines[0]
-    assert "run the same command again to go on" in lines[0]
-    assert run.left() == []
-
-
 def test_sigterm_takes_the_workers_along(run: Run) -> None:
     run.workers()
     os.kill(run.process.pid, signal.SIGTERM)
@@ -162,7 +152,7 @@ import multiprocessing
 import os
 from twinbench.common.workers import end_workers, side_by_side
 
-print(sorted(side_by_side(abs, [(-1,), (-2,), (-3,)], 2)))
+print(sorted(side_by_side(abs, {str(n): (-n,) for n in (1, 2, 3)}, print, jobs=2)))
 waiting = multiprocessing.active_children()
 print(len(waiting))
 end_workers()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from helpers.tiny_profile import PROFILE
@@ -72,3 +73,13 @@ def parts(out: Path) -> dict[str, int]:
 def run_arguments(profile: Path, out: Path, estimators: Sequence[str]) -> list[str]:
     """``twinbench run`` of the estimators."""
     return ["run", "--profile", str(profile), "--out", str(out), "--only", *estimators]
+
+
+def comparable(out: Path) -> dict[str, bytes]:
+    """What two runs of the same must agree on to the byte."""
+    tables = [p for p in (out / "tables").iterdir() if p.stem not in ("cost", "comparison")]  # times differ
+    files = [out / "scores.csv", out / "failures.csv", *tables]
+    same = {str(path.relative_to(out)): path.read_bytes() for path in files}
+    compared = pd.read_csv(out / "tables" / "comparison.csv")
+    timeless = compared.drop(columns=[c for c in compared if c.startswith("train")])
+    return same | {"tables/comparison.csv": timeless.to_csv().encode()}
