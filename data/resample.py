@@ -16,7 +16,12 @@ _LOST_DIGITS = 1e-6
 
 
 def resampled(time_s: Array, values: Array, rate_Hz: float | None, path: Path) -> tuple[Array, Array, tuple[str, ...]]:
-    """As ``means``, if a rate is asked for; and a sentence that says so, which is told on stderr, too."""
+    """As ``means``, if a rate is asked for; and a sentence that says so, which is told on stderr, too.
+
+    Args:
+        time_s: (N,) seconds, increasing.
+        values: (N, C) in the channels' units; NaN means missing.
+    """
     if rate_Hz is None:
         return time_s, values, ()
     said = f"means over {1.0 / rate_Hz:.6g} s (rate_Hz = {rate_Hz:g}) stand for {len(time_s):,} samples"

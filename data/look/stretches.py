@@ -43,7 +43,8 @@ def in_all(channels: Sequence[Sequence[Stretch]], first_s: Sequence[float], last
 
     Args:
         channels: gaps of each, in the order of time.
-        first_s, last_s: of each, when it was read first and last, in seconds.
+        first_s: of each, when it was read first, in seconds.
+        last_s: when it was read last.
     """
     common = [Stretch(-np.inf, np.inf)]
     for own, first, last in zip(channels, first_s, last_s, strict=True):
