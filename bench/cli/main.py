@@ -19,6 +19,8 @@ from twinbench.bench.cli import (
     machines,
     mismatch,
     prove,
+    record,
+    replay,
     report,
     run,
     schema,
@@ -38,6 +40,8 @@ COMMANDS = {
     "tune": tune,
     "simulate": simulate,
     "estimate": estimate,
+    "record": record,
+    "replay": replay,
     "compare": compare,
     "machines": machines,
     "export": export,
@@ -58,6 +62,9 @@ EPILOG = """examples:
   twinbench check my_baseline.py                   the contract every estimator keeps
   twinbench simulate --out recordings              the benchmark's recordings as CSV
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
+  twinbench record deeponet_kalman plant.csv --out run.npz
+                                                   an online run with all that went in and came out
+  twinbench replay run.npz                         the same run again, equal to the bit or not
   twinbench export --out controller                the trained operator as ONNX, for a controller
   twinbench list mechanisms                        what a compressor model can leave out
   twinbench list mechanisms --simulator tanks.py   what mismatch looks for in yours
