@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import multiprocessing
 import os
 import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
@@ -35,8 +37,25 @@ def side_by_side(
     """
     called = functools.partial(_in_worker, os.getpid(), work) if local and jobs != 1 else work
     parallel = joblib.Parallel(n_jobs=jobs, return_as="generator_unordered")
-    try:
+    with _telling():
         yield from parallel(joblib.delayed(called)(*arguments) for arguments in several)
+
+
+def in_new_process(work: Callable[..., Any], *arguments: Any) -> Any:
+    """``work(*arguments)`` in a process that has done nothing before.
+
+    Raises:
+        WorkerKilled: it ended in mid-work.
+    """
+    fresh = multiprocessing.get_context("spawn")
+    with _telling(), ProcessPoolExecutor(1, fresh, _settle_in, (os.getpid(),)) as pool:
+        return pool.submit(work, *arguments).result()
+
+
+@contextlib.contextmanager
+def _telling() -> Iterator[None]:
+    try:
+        yield
     except BrokenProcessPool as error:
         raise WorkerKilled(
             "a worker process was killed, perhaps because memory ran out; run the same command again to go on from "

@@ -34,9 +34,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from twinbench.bench.estimate.apply import Training
+    from twinbench.bench.replay.loaded import with_loaded_code
     from twinbench.bench.replay.recorder import record_run
 
     where = Training(a.profile, a.results, a.machine)
-    record_run(a.estimator, a.recording, where, a.map, a.every).save(a.out)
+    with_loaded_code(record_run, a.estimator, a.recording, where, a.map, a.every).save(a.out)
     tell_files(a, [a.out])
     return 0

@@ -38,9 +38,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(a: argparse.Namespace) -> int:
     """The exit status."""
     from twinbench.bench.replay.again import replay
+    from twinbench.bench.replay.loaded import with_loaded_code
     from twinbench.common.documents import strict
 
-    replayed = replay(a.record, a.estimator, a.machine, a.within)
+    replayed = with_loaded_code(replay, a.record, a.estimator, a.machine, a.within)
     if a.out:
         replayed.now.save(a.out)
     if a.json:
