@@ -13,6 +13,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
@@ -67,6 +68,20 @@ def side_by_side(
         raise WorkerKilled(
             f"{'; '.join(given_up)}. Perhaps memory ran out; run the same command again to go on from what is finished"
         )
+
+
+def in_new_process(work: Callable[..., Any], *arguments: Any) -> Any:
+    """``work(*arguments)`` in a process that has done nothing before.
+
+    Raises:
+        WorkerKilled: it ended in mid-work.
+    """
+    fresh = multiprocessing.get_context("spawn")
+    try:
+        with ProcessPoolExecutor(1, fresh, _settle_in, (os.getpid(),)) as pool:
+            return pool.submit(work, *arguments).result()
+    except BrokenProcessPool as error:
+        raise WorkerKilled("the process that was at work died; perhaps memory ran out") from error
 
 
 def _in_processes(work: Callable[..., Any], several: Several, jobs: int) -> Iterator[tuple[str, Done]]:

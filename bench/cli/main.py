@@ -20,6 +20,8 @@ from twinbench.bench.cli import (
     machines,
     mismatch,
     prove,
+    record,
+    replay,
     report,
     run,
     schema,
@@ -40,6 +42,8 @@ COMMANDS = {
     "simulate": simulate,
     "look": look,
     "estimate": estimate,
+    "record": record,
+    "replay": replay,
     "compare": compare,
     "machines": machines,
     "export": export,
@@ -63,6 +67,9 @@ EPILOG = """examples:
   twinbench simulate --out recordings              the benchmark's recordings as CSV
   twinbench look plant.mf4 --out looked            what a recording holds, and a figure of it
   twinbench estimate deeponet_kalman plant.csv --out estimates --map PT101[psi]=p_dis_bar
+  twinbench record deeponet_kalman plant.csv --out run.npz
+                                                   an online run with all that went in and came out
+  twinbench replay run.npz                         the same run again, equal to the bit or not
   twinbench export --out controller                the trained operator as ONNX, for a controller
   twinbench list mechanisms                        what a compressor model can leave out
   twinbench list mechanisms --simulator tanks.py   what mismatch looks for in yours
