@@ -9,12 +9,16 @@ JOBS ?= 2
 REMOTE ?= origin
 BRANCH ?= gh-pages
 
-.PHONY: bench test test-slow lint docs publish notebooks dist pages clean
+.PHONY: bench test suite test-slow lint docs publish notebooks dist pages clean
 
 bench: .venv/.ready
 	$(BIN)/twinbench run --profile quick
 
-test: .venv/.ready-dev lint docs
+# Beside each other: types and pages keep one core busy for a minute.
+test: .venv/.ready-dev
+	@$(MAKE) --no-print-directory -j 3 lint docs suite
+
+suite: .venv/.ready-dev
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile
 
 test-slow: .venv/.ready-dev
@@ -60,6 +64,7 @@ clean:
 	$(PIP) -e '.[export]'
 	@touch $@
 
-.venv/.ready-dev: .venv/.ready
+.venv/.ready-dev: .venv/bin/python pyproject.toml constraints.txt
+	@echo "Setting up .venv (some minutes, once)"
 	$(PIP) -e '.[dev]'
-	@touch $@
+	@touch .venv/.ready $@
