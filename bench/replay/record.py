@@ -137,8 +137,9 @@ class Record:
             raise BadInput(NO_RECORD)
         about = json.loads(stored["about.json"].tobytes())
         _check(about)
-        arrays = (stored[name] for name in ("time_s", "measured", "lag_s", "checksums"))
-        record = cls(about, stored["model.npz"].tobytes(), *arrays, {name: stored[f"said.{name}"] for name in SAID})
+        arrays = {name: stored[name] for name in ("time_s", "measured", "lag_s", "checksums")}
+        said = {name: stored[f"said.{name}"] for name in SAID}
+        record = cls(about, stored["model.npz"].tobytes(), **arrays, said=said)
         record._check_arrays()
         return record
 
