@@ -63,7 +63,7 @@ class Record:
         time_s: (N,) seconds.
         measured: (N, nu + ny) in the channels' units, inputs first; NaN means missing.
         lag_s: (N, nu + ny) seconds, how long before its tick each channel was read; NaN where nobody said.
-        checksums: (N,) uint64, of all that came out of each tick, with what is carried to the next.
+        checksums: (N,) uint64, dimensionless, of all that came out of each tick, with what is carried to the next.
         said: by field of State and Info, (K, ...) in its units, of the ticks that are kept in full.
     """
 
