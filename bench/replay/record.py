@@ -63,7 +63,7 @@ class Record:
         time_s: (N,) seconds.
         measured: (N, nu + ny) in the channels' units, inputs first; NaN means missing.
         lag_s: (N, nu + ny) seconds, how long before its tick each channel was read; NaN where nobody said.
-        checksums: (N,) uint64, of all that came out of each tick, with what is carried to the next.
+        checksums: (N,) uint64, dimensionless, of all that came out of each tick, with what is carried to the next.
         said: by field of State and Info, (K, ...) in its units, of the ticks that are kept in full.
     """
 
@@ -137,8 +137,9 @@ class Record:
             raise BadInput(NO_RECORD)
         about = json.loads(stored["about.json"].tobytes())
         _check(about)
-        arrays = (stored[name] for name in ("time_s", "measured", "lag_s", "checksums"))
-        record = cls(about, stored["model.npz"].tobytes(), *arrays, {name: stored[f"said.{name}"] for name in SAID})
+        arrays = {name: stored[name] for name in ("time_s", "measured", "lag_s", "checksums")}
+        said = {name: stored[f"said.{name}"] for name in SAID}
+        record = cls(about, stored["model.npz"].tobytes(), **arrays, said=said)
         record._check_arrays()
         return record
 

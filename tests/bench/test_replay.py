@@ -29,9 +29,10 @@ from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.online import Online
 
 COMMITTED = ROOT / "results/replay/deeponet_kalman.npz"
-NEAR_SD = 0.01
-"""Another processor sums single precision in another order, and the filter carries that on and adapts by it. Nobody
-would tell apart two estimates that are a hundredth of a standard deviation off."""
+NEAR_SD = 1e-3
+"""Another processor sums single precision in another order, and the filter carries that on and adapts by it. Compiled
+for a processor without wide vectors, the run lies 2e-5 off. The rest is room for other versions, nothing that shows.
+"""
 TICKS, FLIPPED = 1200, 700
 P_DIS = COMPRESSOR.channels.index("p_dis_bar")
 
