@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from llvmlite import binding
+from numba import config
 from numpy.typing import ArrayLike
 
 from twinbench.bench import cells
@@ -120,10 +122,18 @@ def place() -> dict[str, str]:
     here = provenance()
     return {
         "processor": here["machine"]["processor"],
+        "instructions": _instructions(),
         "system": platform.platform(),
         "python": here["python"],
         **here["versions"],
     }
+
+
+def _instructions() -> str:
+    """What numba compiles for: processors of one name may have others."""
+    name = config.CPU_NAME or binding.get_host_cpu_name()
+    has = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
+    return f"{name} {hashlib.sha256(has.encode()).hexdigest()[:8]}"
 
 
 def record_run(name: str, path: Path, where: Training, mapping: Sequence[str], every: int) -> Record:
