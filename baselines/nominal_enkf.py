@@ -9,6 +9,7 @@ more members than states. So it needs neither inflation nor localisation.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import njit
@@ -149,6 +150,12 @@ class NominalEnKF(NominalFilter):
 
     name = "nominal_enkf"
     says = "deterministic ensemble Kalman filter with the recalibrated reduced-order model"
+    settings: ClassVar[dict[str, Any]] = {
+        **NominalFilter.settings,
+        "health_walk": 0.643,
+        "state_walk": 27.06,
+        "slow_error": 2.642,
+    }
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
         """An ensemble of each machine."""
