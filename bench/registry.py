@@ -19,7 +19,7 @@ from typing import Any
 from twinbench import baselines, methods
 from twinbench.bench.roster import LABELS
 from twinbench.common.errors import BadInput
-from twinbench.common.filespec import split_spec
+from twinbench.common.filespec import spec_of_file, split_spec
 from twinbench.common.trial import about_to, tried
 from twinbench.methods.estimator import REGISTRY, Estimator, ablated
 
@@ -93,7 +93,7 @@ def _try(path: Path, content: bytes) -> None:
 def _imported(path: Path) -> ModuleType:
     """The file as a module. Its estimators are known by it, read anew each time, and never join the registry."""
     module_name = f"twinbench_plugin_{path.stem}"
-    spec = importlib.util.spec_from_file_location(module_name, path)
+    spec = spec_of_file(module_name, path)
     if spec is None or spec.loader is None:
         raise BadInput(f"plug-in {path} is no Python module; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
+from importlib.machinery import ModuleSpec, SourceFileLoader
 from pathlib import Path
+from types import CodeType
 
 USER_FILE = "twinbench_file_"
 """Modules of users' files are named so."""
@@ -40,3 +43,21 @@ def moved(spec: str, was: Path, now: Path) -> str:
     except ValueError:
         target = os.path.abspath(target)
     return join_spec(Path(target).as_posix(), name)
+
+
+def spec_of_file(name: str, path: Path) -> ModuleSpec | None:
+    """What Python imports a user's file by; None where it cannot be a module of Python."""
+    if path.suffix != ".py":
+        return None
+    return importlib.util.spec_from_file_location(name, path, loader=_FromSource(name, str(path)))
+
+
+class _FromSource(SourceFileLoader):
+    """Compiles the file each time, and leaves nothing beside it.
+
+    Python knows kept bytecode by the file's size and second. Two edits may share both.
+    """
+
+    def get_code(self, fullname: str) -> CodeType:
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)  # type: ignore[no-any-return]

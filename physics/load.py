@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from twinbench.common.filespec import USER_FILE, split_spec
+from twinbench.common.filespec import USER_FILE, spec_of_file, split_spec
 from twinbench.common.trial import about_to, tried
 from twinbench.physics.check import check_mechanism, check_simulator, last_line
 from twinbench.physics.fmu.as_simulator import simulator_of
@@ -182,7 +182,7 @@ def _import_file(path: Path) -> ModuleType:
     if not os.path.isfile(path):
         raise ValueError(f"no file {path}; check the path")
     name = USER_FILE + path.stem
-    spec = importlib.util.spec_from_file_location(name, path)
+    spec = spec_of_file(name, path)
     if spec is None or spec.loader is None:
         raise ValueError(f"{path}: is no Python module; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +47,15 @@ def test_by_name_and_from_a_package():
 def test_from_a_file(tmp_path, spec):
     simulator = load_simulator(spec.format(write(tmp_path, TANK)))
     assert simulator.rhs(np.array([1.0, 0.0]), np.array([2.0]), np.array([0.5])).tolist() == [1.5, 1.0]
+
+
+def test_an_edit_counts_even_within_the_second_and_nothing_is_left_beside_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
+    for name in ("tank", "bowl"):
+        spec = write(tmp_path, TANK.replace('"tank"', f'"{name}"'))
+        os.utime(spec, (1e9, 1e9))
+        assert load_simulator(spec).name == name
+    assert [p.name for p in tmp_path.iterdir()] == [Path(spec).name]
 
 
 def test_two_names_of_one_simulator_are_one(tmp_path):
