@@ -20,8 +20,8 @@ from twinbench.common.jobs import cores
 
 COLUMNS = ["command", "mutator", "n", *GOOD, *BAD]
 FAST = {
-    "estimate": 10, "mismatch": 6, "simulate": 12, "list": 14, "check": 6, "run": 5, "report": 5, "export": 8,
-    "latency": 1, "tune": 6,
+    "estimate": 10, "mismatch": 3, "simulate": 8, "list": 10, "check": 5, "run": 3, "report": 5, "export": 8,
+    "latency": 1, "tune": 5,
 }  # fmt: skip
 """Cases of each command that continuous integration has time for."""
 
