@@ -88,6 +88,18 @@ def compared(machine: str, effects: tuple[str, ...], seed: int) -> dict[str, Any
     }
 
 
+def summary(table: pd.DataFrame) -> str:
+    """What a page shows: a row for each machine."""
+    lines = [
+        "| machine | cases | same verdict | FMU, in times of Python: median | at most |",
+        "|---|---:|---:|---:|---:|",
+    ]
+    for machine, rows in table.groupby("machine", sort=False):
+        same, ratio = int(rows["same_verdict"].sum()), rows["ratio"]
+        lines.append(f"| {machine} | {len(rows)} | {same} | {ratio.median():.2f} | {ratio.max():.2f} |")
+    return "\n".join(lines) + "\n"
+
+
 def _named(verdict: dict[str, Any]) -> list[str]:
     return sorted(f["mechanism"] or f["port"] for f in verdict["findings"])
 
@@ -102,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.fmu_verdicts", description=__doc__)
     parser.add_argument("--seed", type=int, default=7, help="of the machines")
-    parser.add_argument("--out", type=Path, default=ROOT / "results" / "fmu", help="for the table")
+    parser.add_argument("--out", type=Path, default=ROOT / "results" / "fmu", help="for the tables")
     asked = parser.parse_args(arguments)
     out = asked.out.absolute()
     try:
@@ -120,6 +132,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         {"furthest_size_pct": 6, "python_s": 2, "fmu_s": 2, "ratio": 2}
     )
     write_text(out / "verdicts.csv", table.to_csv(index=False))
+    write_text(out / "verdicts.md", summary(table))
     write_manifest(out, f"python -m twinbench.proof.fmu_verdicts --seed {asked.seed}", asked.seed)
     print(table.to_string(index=False))
     return 0

@@ -53,6 +53,14 @@ def test_both_twins_are_told_the_same_and_a_difference_is_told(monkeypatch: pyte
     np.testing.assert_array_equal(fmu.rhs(x, u, fmu.theta()), plain.rhs(x, u, theta))
 
 
+def test_the_page_shows_what_the_table_has() -> None:
+    results = Path(fmu_verdicts.ROOT) / "results" / "fmu"
+    table = pd.read_csv(results / "verdicts.csv")
+    assert (results / "verdicts.md").read_text() == fmu_verdicts.summary(table)
+    assert set(table["machine"]) == set(fmu_verdicts.AS_BOTH)
+    assert fmu_verdicts.summary(table.assign(same_verdict=False)).count("| 0 |") == 2
+
+
 @pytest.mark.slow
 def test_the_command_writes_a_table_and_where_it_is_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fmu_verdicts, "AS_BOTH", ("two_tanks",))
