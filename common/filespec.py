@@ -49,7 +49,8 @@ def spec_of_file(name: str, path: Path) -> ModuleSpec | None:
     """What Python imports a user's file by; None where it cannot be a module of Python."""
     if path.suffix != ".py":
         return None
-    return importlib.util.spec_from_file_location(name, path, loader=_FromSource(name, str(path)))
+    file = path.absolute()  # what a traceback names has to be the file that the spec names
+    return importlib.util.spec_from_file_location(name, file, loader=_FromSource(name, str(file)))
 
 
 class _FromSource(SourceFileLoader):
