@@ -131,8 +131,8 @@ def place() -> dict[str, str]:
 
 def _instructions() -> str:
     """What numba compiles for: processors of one name may have others."""
-    name = config.CPU_NAME or binding.get_host_cpu_name()
-    has = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()
+    name = config.CPU_NAME or binding.get_host_cpu_name()  # type: ignore[attr-defined]
+    has = config.CPU_FEATURES or binding.get_host_cpu_features().flatten()  # type: ignore[attr-defined]
     return f"{name} {hashlib.sha256(has.encode()).hexdigest()[:8]}"
 
 
