@@ -30,10 +30,9 @@ def headline(summary: Summary) -> str:
             f"{label(leader[first])} cannot be told apart from {_count(len(alike[first]))} {WHERE[first]}, nor from "
             f"{_count(len(alike[then]))} {WHERE[then]}"
         )
+    who = {first: label(leader[first]), then: "it" if leader[then] == leader[first] else label(leader[then])}
     said = [
-        f"{label(leader[q])} cannot be told apart from {_count(len(alike[q]))} {WHERE[q]}"
-        if alike[q]
-        else f"{label(leader[q])} {BEST[q]}"
+        f"{who[q]} cannot be told apart from {_count(len(alike[q]))} {WHERE[q]}" if alike[q] else f"{who[q]} {BEST[q]}"
         for q in BEST
     ]
     return "; ".join(said)

@@ -13,7 +13,7 @@ from twinbench.bench.report.figures import FROM_ESTIMATES, draw
 from twinbench.bench.report.health_tables import single_table
 from twinbench.bench.report.other import write_other
 from twinbench.bench.report.paired import ablation_table, rivals_table
-from twinbench.bench.report.paper import paper_says, parts_say
+from twinbench.bench.report.paper import COMPARED, paper_says, parts_say
 from twinbench.bench.report.provenance import bullets, profile_of, write_page, write_tables
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.report.table_formats import Table
@@ -61,7 +61,9 @@ def write_report(out: Path) -> Table:
     tables.append(single_table(single))
     tables += robustness_tables(results.robustness)
     said = (*answer(summary), *verdicts(summary, evidence.coverage))
-    of_paper, of_parts = paper_says(single), parts_say(scores, results.failures, results.robustness)
+    compared = scores[scores["estimator"].isin(COMPARED)]
+    of_paper = paper_says(single if compared.empty else summarise(compared, failures, "single"))
+    of_parts = parts_say(scores, results.failures, results.robustness)
     write_bytes(out / "answer.md", bullets(f"**{headline(summary)}.**", *said).encode())
     write_bytes(out / "paper_says.md", bullets(*of_paper).encode())
     if of_parts:

@@ -82,7 +82,7 @@ def test_tied_differences_are_tested_as_scipy_tests_them():
     [
         (CLEAR, CLEAR, "GRU + KF keeps the twin truest"),
         (TIED, TIED, "GRU + KF cannot be told apart from one other in health, nor from one other in the forecast"),
-        (LEVEL, CLEAR, "cannot be told apart from two others in health; GRU + KF foretells the next minute best"),
+        (LEVEL, CLEAR, "GRU + KF cannot be told apart from two others in health; it foretells the next minute best"),
         (
             CLEAR,
             {**CLEAR, "deeponet": 0.5 + wobble(1)},

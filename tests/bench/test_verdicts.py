@@ -155,6 +155,7 @@ def test_the_paper_holds_where_the_tests_say_so() -> None:
     table = scores(LEVELS, kind="single", **{f"{PARAMETERS}__gru_kf": 1.0})
     found = paper_says(summarise(table, {}, "single"))
     assert "Here it holds in pressure, temperature and flow; the tests do not decide in parameter" in found[0]
+    assert "Holm over the paper's six" in found[0]
     assert any(text.startswith("The paper: pressure error 0.720 %") and "lies above" in text for text in found)
 
 

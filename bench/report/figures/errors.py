@@ -14,6 +14,8 @@ from twinbench.bench.roster import PROPOSED, REFERENCE, label, ordered
 from twinbench.bench.statistics.summary import Summary
 from twinbench.common.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled, thin
 
+RANKS_IN_FULL = 10
+"""Up to so many ranks each has its number on the line; beyond, every second one or fewer, so that they stay apart."""
 LEAST_SHOWN_PCT = 0.01
 """Smaller parameter errors are drawn as this: no maintenance decision hangs on a hundredth of a per cent."""
 
@@ -98,6 +100,7 @@ def critical_difference(
     axes.hlines(0, 1, top, color=INK, linewidth=0.9)
     for rank in range(1, top + 1):
         axes.vlines(rank, -0.12, 0, color=INK, linewidth=0.9)
+    for rank in range(1, top + 1, 1 + (top - 1) // RANKS_IN_FULL):
         axes.text(rank, -0.2, str(rank), ha="center", va="bottom")
     if np.isfinite(cd) and cd <= top - 1:
         axes.hlines(-1.0, 1, 1 + cd, color=INK, linewidth=0.9)
