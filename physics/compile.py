@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.errors import NumbaError
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
 from twinbench.physics.compose import plain_rhs
 from twinbench.physics.jit import equation
@@ -29,7 +29,7 @@ def compiled(simulator: Simulator) -> Compiled:
     rhs, output = plain_rhs(simulator), simulator.output
     try:
         return Compiled(equation(rhs), equation(output), True)
-    except NumbaError as error:
+    except (NumbaError, UnsupportedBytecodeError) as error:
         reason = str(error).strip().splitlines()[0]
         warnings.warn(
             f"simulator {simulator.name!r} runs as plain Python, some 100 times slower: numba says {reason}",

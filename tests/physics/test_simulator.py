@@ -119,6 +119,18 @@ def test_what_numba_refuses_runs_as_python_with_one_warning():
     simulate(slow, u, np.array([1.0, 0.0]))  # no second warning: warnings are errors here
 
 
+def test_a_statement_that_numba_does_not_know_runs_as_python_with_one_warning():
+    def checked(x, u, theta):
+        if x[0] > 1e9:
+            raise ValueError(f"the spring is at {x[0]:.3g} m")
+        return np.array([x[1], -theta[0] * x[0] - theta[1] * x[1] + u[0]])
+
+    slow = Simulator(**{**SPRING.__dict__, "rhs": checked, "name": "checked"})
+    with pytest.warns(RuntimeWarning, match="plain Python"):
+        x, _ = simulate(slow, np.ones((1, 40, 1)), np.array([1.0, 0.0]))
+    assert x == pytest.approx(simulate(SPRING, np.ones((1, 40, 1)), np.array([1.0, 0.0]))[0], abs=1e-12)
+
+
 def test_a_tuple_is_as_good_as_an_array():
     def plain(x, u, theta):
         return (x[1], -theta[0] * x[0] - theta[1] * x[1] + u[0])
