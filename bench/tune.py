@@ -43,6 +43,8 @@ TUNE_SEED = 0
 
 _Asked = tuple[str, int]
 """An estimator's name, and a trial's number."""
+_Searched = tuple[type[Estimator], dict[str, Any], dict[str, Sequence[Any]]]
+"""An estimator, its settings in the profile, and the ranges of those that are searched."""
 
 
 def errors_of(subject: Subject) -> tuple[tuple[str, ...], ...]:
@@ -73,9 +75,7 @@ def merit(subject: Subject, means: Mapping[str, float]) -> float:
     return float(np.exp(np.mean(np.log(errors))))
 
 
-def searched(
-    spec: str, profile: Profile, online: bool
-) -> tuple[type[Estimator], dict[str, Any], dict[str, Sequence[Any]]]:
+def _searched(spec: str, profile: Profile, online: bool) -> _Searched:
     """An estimator, its settings in the profile, and the ranges of those that are searched.
 
     Raises:
@@ -149,14 +149,13 @@ def tune(
     """
     if not 1 <= trials <= MOST_TRIALS:
         raise BadInput(f"--trials is {trials}, must lie in [1, {MOST_TRIALS}]")
-    for spec in specs:  # all that is wrong is said before the first takes its hours
-        searched(spec, profile, online)
+    found = [(spec, _searched(spec, profile, online)) for spec in specs]  # bad input is told before anything is made
     profile = replace(profile, seeds=(TUNE_SEED,))
     subject = subject_of(load_machine(profile.machine))
     check_writable(out)
     out.mkdir(parents=True, exist_ok=True)
     optuna.logging.set_verbosity(logging.WARNING)
-    searches = {search.kind.name: search for search in (_search(s, profile, out, trials, online) for s in specs)}
+    searches = {search.kind.name: search for search in (_search(*one, profile, out, trials) for one in found)}
     began, store, key = time.time(), Store(out / "store"), cells.data_key(profile)
     done = sum(min(len(search.finished), trials) for search in searches.values())
     with Progress(console) as progress, progress.stage("tune", trials * len(searches), done) as going:
@@ -176,9 +175,9 @@ def tune(
     return [_write(search, subject, out, facts) for search in searches.values()]
 
 
-def _search(spec: str, profile: Profile, out: Path, trials: int, online: bool) -> _Search:
+def _search(spec: str, what: _Searched, profile: Profile, out: Path, trials: int) -> _Search:
     """An estimator's trials, with what an earlier run left of them; what that one had not finished comes first."""
-    kind, own, spaces = searched(spec, profile, online)
+    kind, own, spaces = what
     randomly = max(4, trials // 4)
     study = optuna.create_study(
         storage=JournalStorage(JournalFileBackend(str(out / f"{kind.name}.journal"))),

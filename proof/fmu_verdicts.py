@@ -26,7 +26,6 @@ pin()
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 from rich.console import Console  # noqa: E402
 
-from twinbench.common.errors import BadInput  # noqa: E402
 from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import check_writable, write_text  # noqa: E402
 from twinbench.common.versions import write_manifest  # noqa: E402
@@ -36,6 +35,7 @@ from twinbench.physics.compose import plain_rhs  # noqa: E402
 from twinbench.physics.fmu import as_simulator  # noqa: E402
 from twinbench.physics.fmu.write import write_fmu  # noqa: E402
 from twinbench.physics.simulator import Simulator  # noqa: E402
+from twinbench.proof.command import refusing  # noqa: E402
 from twinbench.proof.concealed.generate import Item, draw, write  # noqa: E402
 from twinbench.proof.concealed.machines import MACHINES  # noqa: E402
 from twinbench.proof.twins import simulator_of  # noqa: E402
@@ -110,6 +110,7 @@ def _apart(one: dict[str, Any], other: dict[str, Any]) -> float:
     return max((100.0 * abs(a - b) / max(abs(a), abs(b), sys.float_info.min) for a, b in pairs), default=0.0)
 
 
+@refusing("twinbench.proof.fmu_verdicts")
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.fmu_verdicts", description=__doc__)
@@ -117,11 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "fmu", help="for the tables")
     asked = parser.parse_args(arguments)
     out = asked.out.absolute()
-    try:
-        check_writable(out)
-    except BadInput as error:
-        print(f"twinbench.proof.fmu_verdicts: {error}", file=sys.stderr)
-        return 2
+    check_writable(out)
     cases = [(name, effects) for name in AS_BOTH for effects in ((), *((e.name,) for e in MACHINES[name].effects))]
     rows = []
     with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(cases)) as going:

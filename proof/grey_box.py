@@ -23,6 +23,7 @@ from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, write_text
 from twinbench.common.versions import write_manifest
 from twinbench.data.batch import Array
+from twinbench.proof.command import refusing
 
 ROOT = Path(__file__).resolve().parents[1]
 EULER_STEPS = 8
@@ -139,6 +140,7 @@ def _rms(off: Array) -> float:
     return float(np.sqrt(np.mean(off**2)))
 
 
+@refusing("twinbench.proof.grey_box")
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.grey_box", description=__doc__)
@@ -148,14 +150,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "grey_box", help="for the table")
     asked = parser.parse_args(arguments)
     out = asked.out.absolute()
-    try:
-        if asked.starts < 1:
-            raise BadInput(f"--starts is {asked.starts}, must be at least 1")
-        check_writable(out)
-        learnt, held = (_read(asked.recordings / "cascaded_tanks" / f"{name}.csv") for name in ("train", "test"))
-    except BadInput as error:
-        print(f"twinbench.proof.grey_box: {error}", file=sys.stderr)
-        return 2
+    if asked.starts < 1:
+        raise BadInput(f"--starts is {asked.starts}, must be at least 1")
+    check_writable(out)
+    learnt, held = (_read(asked.recordings / "cascaded_tanks" / f"{name}.csv") for name in ("train", "test"))
     rows = []
     with Progress(Console(stderr=True)) as progress, progress.stage("forms", len(FORMS)) as going:
         for says, form in FORMS.items():

@@ -19,7 +19,6 @@ import numpy as np
 import pandas as pd
 
 from twinbench.common.documents import to_json
-from twinbench.common.errors import BadInput
 from twinbench.common.page import write_bytes
 from twinbench.common.store import sha256_of, write_text
 from twinbench.common.style import png, settle
@@ -29,6 +28,7 @@ from twinbench.mismatch.model import load_simulator
 from twinbench.mismatch.recordings import read_recordings
 from twinbench.mismatch.report.figures import draw
 from twinbench.mismatch.report.replays import replays
+from twinbench.proof.command import refusing
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS, PAGE = ROOT / "results" / "real_recordings", ROOT / "docs" / "real_recordings.md"
@@ -151,18 +151,15 @@ def to_markdown(table: pd.DataFrame) -> str:
     return "\n".join(lines) + "\n"
 
 
+@refusing("real_recordings")
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--recordings", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--out", type=Path, metavar="DIR", help="results/real_recordings, and then the page is filled")
     a = parser.parse_args(arguments)
-    try:
-        run(a.recordings, a.out or RESULTS, "python -m twinbench.proof.real_recordings --recordings FOLDER")
-        if a.out is None:
-            write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), RESULTS))
-    except BadInput as error:
-        print(f"real_recordings: {error}", file=sys.stderr)
-        return 2
+    run(a.recordings, a.out or RESULTS, "python -m twinbench.proof.real_recordings --recordings FOLDER")
+    if a.out is None:
+        write_text(PAGE, filled(PAGE.read_text(encoding="utf-8"), RESULTS))
     return 0
 
 

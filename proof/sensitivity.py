@@ -27,6 +27,7 @@ from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.versions import code_version, write_manifest
 from twinbench.common.workers import side_by_side
 from twinbench.proof import blind
+from twinbench.proof.command import refusing
 from twinbench.proof.concealed.engines import ENGINES
 from twinbench.proof.concealed.findings import read_cases, with_marks
 from twinbench.proof.concealed.generate import Item, draw, write
@@ -164,6 +165,7 @@ def as_markdown(found: pd.DataFrame) -> str:
     return f"{found['cases'].max()} cases each.\n\n" + "\n".join(lines) + "\n"
 
 
+@refusing("twinbench.proof.sensitivity")
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.sensitivity", description=__doc__)
@@ -173,13 +175,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "sensitivity", help="for rows and tables")
     asked = parser.parse_args(arguments)
     out = asked.out.absolute()
-    try:
-        if asked.cases < 1:
-            raise BadInput(f"--cases is {asked.cases}, must be at least 1")
-        check_writable(out)
-    except BadInput as error:
-        print(f"twinbench.proof.sensitivity: {error}", file=sys.stderr)
-        return 2
+    if asked.cases < 1:
+        raise BadInput(f"--cases is {asked.cases}, must be at least 1")
+    check_writable(out)
     items = cases(asked.cases, asked.seed)
     several = {f"case {item.case}": (item, asked.seed, out) for item in items}
     with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:

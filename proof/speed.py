@@ -23,11 +23,11 @@ pin()
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 from rich.console import Console  # noqa: E402
 
-from twinbench.common.errors import BadInput  # noqa: E402
 from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import check_writable, write_text  # noqa: E402
 from twinbench.common.versions import write_manifest  # noqa: E402
 from twinbench.proof.blind import answer  # noqa: E402
+from twinbench.proof.command import refusing  # noqa: E402
 from twinbench.proof.concealed.engines import ENGINES  # noqa: E402
 from twinbench.proof.concealed.generate import Case, Item, draw, write  # noqa: E402
 from twinbench.proof.concealed.machine import Machine  # noqa: E402
@@ -78,6 +78,7 @@ def _asked(case: Case, every: int) -> tuple[float, dict[str, Any]]:
         return time.process_time() - began, verdict
 
 
+@refusing("twinbench.proof.speed")
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.speed", description=__doc__)
@@ -85,11 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "speed", help="for the table")
     asked = parser.parse_args(arguments)
     out = asked.out.absolute()
-    try:
-        check_writable(out)
-    except BadInput as error:
-        print(f"twinbench.proof.speed: {error}", file=sys.stderr)
-        return 2
+    check_writable(out)
     rows = []
     with Progress(Console(stderr=True)) as progress, progress.stage("machines", len(EFFECTS)) as going:
         for name, effect in EFFECTS.items():

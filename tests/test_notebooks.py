@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +10,7 @@ from types import ModuleType
 import pytest
 from helpers.notebooks import NOTEBOOKS, executed, stored
 from helpers.prose import ROOT, sentences
+from helpers.site_code import site_code
 from mkdocs.config import load_config
 from nbformat import NotebookNode
 
@@ -79,12 +79,7 @@ def test_prose_is_as_short_as_that_of_pages_and_links_lead_somewhere(path: Path)
 
 @pytest.fixture(scope="module")
 def hook() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("notebook_pages", ROOT / "docs" / "notebook_pages.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return site_code("notebook_pages")
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=names)

@@ -5,7 +5,6 @@ The docstrings are read as the site reads them, by griffe.
 
 from __future__ import annotations
 
-import importlib.util
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import griffe
 import pytest
+from helpers.site_code import site_code
 
 import twinbench
 from twinbench.bench.cli.main import COMMANDS
@@ -129,11 +129,7 @@ def test_the_reference_shows_every_public_name_where_it_is_defined() -> None:
 
 
 def test_the_reference_shows_the_help_of_every_command() -> None:
-    spec = importlib.util.spec_from_file_location("hooks", ROOT / "docs" / "hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    hooks = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(hooks)
+    hooks = site_code("hooks")
     assert hooks.HELP in (ROOT / "docs" / "api" / "commands.md").read_text(encoding="utf-8")
     headings = re.findall(r"^## (.*)$", hooks.commands_help(), re.MULTILINE)
     assert headings == ["twinbench", *(f"twinbench {name}" for name in COMMANDS)]

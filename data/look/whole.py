@@ -12,6 +12,7 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.data.clock import check_clock, usual_period
 from twinbench.data.formats.holdings import TIME, Zero
+from twinbench.data.formats.united import NANOSECONDS
 from twinbench.data.gather import gather
 from twinbench.data.look.channel import Channel, look_at
 from twinbench.data.look.stretches import Stretch, in_all
@@ -51,7 +52,7 @@ class Look:
         """Date of the first sample as ISO 8601 writes it; None where nobody says."""
         if self.zero is None:
             return None
-        first = np.datetime64(self.zero.ns, "ns") + np.timedelta64(round(float(self.time_s[0]) * 1e9), "ns")
+        first = np.datetime64(self.zero.ns, "ns") + np.timedelta64(round(float(self.time_s[0]) * NANOSECONDS), "ns")
         return f"{np.datetime_as_string(first, unit='ms')}{'Z' if self.zero.utc else ''}"
 
     def to_json(self) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from twinbench.common.style import svg
 from twinbench.common.versions import provenance
 from twinbench.common.workers import side_by_side
 from twinbench.mismatch.naming.decision import RULE
+from twinbench.proof.command import refusing
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.learning.collect import collected, roughened
 from twinbench.proof.learning.fit import learnt
@@ -33,6 +34,7 @@ FEWEST = 50
 """Cases from which a rule can be learnt at all."""
 
 
+@refusing("twinbench.proof.learning")
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.learning", description=__doc__)
@@ -43,13 +45,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--rows", type=Path, help="a folder with rows that were collected, in place of drawing cases")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "learning", help="for rows, table and figure")
     asked = parser.parse_args(arguments)
-    try:
-        rows = _read(asked.rows) if asked.rows else _collected(asked)
-        if len(rows) < FEWEST:
-            raise BadInput(f"{len(rows)} cases are too few to learn from; collect at least {FEWEST}")
-    except BadInput as error:
-        print(f"twinbench.proof.learning: {error}", file=sys.stderr)
-        return 2
+    rows = _read(asked.rows) if asked.rows else _collected(asked)
+    if len(rows) < FEWEST:
+        raise BadInput(f"{len(rows)} cases are too few to learn from; collect at least {FEWEST}")
     rule = learnt(rows)
     seeds = sorted({int(row["seed"]) for row in rows})
     curve = tradeoff(rows)

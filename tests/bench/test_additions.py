@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,20 +11,14 @@ import pandas as pd
 import pytest
 from helpers.refusals import refused
 from helpers.sample_run import write_run
-from helpers.tiny_run import parts, run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import parts, run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.report.write import write_report
 from twinbench.bench.roster import TRUE_START
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 TABLES = ("scores.csv", "cost.csv", "failures.csv", "latency.csv", "tables/regimes.csv", "tables/comparison.csv")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    """Cells in this process, and no figures of runs."""
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
 
 
 @pytest.fixture(scope="module")

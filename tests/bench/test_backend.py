@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from helpers.tiny_run import comparable, run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import comparable, run_arguments, twinbench, write_estimator, write_profile
 
 dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 DIES = """
         import os, pathlib
@@ -21,13 +22,6 @@ DIES = """
 """
 """The first process that comes here ends as by the system's hand."""
 SEARCHED = '    search_space = {"scale": (0.6, 1.7)}\n    implementations'
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,6 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,18 +14,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.refusals import listing, refused
-from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.common.errors import WorkerKilled
 from twinbench.machines.compressor import CHANNELS, ESTIMATED
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    """Cells in this process, and no figures of runs."""
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 @pytest.fixture(scope="module")

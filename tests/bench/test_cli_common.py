@@ -8,14 +8,13 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
 import pandas as pd
 import pytest
 from helpers.refusals import refused
-from helpers.tiny_run import run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cli.completion import script
 from twinbench.bench.cli.main import COMMANDS as COMMANDS_OF
@@ -24,16 +23,10 @@ from twinbench.bench.cli.mismatch_status import STATUS
 from twinbench.bench.roster import LABELS
 from twinbench.common.jobs import cores
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 (COMMANDS,) = (a.choices for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction))
 """The parser of each."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    """Cells in this process, and no figures of runs."""
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
 
 
 @pytest.fixture(scope="module")

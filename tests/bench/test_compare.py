@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 import pytest
 from helpers.refusals import refused
-from helpers.tiny_run import run_here, twinbench, write_profile
+from helpers.tiny_run import twinbench, write_profile
 
 from twinbench.bench.compare.page import LEAST_RECORDINGS, says, table
 from twinbench.bench.compare.scores import DEFINITIONS, promised, score
@@ -20,12 +19,7 @@ from twinbench.machines.machine import Machine
 from twinbench.machines.two_tanks import TWO_TANKS
 from twinbench.methods.estimator import Estimator, Info, Sample, State, gaussian_state, no_info
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 class Foretells(Estimator):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pandas as pd
 import pytest
 from helpers.refusals import refused
 from helpers.sample_run import LEVELS, write_run
-from helpers.tiny_run import parts, run_here, twinbench, write_profile
+from helpers.tiny_run import parts, twinbench, write_profile
 from matplotlib.text import Text
 
 from twinbench.bench.estimates import Estimates
@@ -34,16 +33,10 @@ from twinbench.data.disturb import conditions
 from twinbench.machines.motor import MOTOR
 from twinbench.machines.two_tanks import TWO_TANKS
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 TICKS, EVERY = 12_000, 20
 NAMES = ("always_prior", "last_value", "oracle")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    """Cells in this process, and no figures of runs."""
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
 
 
 def motor_truth() -> Batch:

@@ -7,12 +7,11 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pandas as pd
 import pytest
-from helpers.tiny_run import comparable, parts, run_arguments, run_here, twinbench, write_estimator, write_profile
+from helpers.tiny_run import comparable, parts, run_arguments, twinbench, write_estimator, write_profile
 
 from twinbench.bench.cells import make_cell
 from twinbench.bench.cost import foretold
@@ -22,6 +21,8 @@ from twinbench.bench.runner import plan
 from twinbench.bench.statistics.scores import METRICS
 from twinbench.common.store import Store
 from twinbench.common.versions import code_version
+
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 KILLER = """
 import glob, os, random, shutil, signal, sys, time
@@ -59,14 +60,6 @@ for moment in sorted(rng.uniform(0, lasts) for _ in range(10)):
     depths.append(len(glob.glob(out + "/store/*/*/.done")))
 print(*depths)
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _quick() -> Iterator[None]:
-    """Cells one after the other in this process, as on a machine with one core, and no figures."""
-    with pytest.MonkeyPatch.context() as patch:
-        run_here(patch)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 import re
 import shutil
@@ -14,6 +13,7 @@ from typing import Any
 import pytest
 from helpers.documents import NOWHERE, bare_verdict, described
 from helpers.prose import ROOT
+from helpers.site_code import site_code
 from helpers.tiny_run import twinbench
 
 from twinbench.bench.cli.mismatch_status import SAYS
@@ -51,11 +51,7 @@ def test_the_filters_of_jq_run(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_the_table_has_every_field_of_the_schema(name: str) -> None:
-    spec = importlib.util.spec_from_file_location("hooks", ROOT / "docs" / "hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    hooks = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(hooks)
+    hooks = site_code("hooks")
     assert hooks.FIELDS.findall(PAGE) == list(SCHEMAS)
     rows = re.findall(r"^\| `([^`]+)` \| [^|]+ \| (.+) \|$", hooks.fields_table(name), re.MULTILINE)
     told = {(where.rpartition(".")[2], says) for where, says in rows}
