@@ -76,7 +76,8 @@ def _grouped(rows: pd.DataFrame, by: str, groups: Mapping[str, str]) -> Figure:
     axes.set_xticks(range(len(groups)), list(groups.values()))
     axes.set_xlim(-0.5, len(groups) - 0.5)
     least = float(np.nanmin(rows[["coverage_pct", "low"]].to_numpy(dtype=float)))
-    axes.set_ylim(5.0 * np.floor((least - 1.0) / 5.0), 101.0)
+    bottom = 5.0 * np.floor((least - 1.0) / 5.0)
+    axes.set_ylim(bottom, 100.0 + (100.0 - bottom) / 30.0)  # room for half a marker
     axes.tick_params(axis="x", length=0, labelsize=LABEL_PT)
     axes.grid(visible=False, axis="x")
     axes.set_ylabel("share of time inside\nthe 95 % interval, %")

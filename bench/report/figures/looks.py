@@ -39,7 +39,7 @@ _LOOKS = {
     "nominal_imm": Look("#D24B3C", "+"),
     "nominal_mhe": Look("#0000F0", "H"),
     "residual_ukf": Look("#5A0000", "4"),
-    "recursive_kalmannet": Look("#00002D", "|"),
+    "recursive_kalmannet": Look("#00002D", "."),
     "gru_kf": Look("#56B4E9", "^"),
     "s5_kf": Look("#0000A5", "x"),
     "lstm_rls": Look("#009E73", "v"),
