@@ -8,6 +8,8 @@ state and sample give the same answer.
 
 from __future__ import annotations
 
+from typing import Any, ClassVar
+
 import numpy as np
 from numba import njit
 
@@ -59,6 +61,12 @@ class NominalPF(NominalFilter):
 
     name = "nominal_pf"
     says = "Rao-Blackwellised particle filter with the recalibrated reduced-order model"
+    settings: ClassVar[dict[str, Any]] = {
+        **NominalFilter.settings,
+        "health_walk": 0.643,
+        "state_walk": 27.06,
+        "slow_error": 2.642,
+    }
 
     def fresh(self, z: Array, P: Array) -> tuple[np.ndarray, ...]:
         """Particles from the prior, alike for every machine, equal weights, the rest's covariance, the counter.

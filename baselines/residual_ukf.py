@@ -85,15 +85,15 @@ class ResidualUKF(NominalUKF):
     settings: ClassVar[dict[str, Any]] = {
         **NominalUKF.settings,
         "slow_error": 3.389,
-        "alpha": 0.5,
+        "alpha": 0.6529,
         "iterations": 10000,
         "rows": 1024,
         "copies": 3,
         "transitions": 300_000,
         "learning_rate": 1e-2,
         "hidden": 64,
-        "state_walk": 20.0,
-        "health_walk": 1.25,
+        "state_walk": 6.148,
+        "health_walk": 1.207,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {
         "learning_rate": [5e-3, 1e-2, 2e-2],
