@@ -198,7 +198,8 @@ def rates_of_trials(names: Sequence[str], profile: Profile, out: Path, online: b
         for folder in rounds:
             if folder == out or _alike(folder / f"{name}.json", profile, online):
                 table = folder / f"{name}.csv"
-                found[table] = {(name,): s for s in rates_of([table], ())[table].values()}
+                known = rates_of([table], ())[table]
+                found[table] = {(name,): known[()]} if known else {}
     return found
 
 

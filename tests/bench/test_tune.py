@@ -42,7 +42,10 @@ def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_pro
     profile, out, spec = write_profile(tmp_path), tmp_path / "tuning", tunable(tmp_path)
     arguments = ("tune", spec, "--profile", profile, "--out", out, "--trials")
     assert twinbench(*arguments, 2) == 0
-    assert f"to do: 2 trials; the cost is not known: nothing of the kind is in {out / 'steady.csv'}" in capsys.readouterr().err
+    assert (
+        f"to do: 2 trials; the cost is not known: nothing of the kind is in {out / 'steady.csv'}"
+        in capsys.readouterr().err
+    )
     first = pd.read_csv(out / "steady.csv")
     assert first["scale"][0] == 1.7
     kept = parts(out)
@@ -67,7 +70,11 @@ def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_pro
 
 @pytest.mark.parametrize(
     ("profile", "online", "rounds"),
-    [("paper", True, {"third", "fourth", "seventh"}), ("tuning", False, {"first", "second"}), ("motor", True, {"motor"})],
+    [
+        ("paper", True, {"third", "fourth", "seventh"}),
+        ("tuning", False, {"first", "second"}),
+        ("motor", True, {"motor"}),
+    ],
 )
 def test_earlier_rounds_of_the_same_profile_and_kind_say_what_a_trial_costs(
     tmp_path, monkeypatch, profile, online, rounds

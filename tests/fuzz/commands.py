@@ -219,7 +219,9 @@ def make(command: str, index: int, seed: int, folder: Path, world: World) -> Cas
     kind = maker.__name__.removesuffix("_case")
     if maker is text_case:
         kind = next(name.partition(".")[0] for shelf, (_, name, _) in TEXTS if mutator in shelf.mutators)
-    return Case(command, index, f"{kind}: {mutator.name}", tuple(line), expected(command, maker, mutator), names, folder)
+    return Case(
+        command, index, f"{kind}: {mutator.name}", tuple(line), expected(command, maker, mutator), names, folder
+    )
 
 
 def unspoilt(command: str, folder: Path, world: World, model: bool = False) -> Case:
