@@ -6,7 +6,7 @@ import json
 import logging
 import shlex
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -193,7 +193,7 @@ def rates_of_trials(names: Sequence[str], profile: Profile, out: Path, online: b
         online: only settings that act after training are searched.
     """
     rounds = [out, *(folder for folder in sorted(EARLIER_ROUNDS.glob("*")) if folder.resolve() != out.resolve())]
-    found = {}
+    found: dict[Path, dict[Hashable, float]] = {}
     for name in names:
         for folder in rounds:
             if folder == out or _alike(folder / f"{name}.json", profile, online):

@@ -53,9 +53,8 @@ def rates_of(files: Sequence[Path], columns: Sequence[str]) -> Rates:
 def _seconds(file: Path, columns: Sequence[str]) -> dict[Hashable, float]:
     try:
         table = pd.read_csv(file, dtype=dict.fromkeys(columns, str)).dropna(subset="seconds")
-        took_s = table.assign(
-            seconds=pd.to_numeric(table["seconds"]), kind=[*map(tuple, table[list(columns)].to_numpy())]
-        )
+        seconds = pd.to_numeric(table["seconds"]).to_numpy()
+        kinds = [tuple(row) for row in table[list(columns)].to_numpy()]
     except (OSError, LookupError, TypeError, ValueError):
         return {}
-    return {kind: float(its["seconds"].mean()) for kind, its in took_s.groupby("kind")}
+    return {kind: float(seconds[[k == kind for k in kinds]].mean()) for kind in set(kinds)}

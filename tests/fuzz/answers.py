@@ -268,9 +268,8 @@ def look(folder: Path, ended: Ended) -> Answer:
 
 
 def told_file(folder: Path, ended: Ended) -> Path:
-    """The one file that a command says it wrote."""
-    (name,) = ended.out.splitlines()
-    return folder / name
+    """The one file that a command says it wrote, after whatever a user's code printed."""
+    return folder / ended.out.splitlines()[-1]
 
 
 def fmu(folder: Path, ended: Ended) -> Answer:

@@ -118,7 +118,8 @@ def write(out: Path, found: list[Outcome], seed: int, seconds: float) -> None:
     totals = {kind: int(table[kind].sum()) for kind in (*GOOD, *BAD)}
     ordered = table.sort_values("command", key=lambda names: names.map(list(WAYS).index), kind="stable")
     write_atomically(out / OUTCOMES, lambda path: ordered[COLUMNS].to_csv(path, index=False))
-    write_text(out / MANIFEST, json.dumps({"totals": totals, "made": made}, indent=2) + "\n")
+    whole = {"command": f"python tests/fuzz --out {out}", "totals": totals, "made": made}
+    write_text(out / MANIFEST, json.dumps(whole, indent=2) + "\n")
 
 
 def _table(found: list[Outcome]) -> pd.DataFrame:

@@ -279,7 +279,7 @@ def another_kind_by_name_only(given: Given, rng: np.random.Generator) -> None:
     given.name, given.spoil = f"day{pick(rng, WRITERS)}", lambda data: given.to_text(given.frame).encode()
 
 
-@mutator(REFUSED, look=REFUSED)
+@mutator(REFUSED)
 def a_bag_without_the_topic(given: Given, rng: np.random.Generator) -> None:
     as_kind(given, pick(rng, ROS))
     given.sidecar = str(given.sidecar).replace(f"/{given.machine.channels[0]}/data", "/tank/data")

@@ -118,7 +118,7 @@ def renamed_by_a_sidecar(given: Given, rng: np.random.Generator) -> None:
     given.sidecar = f"[channels]\n{channel} = 'PT 101 [x]'\n"
 
 
-@mutator(REFUSED, look=REFUSED)
+@mutator(REFUSED)
 def a_sidecar_that_is_none(given: Given, rng: np.random.Generator) -> None:
     given.sidecar = pick(rng, BAD_SIDECARS).replace("{c}", given.channel(rng)).replace("{{", "{").replace("}}", "}")
 

@@ -90,7 +90,8 @@ def bytes_flipped(record: Path, rng: np.random.Generator) -> None:
 @mutator(REFUSED)
 def an_archive_of_other_things(record: Path, rng: np.random.Generator) -> None:
     with zipfile.ZipFile(record, "w") as archive:
-        archive.writestr(pick(rng, ("day.csv", "about.json", "../about.json.npy", "about.json.npy")), rng.bytes(90))
+        name = pick(rng, ("day.csv", "about.json", "../about.json.npy", "about.json.npy"))
+        archive.writestr(zipfile.ZipInfo(name), rng.bytes(90))
 
 
 @mutator(REFUSED)
@@ -102,7 +103,7 @@ def an_array_that_claims_to_be_huge(record: Path, rng: np.random.Generator) -> N
     members["time_s.npy"] = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode()
     with zipfile.ZipFile(record, "w") as archive:
         for name, data in members.items():
-            archive.writestr(name, data)
+            archive.writestr(zipfile.ZipInfo(name), data)  # of no time, so that it is the same again
 
 
 @mutator(REFUSED)
