@@ -1,4 +1,4 @@
-"""What a run will cost, told before it starts: from what each training and evaluation took in an earlier run."""
+"""What a run or a comparison will cost, told before it starts, by what its parts took in an earlier run."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ from twinbench.bench.earlier import read_earlier
 from twinbench.bench.profile import Profile
 from twinbench.bench.registry import find
 from twinbench.bench.roster import ABLATION
+from twinbench.common.cost import in_words
 from twinbench.common.errors import BadInput
 from twinbench.common.store import Store
 from twinbench.machines.compressor import COMPRESSOR
 
+COST_TABLE = "cost.csv"
 REFERENCE = Path("results") / "paper"
 """The run whose costs are asked where the folder of results knows none."""
 STAGES = {"fit": "training", "estimate": "evaluation"}
@@ -43,11 +45,25 @@ def foretold(todo: Sequence[Cell], profile: Profile, store: Store, out: Path) ->
         else:
             took_s[by] = took_s.get(by, 0.0) + rates[by][name] * _size(stage, cell, asdict(profile))
     if not took_s:
-        return f"{line}; their cost is not known: no cost.csv of them in {' or '.join(map(str, rates))}"
-    minutes = sum(took_s.values()) / 60.0
-    about = f"about {minutes:,.0f} core-minutes" if minutes >= 1.5 else "about a core-minute at most"
-    files = " and ".join(str(folder / "cost.csv") for folder in took_s)
-    return f"{line}, {about} by {files}" + (f"; the cost of {unknown} is not known" if unknown else "")
+        return f"{line}; their cost is not known: no {COST_TABLE} of them in {' or '.join(map(str, rates))}"
+    return line + in_words({folder / COST_TABLE: s for folder, s in took_s.items()}, unknown)
+
+
+def of_comparison(found: Sequence[Cell], profile: Profile, folder: Path, minutes: float) -> str:
+    """One line: over how many minutes of recordings estimators are to run, and about how long that takes one core.
+
+    Args:
+        profile: with which they were trained, in ``folder``.
+        minutes: of the recordings, all together; the run's recordings for calibration come on top.
+    """
+    data = profile.data
+    minutes += data.n_calibration * (data.minutes - data.warmup_minutes)
+    rates = _rates(folder, found, profile.machine)
+    known = [rates["estimate", _whole(cell)] for cell in found if ("estimate", _whole(cell)) in rates]
+    line = f"to do: {len(found)} estimators, each over {minutes:,.0f} min of recordings"
+    if not known:
+        return f"{line}; the cost is not known: {folder / COST_TABLE} has none of them"
+    return line + in_words({folder / COST_TABLE: minutes * sum(known)}, len(found) - len(known))
 
 
 def _rates(folder: Path, todo: Sequence[Cell], machine: str) -> dict[tuple[str, str], float]:
@@ -60,7 +76,7 @@ def _rates(folder: Path, todo: Sequence[Cell], machine: str) -> dict[tuple[str, 
         profile = earlier.manifest["profile"]
         if profile.get("machine", COMPRESSOR.name) != machine:
             return {}
-        table = earlier.rows("cost.csv", ())
+        table = earlier.rows(COST_TABLE, ())
         table = table.assign(cpu_s=pd.to_numeric(table["cpu_s"]))
         took_s = table.groupby(["stage", "estimator"])["cpu_s"].mean().dropna()
         whole = {_whole(cell): cell for cell in todo}

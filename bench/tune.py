@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import shlex
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ from rich.console import Console
 
 from twinbench.bench import cells
 from twinbench.bench.evaluate import run as evaluate
-from twinbench.bench.profile import Evaluation, Profile
+from twinbench.bench.profile import Evaluation, Profile, load_profile
 from twinbench.bench.registry import find
 from twinbench.bench.settings import check_settings, search_space
 from twinbench.bench.statistics.scores import score
 from twinbench.bench.statistics.subject import Subject, subject_of
 from twinbench.bench.statistics.summary import LIFE
+from twinbench.common.cost import Rates, foretold, rates_of
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import Store, check_writable, write_csv, write_text
@@ -40,6 +42,10 @@ MOST_TRIALS = 10_000
 """More is a slip of the finger."""
 EVALUATION = Evaluation(stride=10)
 TUNE_SEED = 0
+TUNING = "tuning"
+"""The profile of a command that names none."""
+EARLIER_ROUNDS = Path("results") / "tuning"
+"""Where rounds are that are asked for what a trial costs."""
 
 _Asked = tuple[str, int]
 """An estimator's name, and a trial's number."""
@@ -158,6 +164,9 @@ def tune(
     searches = {search.kind.name: search for search in (_search(*one, profile, out, trials) for one in found)}
     began, store, key = time.time(), Store(out / "store"), cells.data_key(profile)
     done = sum(min(len(search.finished), trials) for search in searches.values())
+    left = [(name,) for name, search in searches.items() for _ in range(trials - len(search.finished))]
+    rates = rates_of_trials(list(searches), profile, out, online)
+    console.print(foretold("trial", left, rates), highlight=False, markup=False, soft_wrap=True)
     with Progress(console) as progress, progress.stage("tune", trials * len(searches), done) as going:
         list(side_by_side(cells.ensure_data, {"simulate": (store, profile, key)}, progress.say, out))
         while asked := {(name, t.number): (t, own) for name, s in searches.items() for t, own in s.ask(trials)}:
@@ -173,6 +182,37 @@ def tune(
                 going.step()
     facts = {"command": command, "wall_s": round(time.time() - began, 1)}
     return [_write(search, subject, out, facts) for search in searches.values()]
+
+
+def rates_of_trials(names: Sequence[str], profile: Profile, out: Path, online: bool) -> Rates:
+    """What a trial of each took in a folder, or else in earlier rounds of the same profile and kind.
+
+    Args:
+        names: of estimators.
+        out: the folder.
+        online: only settings that act after training are searched.
+    """
+    rounds = [out, *(folder for folder in sorted(EARLIER_ROUNDS.glob("*")) if folder.resolve() != out.resolve())]
+    found: dict[Path, dict[Hashable, float]] = {}
+    for name in names:
+        for folder in rounds:
+            if folder == out or _alike(folder / f"{name}.json", profile, online):
+                table = folder / f"{name}.csv"
+                known = rates_of([table], ())[table]
+                found[table] = {(name,): known[()]} if known else {}
+    return found
+
+
+def _alike(about: Path, profile: Profile, online: bool) -> bool:
+    """Were an earlier round's trials of the same profile, and with the same kind of settings searched?"""
+    try:
+        words = shlex.split(json.loads(about.read_text())["command"])
+        name = words[words.index("--profile") + 1] if "--profile" in words else TUNING
+        if "--machine" in words or name != profile.name or ("--online" in words) != online:
+            return False
+        return load_profile(name).machine == profile.machine
+    except (OSError, LookupError, TypeError, ValueError):
+        return False
 
 
 def _search(spec: str, what: _Searched, profile: Profile, out: Path, trials: int) -> _Search:

@@ -55,7 +55,7 @@ class Verdict:
     diagnosis: Diagnosis
 
     def to_dict(self) -> dict[str, Any]:
-        """``verdict.json``, but for its provenance."""
+        """``verdict.json``, but for its provenance and what was noted of the recordings."""
         d = self.diagnosis
         return {
             "schema_version": VERDICT_VERSION,

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import gc
+import importlib
+import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from twinbench.common.threads import pin
@@ -27,6 +31,23 @@ LONGEST = (
     "test_notebooks",
 )  # fmt: skip
 """Files that begin, so that none of them runs on alone at the end."""
+
+COMPILED_ON_IMPORT = (
+    "twinbench.mismatch.machine", "twinbench.mismatch.sensors", "twinbench.mismatch.series",
+    "twinbench.mismatch.tangent", "twinbench.proof.concealed.machines",
+)  # fmt: skip
+"""What numba compiles when it is imported is in these."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Of several processes one compiles what is compiled on import. The others wait, and load it."""
+    folder = os.environ.get("NUMBA_CACHE_DIR")
+    if folder and hasattr(config, "workerinput"):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        with open(Path(folder) / "tests.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            for module in COMPILED_ON_IMPORT:
+                importlib.import_module(module)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from twinbench.bench.cli.output import tell_files
-from twinbench.bench.cli.parser import add_machine, add_map, add_training
+from twinbench.bench.cli.parser import RECORDING_HELP, add_machine, add_map, add_training
 
 SAYS = "run a trained estimator over a recording as it would run online, and keep all that goes in and comes out"
 EXAMPLE = """twinbench record deeponet_kalman plant.csv --out run.npz
@@ -17,7 +17,7 @@ with all that is carried to the next tick. twinbench replay run.npz does it agai
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("estimator", metavar="NAME", help="a trained estimator")
-    parser.add_argument("recording", type=Path, metavar="RECORDING", help=".csv, .csv.gz or .parquet")
+    parser.add_argument("recording", type=Path, metavar="RECORDING", help=RECORDING_HELP)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the record, by custom a .npz")
     parser.add_argument(
         "--every",

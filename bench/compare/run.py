@@ -13,7 +13,9 @@ from twinbench.bench.cells import Cell
 from twinbench.bench.compare.page import says, table
 from twinbench.bench.compare.scores import promised, score
 from twinbench.bench.compare.watched import lead_ticks, watch
+from twinbench.bench.cost import of_comparison
 from twinbench.bench.estimate.apply import Training, read_all, trained_cells
+from twinbench.bench.profile import profile_on
 from twinbench.bench.registry import one_line
 from twinbench.bench.report.provenance import bullets, write_tables
 from twinbench.bench.report.table_formats import Table
@@ -70,7 +72,10 @@ def compare(
     batches = read(found[0].machine, paths, mapping)
     several = {cell.estimator: (store, cell, tuple(paths), tuple(mapping)) for cell in found}
     ended = {}
+    profile = profile_on(where.profile, where.machine)
+    minutes = sum(float(batch.time_s[-1] - batch.time_s[0]) for batch in batches) / 60.0
     with Progress(after_s=TELLS_S) as progress, progress.stage("compare", len(found)) as going:
+        progress.say(of_comparison(found, profile, where.folder(profile), minutes))
         for outcome in side_by_side(_one, several, progress.say, out):
             ended[outcome[0]] = outcome
             going.step()

@@ -116,6 +116,7 @@ def explain(asked: Request, out: Path) -> Explained:
         joined = verdict.diagnosis.joined.inputs
         said = joined if given.inputs or joined == "linear" else ""
         model = model_toml(asked.spec, simulator, verdict.mechanisms, verdict.values, out, asked.catalogue, said)
-        document = {**verdict.to_dict(), "provenance": made}
+        notes = [{"name": r.name, "notes": list(r.notes)} for r in recordings]
+        document = {**verdict.to_dict(), "recordings": notes, "provenance": made}
         write_findings(document, model, out)
     return Explained(verdict, document)

@@ -166,8 +166,11 @@ def _chosen(description: Description) -> tuple[tuple[Scalar, ...], ...]:
 
 
 def _equation(name: str, function: Callable[..., Any], key: int) -> Equation:
-    """An equation that calls an FMU, plain; compiled it is kept from process to process."""
-    text = f"def {name}(x, u, theta):\n    return call({key}, x, u, theta)\n"
+    """An equation that calls an FMU, plain; compiled it is kept from process to process.
+
+    The key is a number of a type. For a literal numba would compile what is called again, for each FMU.
+    """
+    text = f"def {name}(x, u, theta):\n    return call(np.int64({key}), x, u, theta)\n"
     made = executed(text, {"call": function})[name]
     made.native = functools.partial(_compiled, name, text, function)
     return made  # type: ignore[no-any-return]

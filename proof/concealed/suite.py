@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from twinbench.common.cost import foretold, rates_of
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
@@ -31,6 +32,9 @@ from twinbench.proof.concealed.paired import paired_as_markdown, paired_table
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.concealed.power import outcomes, power, reliability
 
+CASES_TABLE = "cases.csv"
+EARLIER = (Path("results") / "proof", Path("results") / "opponents")
+"""Studies that are asked for what an answer costs, where the folder of results does not say it."""
 _Plan = Sequence[tuple[Item, Mapping[str, str]]]
 """Cases, and the engines that get each of them."""
 
@@ -76,6 +80,9 @@ def run(study: Study, out: Path, console: Console, jobs: int = 0, command: str =
     several = {f"case {item.case}": (item, seed, out, asked, left) for item, asked, left in todo}
     # Cases differ in how many engines they ask, so answers count.
     answers = sum(len(left) for *_, left in todo)
+    rates = rates_of([folder / CASES_TABLE for folder in (out, *EARLIER)], ("engine", "machine"))
+    kinds = [(engine, item.machine) for item, _, left in todo for engine in left]
+    console.print(foretold("answer", kinds, rates), highlight=False, markup=False, soft_wrap=True)
     try:
         with Progress(console) as progress, progress.stage("answers", answers) as going:
             for done, asked in enumerate(side_by_side(run_case, several, progress.say, out, jobs), 1):
@@ -127,8 +134,8 @@ def tables(out: Path, rows: pd.DataFrame, engines: Sequence[str]) -> pd.DataFram
     Args:
         rows: with ``COLUMNS``.
     """
-    write_text(out / "cases.csv", rows.to_csv(index=False))
-    table = read_cases(out / "cases.csv")
+    write_text(out / CASES_TABLE, rows.to_csv(index=False))
+    table = read_cases(out / CASES_TABLE)
     gates = {name: gate_table(table[table["engine"] == name]) for name in engines}
     write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))
     write_text(out / "misses.csv", misses(table).to_csv(index=False))

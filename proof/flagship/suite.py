@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from rich.console import Console
 
+from twinbench.common.cost import foretold, rates_of
 from twinbench.common.errors import BadInput
 from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
@@ -40,6 +41,9 @@ calibrated model that it is held against does; the second follows the health its
 catalogue of true effects alone, which shows how far mending gets without naming."""
 DRAW_TIMEOUT_S = 3600.0
 RARE_EVERY = 3
+DRAWS_TABLE = "draws.csv"
+EARLIER_DRAWS = Path("results") / "flagship"
+"""The study that is asked for what a case costs, where the folder of results does not say it."""
 _ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -87,6 +91,9 @@ def run(
     todo = [(item, engine) for item, engine in listed if not _finished(_row_file(out, item, engine), item, seed)]
     if len(todo) < len(listed):
         console.print(f"{len(listed) - len(todo)} of {len(listed)} cases are there from an earlier run")
+    rates = rates_of([folder / DRAWS_TABLE for folder in (out, EARLIER_DRAWS)], ("engine", "cell"))
+    kinds = [(engine, item.cell) for item, engine in todo]
+    console.print(foretold("case", kinds, rates), highlight=False, markup=False, soft_wrap=True)
     several = {f"case {item.name}, {engine}": (item, seed, out, engine) for item, engine in todo}
     with Progress(console) as progress, progress.stage("cases", len(todo)) as going:
         for _ in side_by_side(run_case, several, progress.say, out, jobs):
@@ -172,8 +179,8 @@ def report(out: Path, listed: Sequence[tuple[Item, str]], seed: int, facts: Mapp
     """Write the tables of finished cases; the first engine's gates."""
     files = [_row_file(out, item, engine) for item, engine in listed]
     rows = [json.loads(file.read_text())["row"] for file in files]
-    write_text(out / "draws.csv", pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
-    table = read_draws(out / "draws.csv")
+    write_text(out / DRAWS_TABLE, pd.DataFrame(rows, columns=list(COLUMNS)).to_csv(index=False))
+    table = read_draws(out / DRAWS_TABLE)
     engines = list(dict.fromkeys(engine for _, engine in listed))
     gates = {engine: gate_table(table[table["engine"] == engine]) for engine in engines}
     write_text(out / "gates.csv", pd.concat([g.assign(engine=e) for e, g in gates.items()]).to_csv(index=False))

@@ -136,12 +136,15 @@ def test_the_terminal_has_one_sentence_then_a_list_then_the_files(
 def test_json_is_the_file_and_says_what_the_verdict_rests_on(
     workplace: Path, engine: dict[str, Any], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    Path("next.toml").write_text("[channels]\nT_in = 'T_in'\n")
+    Path("next.toml").write_text("stamp = 'end'\naverage_s = 1.0\n[channels]\nT_in = 'T_in'\n")
     given = ("--catalogue", "loss.py", "--map", "T_out=T_out", "--leave-out", "offset@T", "--prior", "loss=0.5")
     known = ("--measured", "T_in=1K", "--inputs", "linear")
     assert twinbench("mismatch", "lag.py", "day.csv", "next.csv", *given, *known, "--out", "found", "--json") == NAMED
     said = capsys.readouterr().out
     assert said.encode() == Path("found/verdict.json").read_bytes()
+    noted = {recording["name"]: recording["notes"] for recording in json.loads(said)["recordings"]}
+    assert noted["day"] == []
+    assert any(note.startswith("means over 1 s, stamped at their end") for note in noted["next"])
     made = json.loads(said)["provenance"]
     assert made["settings"] == {
         "simulator": "lag.py", "catalogue": "loss.py", "map": ["T_out=T_out"], "inputs": "linear",

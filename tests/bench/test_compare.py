@@ -159,7 +159,9 @@ def test_trained_estimators_are_held_against_recordings_of_ones_own(tmp_path, ca
     capsys.readouterr()
     asked = ("compare", *days, *base, "--results", results, "--out", out)
     assert twinbench(*asked, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    assert f"core-minute at most by {results / 'cost.csv'}" in printed.err
+    told = json.loads(printed.out)
     assert {row["estimator"] for row in told["comparison"]} == set(names)
     scores = pd.read_csv(out / "scores.csv")
     held = scores[(scores["estimator"] == "last_value") & (scores["metric"] == "open10_ratio")]["value"]

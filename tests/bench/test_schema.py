@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.documents import NOWHERE, check, closed, described, validator
+from helpers.documents import BY_NO_COMMAND, check, closed, described, validator
 from helpers.prose import ROOT, sentences
 from helpers.tiny_run import twinbench
 from jsonschema import Draft202012Validator
@@ -136,4 +136,4 @@ def test_verdicts_on_real_recordings_keep_the_schema() -> None:
     assert len(files) == 5
     for path in files:
         verdict = json.loads(path.read_text(encoding="utf-8"))
-        check("verdict", {"schema_version": VERDICT_VERSION, **verdict, "provenance": NOWHERE})
+        check("verdict", {"schema_version": VERDICT_VERSION, **verdict, **BY_NO_COMMAND})

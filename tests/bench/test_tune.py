@@ -14,7 +14,7 @@ from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
 from twinbench.bench.roster import LABELS
 from twinbench.bench.statistics.subject import PAPERS
-from twinbench.bench.tune import FAILED, coverages_of, errors_of, merit
+from twinbench.bench.tune import FAILED, coverages_of, errors_of, merit, rates_of_trials
 
 RESULTS = Path(__file__).parents[2] / "results/tuning"
 
@@ -42,10 +42,17 @@ def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_pro
     profile, out, spec = write_profile(tmp_path), tmp_path / "tuning", tunable(tmp_path)
     arguments = ("tune", spec, "--profile", profile, "--out", out, "--trials")
     assert twinbench(*arguments, 2) == 0
+    assert (
+        f"to do: 2 trials; the cost is not known: nothing of the kind is in {out / 'steady.csv'}"
+        in capsys.readouterr().err
+    )
     first = pd.read_csv(out / "steady.csv")
     assert first["scale"][0] == 1.7
     kept = parts(out)
+    first.assign(seconds=240.0).to_csv(out / "steady.csv", index=False)
     assert twinbench(*arguments, 7) == 0
+    said = capsys.readouterr()
+    assert f"to do: 5 trials, about 20 core-minutes by {out / 'steady.csv'}" in said.err
     table = pd.read_csv(out / "steady.csv")
     assert len(table) == 7
     pd.testing.assert_frame_equal(table[:2], first)
@@ -53,12 +60,31 @@ def test_trials_begin_with_the_defaults_go_on_where_they_stopped_and_leave_a_pro
     best = tomllib.loads((out / "steady.toml").read_text())["settings"]["steady"]
     assert best["scale"] == pytest.approx(table["scale"][table["merit"].argmin()], rel=1e-3)
     assert table["merit"].min() < table["merit"][0]
-    assert f"scale = {best['scale']!r}" in capsys.readouterr().out
+    assert f"scale = {best['scale']!r}" in said.out
     about = json.loads((out / "steady.json").read_text())
     assert about["trials"] == 7
     assert "commit" in about
     more = write_profile(tmp_path, more=(out / "steady.toml").read_text())
     assert load_profile(str(more)).settings["steady"] == best
+
+
+@pytest.mark.parametrize(
+    ("profile", "online", "rounds"),
+    [
+        ("paper", True, {"third", "fourth", "seventh"}),
+        ("tuning", False, {"first", "second"}),
+        ("motor", True, {"motor"}),
+    ],
+)
+def test_earlier_rounds_of_the_same_profile_and_kind_say_what_a_trial_costs(
+    tmp_path, monkeypatch, profile, online, rounds
+):
+    monkeypatch.chdir(RESULTS.parents[1])
+    names = ["gru_kf", "nominal_imm"] if profile == "paper" else ["gru_kf"]
+    rates = rates_of_trials(names, load_profile(profile), tmp_path, online)
+    assert rounds <= {table.parent.name for table, known in rates.items() if known}
+    ours = pd.read_csv(next(table for table, known in rates.items() if known))["seconds"].mean()
+    assert next(known for known in rates.values() if known) == {("gru_kf",): pytest.approx(ours)}
 
 
 def test_of_choices_each_is_trained_once(tmp_path):

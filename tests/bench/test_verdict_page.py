@@ -39,14 +39,17 @@ def test_the_filters_of_jq_run(tmp_path: Path) -> None:
     (tmp_path / "found").mkdir()
     (tmp_path / "tanks.py").write_text("x")
     made: dict[str, Any] = {**NOWHERE, "files": [{"path": "tanks.py", "sha256": hashlib.sha256(b"x").hexdigest()}]}
-    document = {**bare_verdict("missing physics"), "findings": [FINDING], "fit": [FIT], "provenance": made}
+    noted = [{"name": "day1", "notes": ["means over 10 s", "joined of day1.csv"]}]
+    document = {**bare_verdict("missing physics"), "findings": [FINDING], "fit": [FIT], "recordings": noted}
+    document["provenance"] = made
     (tmp_path / "found" / "verdict.json").write_text(json.dumps(document))
     lines = re.findall(r"^jq .*$", PAGE, re.MULTILINE)
     said = []
     for line in lines:
         done = subprocess.run(["sh", "-c", line], cwd=tmp_path, capture_output=True, text=True, check=True)
         said.append(done.stdout.split("\n")[0])
-    assert said == ["missing physics", "no name\tbalance:T\t0.5", "true", "true", "tanks.py: OK"]
+    first = ["missing physics", "day1: means over 10 s; joined of day1.csv"]
+    assert said == [*first, "no name\tbalance:T\t0.5", "true", "true", "tanks.py: OK"]
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import json
 import re
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 from helpers import documents
 
+from fuzz.given import TANK
 from fuzz.worker import Ended
 from twinbench.bench.cli.mismatch_status import STATUS
+from twinbench.bench.replay.record import Record
 from twinbench.machines.compressor import COMPRESSOR, ESTIMATED, HEALTH
 
 EQUAL = 1e-6
@@ -243,7 +247,74 @@ def tune(folder: Path, ended: Ended) -> Answer:
     return Answer("tuned", False, {})
 
 
+SEEN = ("readings", "lost", "low", "median", "high", "distinct", "noise", "moves", "swings")
+"""Of a channel, what is the same in whatever file it stands."""
+
+
+def look(folder: Path, ended: Ended) -> Answer:
+    status(ended, 0)
+    seen = strict_json(ended.out)
+    need(seen["last_s"] >= seen["first_s"], "it ends before it begins")
+    for file in seen["files"]:
+        need((folder / file).read_bytes().startswith(b"\x89PNG"), f"{file} is no picture")
+    channels = seen["channels"]
+    for name, channel in channels.items():
+        need(channel["readings"] <= seen["samples"], f"{name} has more readings than there are rows")
+        need(channel["lost"] is None or 0.0 <= channel["lost"] <= 1.0, f"{name} has lost {channel['lost']}")
+        if channel["readings"]:
+            need(channel["low"] <= channel["median"] <= channel["high"], f"the median of {name} is not between")
+    its = {c: {key: channels[c][key] for key in SEEN} for c in TANK.channels if c in channels}
+    return Answer(f"{len(channels)} channels", False, its)
+
+
+def told_file(folder: Path, ended: Ended) -> Path:
+    """The one file that a command says it wrote, after whatever a user's code printed."""
+    return folder / ended.out.splitlines()[-1]
+
+
+def fmu(folder: Path, ended: Ended) -> Answer:
+    status(ended, 0)
+    with zipfile.ZipFile(told_file(folder, ended)) as archive:
+        need(archive.testzip() is None, "the FMU is damaged")
+        described = ElementTree.fromstring(archive.read("modelDescription.xml"))
+        binaries = [name for name in archive.namelist() if name.startswith("binaries/") and not name.endswith("/")]
+        need(binaries and all(archive.read(name).startswith(b"\x7fELF") for name in binaries), "it has no binary")
+    variables = [
+        {"name": v.get("name"), "causality": v.get("causality"), "start": v.get("start") or v[0].get("start")}
+        for v in described.iter("ScalarVariable")
+    ]
+    need(variables and len({v["name"] for v in variables}) == len(variables), "no variables, or names twice")
+    starts = [float(v["start"]) for v in variables if v["start"]]
+    need(np.isfinite(starts).all(), "a start that is no number")
+    return Answer("written", False, variables)
+
+
+def record(folder: Path, ended: Ended) -> Answer:
+    status(ended, 0)
+    made = Record.load(told_file(folder, ended))
+    need(len(made.time_s) > 0, "a record of no tick")
+    kept = {name: made.said[name] for name in ("mean", "low", "high")}
+    for name, values in kept.items():
+        need(np.isfinite(values).all(), f"{name} is not finite")
+    need(((kept["low"] <= kept["mean"]) & (kept["mean"] <= kept["high"])).all(), "an estimate outside its interval")
+    return Answer(f"{len(made.time_s)} ticks", False, kept)
+
+
+def replay(folder: Path, ended: Ended) -> Answer:
+    status(ended, 0, 1)
+    said = strict_json(ended.out)
+    need(said["passed"] == (ended.status == 0), "exit status and result disagree")
+    need(said["equal"] == (said["first_tick"] is None), "equal, and a tick that differs")
+    return Answer("equal" if said["equal"] else "differs", not said["equal"], said["first_tick"])
+
+
+def schema(folder: Path, ended: Ended) -> Answer:
+    status(ended, 0)
+    return Answer("a schema", False, strict_json(ended.out)["$schema"])
+
+
 ANSWERS: dict[str, Callable[[Path, Ended], Answer]] = {
     "estimate": estimate, "simulate": simulate, "mismatch": mismatch, "list": listed, "check": check, "run": run,
-    "report": report, "export": export, "latency": latency, "tune": tune,
+    "report": report, "export": export, "latency": latency, "tune": tune, "look": look, "fmu": fmu, "record": record,
+    "replay": replay, "schema": schema,
 }  # fmt: skip

@@ -36,7 +36,7 @@ def the_command_misspelt(arguments: list[str], rng: np.random.Generator) -> list
 
 @mutator(REFUSED)
 def a_file_that_is_not_there(arguments: list[str], rng: np.random.Generator) -> list[str]:
-    files = [i for i, a in enumerate(arguments) if a.endswith((".csv", ".py", ".toml")) or a == "run"]
+    files = [i for i, a in enumerate(arguments) if a.endswith((".csv", ".py", ".toml", ".npz")) or a == "run"]
     at = pick(rng, files)
     return [
         *arguments[:at],
@@ -81,9 +81,9 @@ def words_in_another_order(arguments: list[str], rng: np.random.Generator) -> li
     return [arguments[0], *map(str, rng.permutation(arguments[1:]))]
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, record=ORDERLY, replay=ORDERLY)
 def a_folder_that_cannot_be(arguments: list[str], rng: np.random.Generator) -> list[str]:
-    """Where results should go stands a file, or nothing can stand."""
+    """Where results should go stands a file, or nothing can stand. What is one file replaces a file."""
     folder = pick(rng, ("a_file", "a_file/x", "/proc/x", "/dev/null/x", "a" * 300, "/sys/x"))
     if "--out" in arguments:
         at = arguments.index("--out")

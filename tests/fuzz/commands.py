@@ -12,7 +12,7 @@ import numpy as np
 from helpers.tiny_profile import PROFILE
 
 from fuzz.arguments import ARGUMENTS
-from fuzz.cases import REFUSED, SAME, Case, Mutator, generator
+from fuzz.cases import CLOSE_OR_TOLD, ORDERLY, REFUSED, SAME, SAME_OR_REFUSED, TOLD, Case, Mutator, generator
 from fuzz.estimators import ESTIMATORS, MINE
 from fuzz.finished_runs import RUNS
 from fuzz.given import Given
@@ -22,6 +22,7 @@ from fuzz.recording_cells import CELLS
 from fuzz.recording_files import FILES
 from fuzz.recording_names import NAMES
 from fuzz.recording_time import CLOCK
+from fuzz.records import RECORDS
 from fuzz.simulators import SIMULATORS, TANK
 from fuzz.world import ESTIMATOR, EXPORTED, World
 
@@ -69,17 +70,24 @@ def command_line(command: str, world: World, **spoilt: Any) -> list[str]:
         "export": ["export", "--out", "out", *trained, "--estimator", EXPORTED],
         "latency": ["latency", "--out", "out", *trained, "--estimator", ESTIMATOR, "--updates", "10", "--ticks", "0"],
         "tune": ["tune", "mine.py", "--profile", "tiny.toml", "--trials", "1", "--out", "out"],
+        "look": ["look", recording, "--out", "out", "--json"],
+        "fmu": ["fmu", simulator, "--out", "tank.fmu"],
+        "record": ["record", ESTIMATOR, recording, "--out", "online.npz", "--every", "40", *trained],
+        "replay": ["replay", "online.npz", "--json"],
+        "schema": ["schema", "verdict"],
     }[command]
 
 
 def machine_of(command: str) -> str:
-    return "compressor" if command == "estimate" else "tank"
+    return "compressor" if command in ("estimate", "record") else "tank"
 
 
 def with_recordings(folder: Path, world: World, command: str) -> None:
-    """Good recordings, as far as the command reads any."""
-    if command in ("estimate", "simulate", "mismatch"):
+    """Good recordings, and the record of a run, as far as the command reads any."""
+    if command in ("estimate", "simulate", "mismatch", "look", "record"):
         world.recording(machine_of(command)).write(folder)
+    if command == "replay":
+        shutil.copy(world.online, folder)
     if command == "mismatch":
         world.held_out.to_csv(folder / "next.csv", index=False)
 
@@ -131,6 +139,12 @@ def run_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rn
     return command_line(command, world, run="run"), ("run",)
 
 
+def record_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rng: np.random.Generator) -> Made:
+    with_recordings(folder, world, command)
+    mutator.spoil(folder / world.online.name, rng)
+    return command_line(command, world), (world.online.name,)
+
+
 def arguments_case(command: str, mutator: Mutator[Any], folder: Path, world: World, rng: np.random.Generator) -> Made:
     with_recordings(folder, world, command)
     if command == "report":
@@ -154,6 +168,7 @@ def _all(maker: Maker, mutators: Any) -> list[tuple[Maker, Mutator[Any]]]:
 _RECORDINGS, _ARGUMENTS = _all(recording_case, RECORDINGS), _all(arguments_case, ARGUMENTS.mutators)
 _SIMULATORS = _all(text_case, (*SIMULATORS.mutators, *MODELS.mutators))
 _RUNS = _all(run_case, RUNS.mutators)
+_FILELESS = [way for way in _ARGUMENTS if way[1].name != "a_file_that_is_not_there"]
 _PARTS = [way for way in _RUNS if any(word in way[1].name for word in ("part", "seal", "store", "everything"))]
 _REFUSED = [way for way in _ARGUMENTS if way[1].otherwise == REFUSED]
 WAYS: dict[str, list[tuple[Maker, Mutator[Any]]]] = {
@@ -167,8 +182,30 @@ WAYS: dict[str, list[tuple[Maker, Mutator[Any]]]] = {
     "export": [*_RUNS, *_ARGUMENTS],
     "latency": [*_PARTS, *_REFUSED],  # an answer takes it half a minute
     "tune": [*_all(text_case, PROFILES.mutators), *_ARGUMENTS],
+    "look": [*_RECORDINGS, *_ARGUMENTS],
+    "fmu": [*_SIMULATORS, *_ARGUMENTS],
+    "record": [*_RECORDINGS, *_RUNS, *_ARGUMENTS],
+    "replay": [*_all(record_case, RECORDS.mutators), *_ARGUMENTS],
+    "schema": _FILELESS,
 }
 """For each command, every mutator of what it reads; cases go round them."""
+
+
+def expected(command: str, maker: Maker, mutator: Mutator[Any]) -> str:
+    """What may come of it: what a command does not judge, it need not tell.
+
+    ``look`` and ``record`` take a recording as it is, and ``look`` knows no machine whose channels were missing in it.
+    An FMU cannot hold all that a simulator may do.
+    """
+    expects = mutator.expected(command)
+    if command in mutator.expects or maker not in (recording_case, text_case):
+        return expects
+    otherwise = {
+        "look": {TOLD: ORDERLY, CLOSE_OR_TOLD: ORDERLY, REFUSED: ORDERLY},
+        "record": {TOLD: ORDERLY, CLOSE_OR_TOLD: ORDERLY},
+        "fmu": {SAME: SAME_OR_REFUSED},
+    }
+    return otherwise.get(command, {}).get(expects, expects)
 
 
 def make(command: str, index: int, seed: int, folder: Path, world: World) -> Case:
@@ -182,7 +219,9 @@ def make(command: str, index: int, seed: int, folder: Path, world: World) -> Cas
     kind = maker.__name__.removesuffix("_case")
     if maker is text_case:
         kind = next(name.partition(".")[0] for shelf, (_, name, _) in TEXTS if mutator in shelf.mutators)
-    return Case(command, index, f"{kind}: {mutator.name}", tuple(line), mutator.expected(command), names, folder)
+    return Case(
+        command, index, f"{kind}: {mutator.name}", tuple(line), expected(command, maker, mutator), names, folder
+    )
 
 
 def unspoilt(command: str, folder: Path, world: World, model: bool = False) -> Case:

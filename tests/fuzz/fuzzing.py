@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib
 import multiprocessing
 import os
+import pkgutil
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -68,6 +70,10 @@ def started(seed: int) -> Iterator[Fuzz]:
 def _import_all() -> None:
     """What the commands import late: forks share it. One process, whatever the machine has."""
     os.environ["LOKY_MAX_CPU_COUNT"] = "1"
+    for room in ("bench", "data", "mismatch"):
+        package = importlib.import_module(f"twinbench.{room}")
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            importlib.import_module(module.name)
 
 
 def outcomes(fuzz: Fuzz, cases: Sequence[tuple[str, int]], jobs: int) -> Iterator[Outcome]:

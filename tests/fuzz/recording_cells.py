@@ -244,6 +244,6 @@ def numbers_as_truth_values(given: Given, rng: np.random.Generator) -> None:
     given.frame[channel] = given.frame[channel] > given.frame[channel].median()
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def no_time(given: Given, rng: np.random.Generator) -> None:
     given.frame = given.frame.drop(columns=TIME)

@@ -104,7 +104,7 @@ def spaces_in_the_header(given: Given, rng: np.random.Generator) -> None:
     given.frame = given.frame.rename(columns=lambda name: name + spaces if rng.random() < 0.5 else spaces + name)
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def empty_file(given: Given, rng: np.random.Generator) -> None:
     given.name = pick(rng, ("day.csv", "day.csv.gz", "day.parquet"))
     given.spoil = lambda data: pick(rng, (b"", b"\n\n"))
@@ -120,26 +120,26 @@ def cut_short(given: Given, rng: np.random.Generator) -> None:
     given.spoil = lambda data: data[: int(rng.integers(1, len(data)))]
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def packed_and_cut_short(given: Given, rng: np.random.Generator) -> None:
     given.name = pick(rng, ("day.csv.gz", "day.parquet"))
     given.spoil = lambda data: data[: int(rng.integers(1, len(data) - 8))]
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def garbage(given: Given, rng: np.random.Generator) -> None:
     given.name = pick(rng, ("day.csv", "day.csv.gz", "day.parquet"))
     given.spoil = lambda data: rng.bytes(int(rng.integers(1, 5000)))
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def another_kind_of_file(given: Given, rng: np.random.Generator) -> None:
     fakes = (b"PK\x03\x04", b"%PDF-1.7\n", b"<html><body>", b'{"a": [1, 2]}', b"\x89PNG\r\n", b"\x00" * 300)
     start = pick(rng, fakes)
     given.spoil = lambda data: start + rng.bytes(200)
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def kind_and_name_disagree(given: Given, rng: np.random.Generator) -> None:
     name = pick(rng, ("day.parquet", "day.csv.gz", "day.xlsx", "day", "day.CSV.bak"))
     given.spoil = lambda data: given.to_text(given.frame).encode()
@@ -268,13 +268,13 @@ def flipped(data: bytes, rng: np.random.Generator) -> bytes:
     return bytes(spoilt)
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def another_kind_of_garbage(given: Given, rng: np.random.Generator) -> None:
     given.name = f"day{pick(rng, WRITERS)}"
     given.spoil = lambda data: rng.bytes(int(rng.integers(1, 5000)))
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def another_kind_by_name_only(given: Given, rng: np.random.Generator) -> None:
     given.name, given.spoil = f"day{pick(rng, WRITERS)}", lambda data: given.to_text(given.frame).encode()
 

@@ -95,12 +95,12 @@ def a_map_to_no_channel(given: Given, rng: np.random.Generator) -> None:
     given.maps.append(f"{given.channel(rng)}={pick(rng, (*AWKWARD_NAMES, 'p_discharge', '', ' '))}")
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def a_map_of_no_column(given: Given, rng: np.random.Generator) -> None:
     given.maps.append(f"{pick(rng, ('PT999', '', ' ', '[bar]', '[]', '$x', 'PT[9]'))}={given.channel(rng)}")
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def a_map_that_is_none(given: Given, rng: np.random.Generator) -> None:
     given.maps.append(pick(rng, ("", "=", "==", "x", "[]=", "p_dis_bar", "a=b=c", "=x", "[bar]")))
 
@@ -123,7 +123,7 @@ def a_sidecar_that_is_none(given: Given, rng: np.random.Generator) -> None:
     given.sidecar = pick(rng, BAD_SIDECARS).replace("{c}", given.channel(rng)).replace("{{", "{").replace("}}", "}")
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def a_sidecar_in_another_encoding(given: Given, rng: np.random.Generator) -> None:
     given.sidecar = f"[channels]\n{given.channel(rng)} = 'µ°'\n".encode(pick(rng, ("latin-1", "utf-16")))
 

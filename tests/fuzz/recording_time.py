@@ -70,7 +70,7 @@ def a_long_gap(given: Given, rng: np.random.Generator) -> None:
     given.frame.loc[len(given.frame) // 2 :, TIME] += later
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def backwards(given: Given, rng: np.random.Generator) -> None:
     given.frame = given.frame.iloc[::-1]
 
@@ -81,40 +81,40 @@ def the_film_runs_backwards(given: Given, rng: np.random.Generator) -> None:
     given.frame[channels] = given.frame[channels].to_numpy()[::-1]
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def rows_repeated(given: Given, rng: np.random.Generator) -> None:
     row = int(rng.integers(1, len(given.frame)))
     given.frame = pd.concat([given.frame.iloc[:row], given.frame.iloc[row - 1 :]])
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def rows_out_of_order(given: Given, rng: np.random.Generator) -> None:
     given.frame = given.frame.iloc[rng.permutation(len(given.frame))]
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def the_clock_is_set_back(given: Given, rng: np.random.Generator) -> None:
     given.frame.loc[len(given.frame) // 2 :, TIME] -= rng.uniform(0.2, 1.0) * given.frame[TIME].iloc[-1]
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def the_clock_stands(given: Given, rng: np.random.Generator) -> None:
     given.frame[TIME] = 3.0
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def a_stamp_missing(given: Given, rng: np.random.Generator) -> None:
     given.frame.loc[int(rng.integers(len(given.frame))), TIME] = np.nan
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def stamps_that_are_no_numbers(given: Given, rng: np.random.Generator) -> None:
     given.cells()
     texts = ("2026-03-01T12:00:00", "12:00", "now", "1e400", "-inf", "0,05", "[b]")
     given.frame.loc[int(rng.integers(len(given.frame))), TIME] = pick(rng, texts)
 
 
-@mutator(REFUSED)
+@mutator(REFUSED, look=REFUSED)
 def dates_that_are_none(given: Given, rng: np.random.Generator) -> None:
     given.frame[TIME] = [f"2026-03-01T12:00:{s:06.3f}Z" for s in given.frame[TIME] % 60.0]
     odd = ("2026-02-30T12:00:00Z", "2026-03-01T25:00:00Z", "0000-00-00", "99999-01-01T00:00:00Z", "2026-03-01", "now")

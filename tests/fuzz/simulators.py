@@ -363,7 +363,7 @@ def an_awkward_name(text: str, rng: np.random.Generator) -> str:
     return text.replace(pick(rng, ('"level_m"', '"k"', '"tank"', '"g"', '"m"', '"V"')), f'"{pick(rng, AWKWARD)}"')
 
 
-@mutator(REFUSED, list=ORDERLY)
+@mutator(REFUSED, list=ORDERLY, fmu=ORDERLY)
 def a_channel_of_awkward_name(text: str, rng: np.random.Generator) -> str:
     """The recording has no such column."""
     return text.replace(pick(rng, ('"pump_V"',)), f'"{pick(rng, AWKWARD)}"')

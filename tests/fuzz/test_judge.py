@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from fuzz.commands import WAYS, make
 from fuzz.judge import judge, listing
 from fuzz.worker import Ended
 from fuzz.world import World, tank_recording
+from twinbench.bench.replay.record import ABOUT
 
 HEALTHY = Answer("healthy", False, {"x": np.array([1.0])}, {"x": (0.9, 1.1)})
 SICK = Answer("sick", True, {"x": np.array([2.0])}, {"x": (1.9, 2.1)})
@@ -155,6 +157,10 @@ def world(tmp_path_factory) -> World:
     np.savez(tables / "part.npz", a=np.zeros(3), b=np.ones(200))
     (tables / ".done").write_text("x")
     shutil.copytree(folder / "run", folder / "unused")
+    about = json.dumps(dict.fromkeys(ABOUT, 0)).encode()
+    arrays = {name: np.ones((6, 2)) for name in ("time_s", "measured", "lag_s", "said.mean")}
+    parts = {"about.json": np.frombuffer(about, np.uint8), "model.npz": np.frombuffer(about, np.uint8), **arrays}
+    np.savez(folder / "online.npz", checksums=np.ones(6, np.uint64), **parts)
     time_s = 0.05 * np.arange(1200)
     from twinbench.machines.compressor import CHANNELS
 

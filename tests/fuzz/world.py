@@ -20,6 +20,8 @@ ESTIMATOR = "oracle"
 EXPORTED = "deeponet_kalman"
 SECONDS = 60.0
 """Of the compressor's recording."""
+RECORDED_S = 10.0
+"""Of it, what a record is made of."""
 TANK_SAMPLES, TANK_PERIOD_S = 160, 0.5
 HOLE, GAIN = 0.05, 0.01
 """Of the tank: the simulator's own, so that simulator and recordings agree."""
@@ -48,6 +50,11 @@ class World:
     def profile(self) -> Path:
         return self.folder / "trained.toml"
 
+    @property
+    def online(self) -> Path:
+        """The record of a run over a part of the compressor's recording."""
+        return self.folder / "online.npz"
+
     def recording(self, machine: str) -> Given:
         if machine == "tank":
             return Given(TANK, self.tank.copy())
@@ -73,6 +80,10 @@ def build(folder: Path) -> World:
     with _quiet():
         main(["estimate", ESTIMATOR, str(folder / "day.csv"), *trained])
     shutil.copytree(run, folder / "unused")
+    compressor[: round(RECORDED_S / SAMPLE_PERIOD_S)].to_csv(folder / "part.csv", index=False)
+    with _quiet():
+        recorded = [str(folder / name) for name in ("part.csv", "online.npz")]
+        main(["record", ESTIMATOR, recorded[0], *trained[:4], "--out", recorded[1], "--every", "40"])
     return World(folder, compressor, tank_recording(1, TANK_SAMPLES), tank_recording(2, TANK_SAMPLES // 2))
 
 

@@ -30,6 +30,8 @@ NOWHERE = {
     "machine": {"system": "", "processor": "", "cores": None, "load_1min": None},
 }  # fmt: skip
 """Provenance of a verdict that no command made."""
+BY_NO_COMMAND = {"recordings": [], "provenance": NOWHERE}
+"""What a command adds to a verdict, of one that none made."""
 
 
 @cache
@@ -81,7 +83,7 @@ def no_number(word: str) -> None:
 
 def check_verdict(verdict: Any) -> None:
     """See that a ``Verdict`` becomes what ``verdict.json`` may hold."""
-    check("verdict", {**json.loads(json.dumps(strict(verdict.to_dict()), allow_nan=False)), "provenance": NOWHERE})
+    check("verdict", {**json.loads(json.dumps(strict(verdict.to_dict()), allow_nan=False)), **BY_NO_COMMAND})
 
 
 def checking(write: Callable[[Path, Any], None]) -> Callable[[Path, Any], None]:

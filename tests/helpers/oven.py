@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from helpers.documents import NOWHERE
+from helpers.documents import BY_NO_COMMAND
 from helpers.plain import diagnosed
 from twinbench.data.recording import Recording
 from twinbench.mismatch import Verdict
@@ -77,7 +77,7 @@ def loss_found() -> Verdict:
 
 
 def write(verdict: Verdict, out: Path) -> None:
-    mismatch_report.write_findings({**verdict.to_dict(), "provenance": NOWHERE}, "", out)
+    mismatch_report.write_findings({**verdict.to_dict(), **BY_NO_COMMAND}, "", out)
     mismatch_report.write_page(verdict, out)
 
 

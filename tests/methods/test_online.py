@@ -17,7 +17,7 @@ from twinbench.methods.deeponet_kalman.online import Online
 from twinbench.methods.deeponet_kalman.plain import PlainTwin
 from twinbench.methods.estimator import FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED, Sample
 
-SAMPLES = 6_000
+SAMPLES = 3_000
 CHANNELS, SAMPLE_PERIOD_S = COMPRESSOR.channels, COMPRESSOR.sample_period_s
 
 

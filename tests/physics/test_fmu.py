@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.small_fmu import SmallFMU, needs_gcc
-from numba import njit
+from numba import int64, njit
 
 from twinbench.physics.check import check_simulator
 from twinbench.physics.compile import compiled
+from twinbench.physics.fmu import calls
 from twinbench.physics.fmu.as_simulator import simulator_of
 
 pytestmark = needs_gcc
@@ -148,6 +149,11 @@ def rewritten(file: Path, old: str, new: str) -> Path:
     return other
 
 
+def test_what_calls_one_fmu_is_compiled_for_all(file: Path) -> None:
+    compiled(simulator_of(file))
+    assert {signature[0] for function in (calls.rates, calls.readings) for signature in function.signatures} == {int64}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
@@ -176,7 +182,7 @@ def test_a_file_that_is_no_fmu_is_refused_in_a_line(tmp_path: Path) -> None:
         simulator_of(tmp_path / "empty.fmu")
 
 
-def test_a_later_process_finds_the_machine_code(file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_later_process_finds_the_machine_code(file: Path) -> None:
     code = (
         "import sys, numpy as np\n"
         "from twinbench.physics.compile import compiled\n"
@@ -184,10 +190,10 @@ def test_a_later_process_finds_the_machine_code(file: Path, tmp_path: Path, monk
         "made = compiled(simulator_of(sys.argv[1]))\n"
         "print(made.rhs(np.ones(2), np.ones(1), np.ones(3))[1], sum(made.rhs.stats.cache_hits.values()))\n"
     )
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    unknown = rewritten(file, 'modelName="small"', 'modelName="unknown"')
     said = [
         subprocess.run(
-            [sys.executable, "-c", code, str(file)], capture_output=True, text=True, check=True
+            [sys.executable, "-c", code, str(unknown)], capture_output=True, text=True, check=True
         ).stdout.split()
         for _ in range(2)
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -167,7 +168,9 @@ def test_a_study_is_resumed_where_it_stopped(stub: list[Any], tmp_path: Path) ->
     assert manifest["seed"] == 3
     assert set(manifest["seals"]) == {"00-plain-known_health", "00-left_out-known_health", "00-nominal-known_health"}
     (tmp_path / "cases" / "00-nominal-known_health" / "row.json").unlink()
-    second = suite.run(1, 3, tmp_path, quiet, jobs=1)
+    said = StringIO()
+    second = suite.run(1, 3, tmp_path, Console(file=said), jobs=1)
+    assert f"to do: 1 case, about a core-minute at most by {tmp_path}/draws.csv" in said.getvalue()
     assert len(stub) == 4
     pd.testing.assert_frame_equal(first, second)
     suite.run(1, 4, tmp_path, quiet, jobs=1)

@@ -450,6 +450,7 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     out, said = tmp_path / "proof", StringIO()
     gates = run(Study(1, 1, {"spy": "spy:look"}), out, Console(file=said), jobs=1)
     assert len(gates) > 10
+    assert "to do: 1 answer; the cost is not known" in said.getvalue()
     table = read_cases(out / "cases.csv")
     assert tuple(table.columns) == COLUMNS
     assert (table["engine"] == "spy").all()
@@ -464,6 +465,7 @@ def test_a_suite_runs_seals_first_and_goes_on_where_it_stopped(spy: Path, tmp_pa
     run(Study(1, 1, {"spy": "spy:look"}), out, Console(file=said), jobs=1)
     assert (folder / "truth.json").read_bytes() == before  # kept: a new draw would have a new salt
     assert "1 of 1 cases are there" in said.getvalue()
+    assert "to do: 0 answers\n" in said.getvalue()
     manifest = json.loads((out / "manifest.json").read_text())
     assert (manifest["cases"], manifest["seed"]) == (1, 1)
     written = {"cases.csv", "gates.csv", "gates.md", "power.csv", "power.svg", "reliability.csv", "reliability.svg"}
