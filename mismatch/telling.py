@@ -14,6 +14,7 @@ from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.noise import BEYOND_DOUBT
 from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.sizes import Value
+from twinbench.mismatch.stepped import NOT_ASKED
 from twinbench.mismatch.unbroken import whole
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
@@ -75,6 +76,8 @@ def points(
         changed: parameters that moved.
         missing: what else is wrong, of which no finding speaks.
     """
+    if d.simulator.stepped is not None:
+        yield NOT_ASKED
     yield from _told(d, found)
     yield from at_one_port(found)
     shown = [e for e in errors if e.held_out]

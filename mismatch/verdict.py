@@ -15,6 +15,7 @@ from twinbench.mismatch.mixture import Z90
 from twinbench.mismatch.naming.answer import shares
 from twinbench.mismatch.naming.decision import Claim, never_said
 from twinbench.mismatch.sizes import Value, all_values, parameters
+from twinbench.mismatch.stepped import NOT_ASKED
 from twinbench.physics.simulator import Mechanism
 
 CONSISTENT, PARAMETERS, INCOMPLETE = "consistent", "parameter change", "incomplete"
@@ -84,6 +85,7 @@ class Verdict:
             "held_out": {"recordings": [t.name for t in d.held], "worse": [w._asdict() for w in d.worse]},
             "self_check": asdict(d.self_check),
             "more_data": self.more_data,
+            "not_asked": NOT_ASKED if d.simulator.stepped is not None else "",
         }
 
 
