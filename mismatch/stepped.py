@@ -24,6 +24,7 @@ NOT_ASKED = (
     "where it shows, not where it is."
 )
 """What a verdict has to say of it."""
+CANNOT_BE_ASKED = "only stepped: nothing can be added to its balances"
 
 
 def machine_of(simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> Machine:

@@ -76,8 +76,8 @@ def points(
         changed: parameters that moved.
         missing: what else is wrong, of which no finding speaks.
     """
-    if d.simulator.stepped is not None:
-        yield NOT_ASKED
+    if why := not_asked(d):
+        yield why
     yield from _told(d, found)
     yield from at_one_port(found)
     shown = [e for e in errors if e.held_out]
@@ -103,6 +103,11 @@ def points(
             "recordings could not be checked"
         )
     yield held_out_use(d)
+
+
+def not_asked(d: Diagnosis) -> str:
+    """Why effects in the balances could not be asked for; empty where they were."""
+    return NOT_ASKED if d.simulator.stepped is not None else ""
 
 
 def _told(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:

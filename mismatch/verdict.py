@@ -15,7 +15,6 @@ from twinbench.mismatch.mixture import Z90
 from twinbench.mismatch.naming.answer import shares
 from twinbench.mismatch.naming.decision import Claim, never_said
 from twinbench.mismatch.sizes import Value, all_values, parameters
-from twinbench.mismatch.stepped import NOT_ASKED
 from twinbench.physics.simulator import Mechanism
 
 CONSISTENT, PARAMETERS, INCOMPLETE = "consistent", "parameter change", "incomplete"
@@ -55,6 +54,11 @@ class Verdict:
     located: Located | None
     diagnosis: Diagnosis
 
+    @property
+    def not_asked(self) -> str:
+        """Why effects in the balances could not be asked for; empty where they were."""
+        return telling.not_asked(self.diagnosis)
+
     def to_dict(self) -> dict[str, Any]:
         """``verdict.json``, but for its provenance."""
         d = self.diagnosis
@@ -85,7 +89,7 @@ class Verdict:
             "held_out": {"recordings": [t.name for t in d.held], "worse": [w._asdict() for w in d.worse]},
             "self_check": asdict(d.self_check),
             "more_data": self.more_data,
-            "not_asked": NOT_ASKED if d.simulator.stepped is not None else "",
+            "not_asked": self.not_asked,
         }
 
 
