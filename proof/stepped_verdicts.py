@@ -33,6 +33,7 @@ from twinbench.common.versions import write_manifest  # noqa: E402
 from twinbench.mismatch import diagnose  # noqa: E402
 from twinbench.mismatch.model import whole_catalogue  # noqa: E402
 from twinbench.mismatch.recordings import read_recordings  # noqa: E402
+from twinbench.mismatch.verdict import CONSISTENT, PARAMETERS  # noqa: E402
 from twinbench.physics.fmu import as_simulator  # noqa: E402
 from twinbench.physics.fmu.write import write_fmu  # noqa: E402
 from twinbench.physics.simulator import Simulator  # noqa: E402
@@ -53,6 +54,8 @@ KINDS = ("sound", "sensor or input", "balance")
 OUTCOMES = ("right", "no name", "wrong name", "nothing")
 """Nothing wrong is told of a sound machine; a fault is named, alone or in a set; of an effect in a balance it is told
 that something is there without a name. "Nothing" is told where something is wrong."""
+AGREES = (CONSISTENT, PARAMETERS)
+"""Verdicts by which nothing is missing."""
 COLUMNS = ("case", "kind", "effect", "verdict", "named", "outcome", "seconds")
 RATES = r"\s*<ModelExchange\b[^>]*/>|\s*<Derivatives>.*?</Derivatives>| derivative=\"\d+\""
 
@@ -97,22 +100,22 @@ def told(item: Item, seed: int) -> dict[str, Any]:
         "effect": "+".join(item.effects),
         "verdict": verdict["verdict"],
         "named": "+".join("|".join(sorted(names)) for names in named),
-        "outcome": outcome(kind, item.effects, named, bool(verdict["findings"])),
+        "outcome": outcome(kind, item.effects, named, verdict["verdict"]),
         "seconds": time.process_time() - began,
     }
 
 
-def outcome(kind: str, effects: Sequence[str], named: Sequence[set[str]], found: bool) -> str:
+def outcome(kind: str, effects: Sequence[str], named: Sequence[set[str]], verdict: str) -> str:
     """One of OUTCOMES.
 
     Args:
         named: the names of each finding that has any.
-        found: is there any finding?
+        verdict: its word.
     """
     if named:
         right = kind == "sensor or input" and len(named) == 1 and not named[0].isdisjoint(effects)
         return "right" if right else "wrong name"
-    if found:
+    if verdict not in AGREES:
         return "right" if kind == "balance" else "no name"
     return "right" if kind == "sound" else "nothing"
 

@@ -28,6 +28,10 @@ difference that its integrator may make."""
 ON_TIME = "time; make what drives it an input"
 
 
+_KNOWN: dict[str, Simulator] = {}
+"""By content, wherever the file lies: a process may not be able to load it again."""
+
+
 def simulator_of(path: str | Path) -> Simulator:
     """The simulator that an FMU is (FMI 2.0 or 3.0), for model exchange or for co-simulation.
 
@@ -38,15 +42,16 @@ def simulator_of(path: str | Path) -> Simulator:
     Raises:
         ValueError: one line: no FMU, or one that is no ordinary differential equation in real numbers.
     """
+    content = digest(Path(path)) if Path(path).is_file() else ""
     try:
-        return _loaded(Path(path), digest(Path(path)) if Path(path).is_file() else "")
+        if content not in _KNOWN:
+            _KNOWN[content] = _loaded(Path(path), content)
+        return _KNOWN[content]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-@functools.cache
 def _loaded(path: Path, content: str) -> Simulator:
-    """Once for each content: a process may not be able to load it again."""
     description, folder = opened(path)
     inputs, outputs, parameters = _chosen(description)
     key = int(content[:15], 16)
@@ -79,7 +84,11 @@ def _stepped(simulator: Simulator, description: Description, library: Library) -
     states, key = description.starts, library.key
     library.steps(states)
     found = replace(
-        simulator, states=tuple(map(_variable, states)), rhs=None, initial=_unknown, stepped=functools.partial(_run, key)
+        simulator,
+        states=tuple(map(_variable, states)),
+        rhs=None,
+        initial=_unknown,
+        stepped=functools.partial(_run, key),
     )
     found = _at_start(found, calls.start(key, found.theta()))
     seconds = np.full(TRIED_STEPS, description.step_s or STEP_S)

@@ -79,9 +79,7 @@ class Description:
     def starts(self) -> tuple[Scalar, ...]:
         """What may be set before it is stepped, beside parameters and inputs: its states, or as many as can be."""
         known = self.states or (*self.of("local"), *self.of("output"))
-        return tuple(
-            v for v in known if v.exact and v.variability == "continuous" and v.kind == REAL[self.version]
-        )
+        return tuple(v for v in known if v.exact and v.variability == "continuous" and v.kind == REAL[self.version])
 
     def of(self, causality: str) -> tuple[Scalar, ...]:
         """The variables of a causality: input, output or parameter."""

@@ -71,13 +71,13 @@ OUT int NAME(ExitInitializationMode)(Small *m) {
     m->stepping = m->co;
     return m->co && TELLS ? ERROR : OK;
 }
-/* Runge-Kutta's steps, ten of them */
+/* Runge-Kutta's steps, two of them */
 static int go_on(Small *m, double t, double h) {
     const double share[] = {0.0, 0.5, 0.5, 1.0}, weight[] = {1.0, 2.0, 2.0, 1.0};
     double *v = m->v, x[NX + 1], dx[NX + 1];
     if (!m->stepping || h <= 0.0) return ERROR;
-    h /= 10.0;
-    for (int k = 0; k < 10; k++) {
+    h /= 2.0;
+    for (int k = 0; k < 2; k++) {
         memcpy(x, v, NX * sizeof *x);
         memset(dx, 0, sizeof dx);
         for (int s = 0; s < 4; s++) {
