@@ -104,7 +104,7 @@ class Machine:
         self.ports: tuple[Port, ...] = ()
         self._compose(terms)
         n_own, n_forces = len(simulator.parameters), len(self.ports)
-        self.force_at = {port: n_own + i for i, port in enumerate(self.ports)}
+        self.force_at: dict[Port, int] = {port: n_own + i for i, port in enumerate(self.ports)}
         theta = self.whole.theta()
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
