@@ -96,15 +96,17 @@ class Machine:
     Attributes:
         equations: ``rhs`` and ``output`` of the whole, as arguments of compiled loops.
         limit: (nx,) beyond which a run has diverged, in the states' units.
+        ports: where a force may act on the equations.
     """
+
+    ports: tuple[Port, ...] = ()
 
     def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> None:
         terms = [m for m in catalogue if isinstance(m, Term)]
         self.simulator = simulator
-        self.ports: tuple[Port, ...] = ()
         self._compose(terms)
         n_own, n_forces = len(simulator.parameters), len(self.ports)
-        self.force_at: dict[Port, int] = {port: n_own + i for i, port in enumerate(self.ports)}
+        self.force_at = {port: n_own + i for i, port in enumerate(self.ports)}
         theta = self.whole.theta()
         theta[n_own : n_own + n_forces] = 0.0
         at = n_own + n_forces
