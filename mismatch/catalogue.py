@@ -14,7 +14,7 @@ from twinbench.mismatch.natures import CONTENTS, SPEEDS, TEMPERATURES
 from twinbench.mismatch.place import Place
 from twinbench.mismatch.reversal import Turned
 from twinbench.mismatch.structure import chokes, flows, positions_of, typical_rates
-from twinbench.physics.simulator import Mechanism, Simulator, Term, Variable
+from twinbench.physics.simulator import Mechanism, Series, Simulator, Term, Variable
 
 FRICTION = ("viscous_friction", "quadratic_friction", "cubic_friction", "coulomb_friction")
 LOSSES = ("linear_loss", "quadratic_loss", "cubic_loss", "constant_drop")
@@ -55,7 +55,8 @@ def generic(
     - a flux: saturation, a dead zone if it can be zero; the end of choking for a mass flow in proportion to the
       pressure before it.
 
-    The balance of a position is its velocity and lacks nothing.
+    The balance of a position is its velocity and lacks nothing. Of a simulator that can only be stepped nothing is
+    asked but whole records: of its inputs.
 
     Typical sizes come from the states' scales and from how fast the simulator's own equations move
     them around the nominal point.
@@ -68,6 +69,8 @@ def generic(
     Raises:
         ValueError: a state that moves faster than any does.
     """
+    if simulator.stepped is not None:
+        return tuple(m for m in _inputs(simulator, turned) if isinstance(m, Series))
     rates = typical_rates(simulator)
     for v, rate in zip(simulator.states, rates, strict=True):
         if not rate < _FASTEST_1_S * v.scale:

@@ -12,7 +12,7 @@ import numpy as np
 from twinbench.mismatch import tangent
 from twinbench.mismatch.machine import WHISPER, Candidate, Machine, Setting
 from twinbench.mismatch.tracks import Grid, Track
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Port
 
 NUDGED = 0.01
 """Step of a difference quotient in an unknown, in scales of it; and the largest change of a reading, in scales of its
@@ -101,6 +101,11 @@ class Course:
     def sizes(self) -> tuple[int, int, int]:
         """Stretches, active states and outputs."""
         return len(self.u), len(self.active), self._Yx.shape[1]
+
+    @property
+    def visited(self) -> Array:
+        """(S, n) where the machine was: states and inputs, in their units."""
+        return np.concatenate((self.means[:, : len(self.machine.simulator.states)], self.u), axis=1)
 
     def columns(self, acts: Acts, start: Array | None = None) -> Array:
         """Changes of the block means, (B, ny, K), in the outputs' units per unit of each change.
@@ -197,6 +202,26 @@ class Course:
         if not self.machine.own_states(candidate):
             return self.of_parameters(theta, step, since_s, read=read)
         return self.of_parameters(theta, step, since_s, means=self._remembered(candidate, theta), read=read)
+
+    def begun(self, candidate: Candidate, theta: Array, step: float, since_s: Sequence[float]) -> Acts:
+        """As ``of_candidate``: all the time, then from each of T times on; 1 + T changes.
+
+        Args:
+            theta: (n_theta,) the parameters after the step, each in its unit.
+        """
+        late = np.stack([np.ones(len(self.u)), *(self.late(s) for s in since_s)], axis=-1)
+        return self.of_candidate(candidate, theta, step).times(late)
+
+    def forced(self, port: Port, unit: float, functions: Array) -> Acts:
+        """What forces at a port do, each a function of the machine's course; R changes.
+
+        Args:
+            unit: of the forces, in the port's unit, per second at a balance.
+            functions: (S, R) along the course, dimensionless.
+        """
+        theta = self.setting.theta.copy()
+        theta[self.machine.force_at[port]] += unit
+        return self.of_parameters(theta, 1.0).times(functions)
 
     def _remembered(self, candidate: Candidate, theta: Array) -> Array:
         """The mean states with an absent candidate's own states as they go along the course; each is run once."""

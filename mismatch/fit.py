@@ -12,6 +12,7 @@ import numpy as np
 from twinbench.common.jobs import cores
 from twinbench.mismatch.course import NUDGED, Acts, Course
 from twinbench.mismatch.machine import Candidate, Machine, Setting
+from twinbench.mismatch.stepped import SteppedCourse, SteppedMachine
 from twinbench.mismatch.tracks import Grid, Track
 from twinbench.physics.simulator import Array
 
@@ -226,7 +227,8 @@ class Problem:
         Args:
             z: (K,) where the problem's unknowns stand, each in its own unit.
         """
-        return Course(self.machine, self.setting(r, z, self.machine.grid(self.tracks[r])))
+        machine, setting = self.machine, self.setting(r, z, self.machine.grid(self.tracks[r]))
+        return SteppedCourse(machine, setting) if isinstance(machine, SteppedMachine) else Course(machine, setting)
 
     def columns(self, z: Array, courses: Sequence[Course] = (), by_runs: bool = False) -> list[Array]:
         """d(simulated block means)/dz per recording, (B, ny, K); zero for unknowns of other recordings.

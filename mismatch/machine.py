@@ -96,15 +96,15 @@ class Machine:
     Attributes:
         equations: ``rhs`` and ``output`` of the whole, as arguments of compiled loops.
         limit: (nx,) beyond which a run has diverged, in the states' units.
+        ports: where a force may act on the equations.
     """
+
+    ports: tuple[Port, ...] = ()
 
     def __init__(self, simulator: Simulator, catalogue: Sequence[Mechanism], known: Sequence[Series] = ()) -> None:
         terms = [m for m in catalogue if isinstance(m, Term)]
         self.simulator = simulator
-        self.ports = _ports(simulator)
-        self.whole = compose(simulator, (*map(_force, self.ports), *terms))
-        made = compiled(self.whole)
-        self.equations, self._native = (as_argument(made.rhs), as_argument(made.output)), made.native
+        self._compose(terms)
         n_own, n_forces = len(simulator.parameters), len(self.ports)
         self.force_at = {port: n_own + i for i, port in enumerate(self.ports)}
         theta = self.whole.theta()
@@ -150,6 +150,13 @@ class Machine:
         self.input_sds = np.zeros(len(simulator.inputs))
         self._clocks = np.array([v.name.startswith(CLOCK) for v in self.states])
         self._clocks[: len(simulator.states)] = False
+
+    def _compose(self, terms: Sequence[Term]) -> None:
+        """Make the equations of the whole."""
+        self.ports = _ports(self.simulator)
+        self.whole = compose(self.simulator, (*map(_force, self.ports), *terms))
+        made = compiled(self.whole)
+        self.equations, self._native = (as_argument(made.rhs), as_argument(made.output)), made.native
 
     def take_for_granted(self, fault: Series) -> None:
         """A fault of a sensor or an input is there from now on, at its nominal size."""

@@ -12,9 +12,10 @@ import pandas as pd
 from twinbench.common.errors import BadInput
 from twinbench.common.store import write_atomically
 from twinbench.data.recording import TIME
-from twinbench.mismatch.machine import Machine, Setting
+from twinbench.mismatch.machine import Setting
 from twinbench.mismatch.model import Model, as_bad_input, load_model
 from twinbench.mismatch.recordings import read_recordings
+from twinbench.mismatch.stepped import machine_of
 from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import Track, prepare
 
@@ -50,7 +51,7 @@ def replay(
 
 def _run(model: Model, tracks: Sequence[Track]) -> list[pd.DataFrame]:
     simulator = model.simulator
-    machine = Machine(simulator, (), model.faults)
+    machine = machine_of(simulator, (), model.faults)
     with as_bad_input():
         settle_step(machine, tracks, _ACCURACY * np.array([v.scale for v in simulator.outputs]))
     tables = []

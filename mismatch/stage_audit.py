@@ -15,10 +15,12 @@ from twinbench.mismatch.joining import AUTO, LINEAR, Joined, how_joined
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.mismatch.rounded import ROUNDS
+from twinbench.mismatch.stepped import machine_of
 from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.stuck import STANDS_STILL
 from twinbench.mismatch.tracks import FEWEST_SAMPLES, Track, prepare
 from twinbench.mismatch.unbroken import unbroken
+from twinbench.physics.compose import ONLY_STEPPED
 from twinbench.physics.simulator import Array, Mechanism
 
 WITHOUT_SIZE = ("input_quantisation@", "input_stuck@")
@@ -104,8 +106,11 @@ def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
     simulator, known = asked.simulator, {m.name for m in asked.faults}
     none = (STANDS_STILL, ROUNDS, *WITHOUT_SIZE)
     listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith(none)))
-    machine = Machine(simulator, [m for m in listed if m.name not in known], asked.faults)
+    machine = machine_of(simulator, [m for m in listed if m.name not in known], asked.faults)
     machine.candidates = [replace(c, odds=asked.told.prior.get(c.name)) for c in machine.candidates]
+    if asked.told.measured and simulator.stepped is not None:
+        name = next(iter(asked.told.measured))
+        raise BadInput(f"measured {name!r}: simulator {simulator.name!r} {ONLY_STEPPED}; leave it out")
     machine.input_sds = np.array([asked.told.measured.get(v.name, 0.0) for v in simulator.inputs])
     return machine
 

@@ -62,7 +62,8 @@ def calibration(audited: Audited, progress: Progress) -> Calibration:
     if noisy:
         for one in noisy:
             tracks, held = ([one.off(t) for t in some] for some in (tracks, held))
-            if isinstance(one, NoisyInput):
+            # What the noise of each sample does cannot be asked of whole runs: then it is only taken off.
+            if isinstance(one, NoisyInput) and machine.simulator.stepped is None:
                 machine.input_sds[one.column] = one.sd
         problem, z = calibrated(machine, tracks, floor)
     stuck: list[Stuck] = []

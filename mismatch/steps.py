@@ -89,8 +89,9 @@ def _settle_fine(machine: Machine, setting: Setting, most: Array) -> Array | Non
         coarse, machine.block_step_s = fine, machine.step_s
     if not np.isfinite(coarse).all():
         k, track = int(np.argmax(~np.isfinite(coarse).all(axis=1))), setting.track
+        stops = "diverges" if machine.simulator.stepped is None else "diverges, or reports an error at a step,"
         raise ValueError(
-            f"simulator {machine.simulator.name!r} diverges on recording {track.name} at "
+            f"simulator {machine.simulator.name!r} {stops} on recording {track.name} at "
             f"{track.time_s[k]:.6g} s, at its nominal parameters; check its equations, units and initial state"
         )
     return None

@@ -14,6 +14,7 @@ from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.noise import BEYOND_DOUBT
 from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.sizes import Value
+from twinbench.mismatch.stepped import NOT_ASKED
 from twinbench.mismatch.unbroken import whole
 from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
 
@@ -75,6 +76,8 @@ def points(
         changed: parameters that moved.
         missing: what else is wrong, of which no finding speaks.
     """
+    if why := not_asked(d):
+        yield why
     yield from _told(d, found)
     yield from at_one_port(found)
     shown = [e for e in errors if e.held_out]
@@ -100,6 +103,11 @@ def points(
             "recordings could not be checked"
         )
     yield held_out_use(d)
+
+
+def not_asked(d: Diagnosis) -> str:
+    """Why effects in the balances could not be asked for; empty where they were."""
+    return NOT_ASKED if d.simulator.stepped is not None else ""
 
 
 def _told(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:

@@ -54,6 +54,11 @@ class Verdict:
     located: Located | None
     diagnosis: Diagnosis
 
+    @property
+    def not_asked(self) -> str:
+        """Why effects in the balances could not be asked for; empty where they were."""
+        return telling.not_asked(self.diagnosis)
+
     def to_dict(self) -> dict[str, Any]:
         """``verdict.json``, but for its provenance and what was noted of the recordings."""
         d = self.diagnosis
@@ -84,6 +89,7 @@ class Verdict:
             "held_out": {"recordings": [t.name for t in d.held], "worse": [w._asdict() for w in d.worse]},
             "self_check": asdict(d.self_check),
             "more_data": self.more_data,
+            "not_asked": self.not_asked,
         }
 
 

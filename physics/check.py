@@ -25,7 +25,7 @@ Arguments = tuple[Array, ...]
 
 
 def check_simulator(simulator: Simulator) -> None:
-    """Call ``rhs`` (or ``flux`` and ``balance``), ``output`` and ``initial``, and look at what they return.
+    """Call ``rhs`` (or ``flux`` and ``balance``, or ``stepped``), ``output`` and ``initial``, and look at the results.
 
     Raises:
         ValueError: one line; a function raises, or returns another length, no numbers, NaN, or not the same twice.
@@ -38,6 +38,11 @@ def check_simulator(simulator: Simulator) -> None:
     _call(simulator.initial, _points(inputs, outputs, parameters), n, f"{who}: initial(u0, y0, theta)")
     if simulator.rhs is not None:
         _call(simulator.rhs, points, n, f"{who}: rhs(x, u, theta)")
+    if simulator.stepped is not None:
+        x, u, theta = points[0]
+        run = simulator.stepped
+        who_reads = (*outputs, *n)
+        _call(lambda *given: run(*given)[0], [(u[None], np.zeros(1), x, theta)], who_reads, f"{who}: stepped")
     if simulator.flux is not None and simulator.balance is not None:
         f = _call(simulator.flux, points, simulator.fluxes, f"{who}: flux(x, u, theta)")
         (*nominal, _), *others = _points(n, inputs, parameters, simulator.fluxes)
@@ -96,7 +101,7 @@ def _check_records(simulator: Simulator, who: str) -> None:
         if not all(isinstance(v, Variable) for v in getattr(simulator, kind)):
             raise ValueError(f"{who}: {kind} must be a tuple of Variables")
     for kind in ("states", "outputs"):
-        if not getattr(simulator, kind):
+        if not getattr(simulator, kind) and not (kind == "states" and simulator.stepped is not None):
             raise ValueError(f"{who}: has no {kind}; at least one is needed")
     for kind in ("outputs", "parameters"):
         names = {v.name for v in getattr(simulator, kind)}

@@ -18,6 +18,9 @@ from twinbench.physics.native import executed, native
 from twinbench.physics.simulator import Amplitude, Array, Equation, Mechanism, Simulator, Term, Variable
 from twinbench.physics.source import Part, write
 
+ONLY_STEPPED = "can only be stepped: it does not tell the rates of its states, and this needs them"
+"""Why equations cannot be had of it."""
+
 
 def compose(simulator: Simulator, mechanisms: Sequence[Term]) -> Simulator:
     """Append the mechanisms' parameters and states, and add their terms at their ports.
@@ -28,8 +31,10 @@ def compose(simulator: Simulator, mechanisms: Sequence[Term]) -> Simulator:
     mechanism whose first parameter is at its ``absent`` value. A simulator with fluxes keeps them.
 
     Raises:
-        ValueError: a port that does not exist, a name that is there twice.
+        ValueError: a port that does not exist, a name that is there twice, or a simulator that can only be stepped.
     """
+    if simulator.stepped is not None:
+        raise ValueError(f"simulator {simulator.name!r} {ONLY_STEPPED}; export it for model exchange")
     return _composed(simulator, tuple(mechanisms))
 
 
@@ -109,5 +114,9 @@ def _part(simulator: Simulator, mechanism: Term, number: int, state: int, parame
 
 
 def plain_rhs(simulator: Simulator) -> Equation:
-    """The simulator's ``rhs``, made from flux and balance where it is given as those."""
+    """The simulator's ``rhs``, made from flux and balance where it is given as those.
+
+    Raises:
+        ValueError: it can only be stepped.
+    """
     return simulator.rhs if simulator.rhs is not None else compose(simulator, ()).rhs  # type: ignore[return-value]

@@ -16,6 +16,12 @@ Equation = Callable[[Array, Array, Array], Array]
 
 x (nx,), u (nu,) and theta (np,) are states, inputs and parameters in the order and the units of their Variables.
 """
+Run = Callable[[Array, Array, Array, Array], Array]
+"""``f(u, seconds, x0, theta)``: a whole run, of a machine that can only be stepped.
+
+u (S, nu) holds over stretches of so many seconds (S,); x0 (nx,) is where it starts. It returns readings and states
+(S, ny + nx) at the begin of each stretch, under its inputs; NaN from where the machine cannot go on.
+"""
 PLACES = ("balance", "flux", "output", "input")
 """What a mechanism can act on: a state's rate, a flux that several balances share, a reading, an input."""
 
@@ -263,6 +269,8 @@ class Simulator:
         reads: pairs of an input and an output, in the same unit: a controller inside the equations reads the output's
             sensor, and the input is that reading. A recording of the output is one of the input too. So a fault of
             the sensor acts on the controller as it did in the machine.
+        stepped: a whole run, of a machine that can only be stepped: it tells no rates. Then there is neither rhs nor
+            flux, and ``output`` tells the readings of a start state. The states are those that it can start in.
     """
 
     name: str
@@ -281,12 +289,13 @@ class Simulator:
     drifts: tuple[str, ...] = ()
     mechanisms: tuple[str, ...] = ()
     reads: tuple[tuple[str, str], ...] = ()
+    stepped: Run | None = None
 
     def __post_init__(self) -> None:
         if (self.flux is None) != (self.balance is None):
             raise ValueError(f"simulator {self.name!r}: give both flux and balance, or neither")
-        if self.rhs is None and self.flux is None:
-            raise ValueError(f"simulator {self.name!r}: give rhs, or flux and balance")
+        if (self.rhs is None and self.flux is None) != (self.stepped is not None):
+            raise ValueError(f"simulator {self.name!r}: give rhs, or flux and balance, or stepped alone")
         for kind in ("states", "inputs", "outputs", "parameters"):
             names = [v.name for v in getattr(self, kind)]
             twice = {n for n in names if names.count(n) > 1}

@@ -108,15 +108,20 @@ def _simulators() -> list[dict[str, Any]]:
 
 
 def _variables_of(spec: str, trust: bool) -> list[dict[str, Any]]:
-    """What was understood of a simulator: its variables."""
+    """What was understood of a simulator: its variables, and what cannot be asked of it."""
     from twinbench.mismatch.model import load_simulator
+    from twinbench.mismatch.stepped import CANNOT_BE_ASKED
 
     simulator, columns = load_simulator(spec, trust), ("name", "unit", "low", "high", "nominal", "scale", "says")
-    return [
+    rows = [
         {"kind": kind, **{c: _finite(getattr(variable, c)) for c in columns}}
         for kind in ("state", "input", "output", "parameter")
         for variable in getattr(simulator, f"{kind}s")
     ]
+    if simulator.stepped is not None:
+        nothing = dict.fromkeys(columns, "")
+        rows.append({"kind": "not told", **nothing, "name": "rates of the states", "says": CANNOT_BE_ASKED})
+    return rows
 
 
 def _machines() -> list[dict[str, Any]]:

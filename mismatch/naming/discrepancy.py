@@ -6,14 +6,13 @@ in the directions that the machine really moved in; the few functions that make 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twinbench.mismatch.catalogue import positions_of
 from twinbench.mismatch.course import Acts, Course
-from twinbench.physics.simulator import Array, Port, Simulator
+from twinbench.physics.simulator import Array, Port
 
 SHORT, LONG = 0.5, 2.0
 """Length scales, in spreads of where the machine was."""
@@ -35,10 +34,11 @@ class Discrepancy:
 
     Attributes:
         ports: where.
-        units: per port, one per cent of what commonly acts there, in the state's unit per second or the flux's.
-        centre: (nx + nu,) mean of the visited states and inputs, in their units.
-        spread: (nx + nu,) their sd, in their units; infinite where they do not move.
-        turn: (nx + nu, D) main directions, dimensionless.
+        units: per port, one per cent of what commonly acts there, in the state's unit per second, or that of what is
+            there.
+        centre: (n,) mean of where the machine was, in the units of ``Course.visited``.
+        spread: (n,) its sd, in these units; infinite where it does not move.
+        turn: (n, D) main directions, dimensionless.
         points: (R, D) where the functions are anchored, along the main directions, in units of the spread.
         root: (R, R) Cholesky factor of their covariance, dimensionless.
         width2: square of the unit of length.
@@ -57,7 +57,7 @@ class Discrepancy:
 
     def functions(self, course: Course) -> Array:
         """(S, R) the functions along a course, each of prior variance one together with the others."""
-        at = (_visited(course) - self.centre) / self.spread @ self.turn
+        at = (course.visited - self.centre) / self.spread @ self.turn
         k = _kernel(at, self.points, self.width2)
         return np.asarray(np.linalg.solve(self.root, k.T).T)
 
@@ -67,21 +67,17 @@ class Discrepancy:
         Args:
             functions: (S, R) along the course, dimensionless.
         """
-        machine = course.machine
-        theta = course.setting.theta.copy()
-        theta[machine.force_at[self.ports[port]]] += self.units[port]
-        return course.of_parameters(theta, 1.0).times(functions)
+        return course.forced(self.ports[port], float(self.units[port]), functions)
 
 
-def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discrepancy:
+def discrepancy(courses: Sequence[Course], common: Mapping[Port, float]) -> Discrepancy:
     """Functions of where courses went.
 
     Args:
-        rates: (nx,) how fast each state commonly changes, in its unit per second.
-        fluxes: (nf,) what each flux commonly is, in its unit.
+        common: the ports at which they may act, with what commonly acts there: in the state's unit per second at a
+            balance, else in the unit of what is there.
     """
-    simulator = courses[0].machine.simulator
-    every = np.concatenate([_visited(c) for c in courses])
+    every = np.concatenate([c.visited for c in courses])
     centre, spread = every.mean(axis=0), every.std(axis=0)
     spread = np.where(spread > 1e-6 * (np.abs(centre) + 1e-12), spread, np.inf)
     scaled = (every - centre) / spread
@@ -91,22 +87,11 @@ def discrepancy(courses: Sequence[Course], rates: Array, fluxes: Array) -> Discr
     width2 = float(np.mean(np.sum(at**2, axis=1))) / 2.0 / 2.0
     points = _anchors(at[:: max(1, len(at) // _SEEN)], width2)
     root = np.asarray(np.linalg.cholesky(_kernel(points, points, width2) + 1e-8 * np.eye(len(points))), dtype=float)
-    ports, units = _ports(simulator, rates, fluxes)
+    ports, units = tuple(common), PER_CENT * np.array([*common.values()])
     made = Discrepancy(ports, units, centre, spread, turn, points, root, width2, np.eye(len(points)))
     along = np.concatenate([made.functions(c) for c in courses])
     main = np.linalg.svd(along[:: max(1, len(along) // _SEEN)], full_matrices=False)[2][:MAIN].T
     return replace(made, main=main)
-
-
-def _visited(course: Course) -> Array:
-    return np.concatenate((course.means[:, : len(course.machine.simulator.states)], course.u), axis=1)
-
-
-def _ports(simulator: Simulator, rates: Array, fluxes: Array) -> tuple[tuple[Port, ...], Array]:
-    exact = set(positions_of(simulator).values())
-    found = [(Port("balance", v.name), rates[i]) for i, v in enumerate(simulator.states) if i not in exact]
-    found += [(Port("flux", v.name), fluxes[i]) for i, v in enumerate(simulator.fluxes)]
-    return tuple(p for p, _ in found), PER_CENT * np.array([unit for _, unit in found])
 
 
 def _kernel(a: Array, b: Array, width2: float) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twinbench.mismatch.began import STARTS
-from twinbench.mismatch.catalogue import typical_rates
+from twinbench.mismatch.catalogue import positions_of, typical_rates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
@@ -25,7 +25,7 @@ from twinbench.mismatch.naming.steady import squares_beside
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
-from twinbench.physics.simulator import Array
+from twinbench.physics.simulator import Array, Port
 
 SINGLES, SETS = 8, 4
 """Hypotheses of one effect, and of several, that are brought to their own fixed point: at a distance the picture is
@@ -173,9 +173,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     view = View.around(problem, z)
-    ground = Ground.learnt(
-        view, discrepancy(view.courses, typical_rates(moved(problem, z)), common_fluxes(view)), floor
-    )
+    ground = Ground.learnt(view, discrepancy(view.courses, common(view)), floor)
     progress(0.2)
     painter = Painter(view, ground, variants(problem.machine.candidates))
     shown = with_late(painter)
@@ -366,6 +364,19 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
         others = [e for i, e in enumerate(best.effects_at(there)) if i != out]
         effects = [*others, *shown.effects([k], sizes)]
         found.settle(best.bare, there[: best.first], effects, best.learnt.s)
+
+
+def common(view: View) -> dict[Port, float]:
+    """Where something without a name may act, with what commonly acts there."""
+    problem, simulator = view.problem, view.problem.machine.simulator
+    there = moved(problem, view.z)
+    if simulator.stepped is not None:
+        groups = {"output": there.outputs, "input": there.inputs}
+        return {Port(place, v.name): v.scale for place, group in groups.items() for v in group}
+    exact, rates = set(positions_of(simulator).values()), typical_rates(there)
+    found = {Port("balance", v.name): float(rates[i]) for i, v in enumerate(simulator.states) if i not in exact}
+    fluxes = zip(simulator.fluxes, common_fluxes(view), strict=True) if simulator.fluxes else ()
+    return found | {Port("flux", v.name): float(flux) for v, flux in fluxes}
 
 
 def common_fluxes(view: View) -> Array:

@@ -105,19 +105,18 @@ class View:
         if not variants:
             return np.zeros((*self.residuals[r].shape, 0))
         course = self.courses[r]
-        late = np.stack([np.ones(len(course.u)), *(course.late(s) for s in since_s)], axis=-1)
+        many = 1 + len(since_s)
         acts, direct = [], []
         course.remember([self._tried(course, v, probe)[:2] for v, probe in zip(variants, probes, strict=True)])
         for v, probe in zip(variants, probes, strict=True):
             candidate, theta, step = self._tried(course, v, probe)
             if candidate.acts_on_output:
-                acts.append(course.none(late.shape[1]))
+                acts.append(course.none(many))
                 direct.append(course.of_sensor(theta, (-np.inf, *since_s)) / probe * np.sign(step))
             else:
-                one = course.of_candidate(candidate, theta, step)
                 unit = typical(candidate)
-                acts.append(Acts(one.rates * unit, one.reads * unit).times(late))
-                direct.append(np.zeros((*self.residuals[r].shape, late.shape[1])))
+                acts.append(Acts(*(part * unit for part in course.begun(candidate, theta, step, since_s))))
+                direct.append(np.zeros((*self.residuals[r].shape, many)))
         return course.columns(together(acts)) + np.concatenate(direct, axis=2)
 
     def _tried(self, course: Course, variant: Variant, probe: float) -> tuple[Candidate, Array, float]:

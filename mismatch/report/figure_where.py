@@ -70,7 +70,8 @@ def draw_over_time(figure: FigureBase, learnt: Sequence[Replay], verdict: Verdic
                 axes.axvline(since_s / scale, color=INK, linewidth=1.2, linestyle=":")
     if located:
         port = located.port
-        grid[0, 0].set_ylabel(f"force at\n{port},\n{_force_unit(verdict.diagnosis.simulator, port)}")
+        word = "force" if port.place in ("balance", "flux") else "offset"
+        grid[0, 0].set_ylabel(f"{word} at\n{port},\n{_force_unit(verdict.diagnosis.simulator, port)}")
     grid[-1, 0].set_ylabel(LEVEL)
     _level_axis(grid[-1])
     figure.align_ylabels(grid[:, 0])

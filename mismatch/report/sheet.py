@@ -106,6 +106,8 @@ def _lines(verdict: Verdict) -> list[Line]:
     if len(headline) > HEADLINE_LINES:
         headline = [*headline[: HEADLINE_LINES - 1], "…"]
     lines += [Line(11.0, [(0.0, text)], {"weight": "bold"}) for text in headline]
+    if verdict.not_asked:
+        lines += [Line(7.5, [(0.0, text)], {"color": MUTED}) for text in _wrapped(verdict.not_asked, PAGE_MM, 7.5)]
     lines.append(Line(7.5, []))
     if not verdict.findings:
         return [*lines, Line(8.0, [(0.0, "No effect had to be added.")]), Line(7.5, [])]

@@ -20,28 +20,38 @@ from twinbench.physics.simulator import Array, Equation, Simulator, Variable
 
 START_STEPS, CLOSE_SCALES, DIFFERENCE_SCALES = 20, 1e-9, 1e-6
 """Newton steps to the state that reads what was read, how near in scales is there, and the step of the differences."""
-NO_RATES = "is for co-simulation, and tells no rates before it is stepped; export it for model exchange"
 TRIED_POINTS, FAR, LATER_S = 200, 10.0, 1.0
 """Points at which it is tried on load, how far away in scales, and a time after the start."""
+TRIED_STEPS, TRIED_STEP_S, BY_SOLVER = 20, 0.01, 1e-6
+"""Steps for which one that can only be stepped is tried, how long they are if it does not say, and a relative
+difference that its integrator may make."""
+ON_TIME = "time; make what drives it an input"
+
+
+_KNOWN: dict[str, Simulator] = {}
+"""By content, wherever the file lies: a process may not be able to load it again."""
 
 
 def simulator_of(path: str | Path) -> Simulator:
-    """The simulator that an FMU is (FMI 2.0 or 3.0), for model exchange, or for co-simulation if it tells its rates.
+    """The simulator that an FMU is (FMI 2.0 or 3.0), for model exchange or for co-simulation.
+
+    One for co-simulation that tells no rates before it is stepped has ``stepped`` in place of ``rhs``.
 
     An FMU is somebody's machine code. To load it is to run it.
 
     Raises:
         ValueError: one line: no FMU, or one that is no ordinary differential equation in real numbers.
     """
+    content = digest(Path(path)) if Path(path).is_file() else ""
     try:
-        return _loaded(Path(path), digest(Path(path)) if Path(path).is_file() else "")
+        if content not in _KNOWN:
+            _KNOWN[content] = _loaded(Path(path), content)
+        return _KNOWN[content]
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-@functools.cache
 def _loaded(path: Path, content: str) -> Simulator:
-    """Once for each content: a process may not be able to load it again."""
     description, folder = opened(path)
     inputs, outputs, parameters = _chosen(description)
     key = int(content[:15], 16)
@@ -59,10 +69,44 @@ def _loaded(path: Path, content: str) -> Simulator:
         initial=_unknown,
     )
     found = _at_start(found, calls.start(key, found.theta()))
-    if not description.exchange:
-        _obeys(found, key)
+    if not description.exchange and not _obeys(found, key):
+        return _stepped(found, description, library)
     _probe(found, library)
     return found
+
+
+def _stepped(simulator: Simulator, description: Description, library: Library) -> Simulator:
+    """The same as one that can only be stepped.
+
+    Raises:
+        ValueError: one line: it cannot be, or depends on time.
+    """
+    states, key = description.starts, library.key
+    library.steps(states)
+    found = replace(
+        simulator,
+        states=tuple(map(_variable, states)),
+        rhs=None,
+        initial=_unknown,
+        stepped=functools.partial(_run, key),
+    )
+    found = _at_start(found, calls.start(key, found.theta()))
+    seconds = np.full(TRIED_STEPS, description.step_s or TRIED_STEP_S)
+    x, u = (np.array([v.nominal for v in group]) for group in (found.states, found.inputs))
+    library.set_time(LATER_S)
+    later = _run(key, np.tile(u, (TRIED_STEPS, 1)), seconds, x, found.theta())
+    library.set_time(0.0)
+    run = _run(key, np.tile(u, (TRIED_STEPS, 1)), seconds, x, found.theta())
+    if not np.isfinite(run).all():
+        raise _failing(library)
+    apart = np.abs(later - run).max(initial=0.0)  # NaN, and so no larger, if it begins at no other time
+    if apart > BY_SOLVER * np.abs(run).max(initial=0.0):
+        raise ValueError(f"what it does depends on {ON_TIME}")
+    return found
+
+
+def _run(key: int, u: Array, seconds: Array, x0: Array, theta: Array) -> Array:
+    return np.asarray(calls.run(key, *(np.ascontiguousarray(part) for part in (u, seconds, x0, theta))))
 
 
 def _at_start(simulator: Simulator, x: Array) -> Simulator:
@@ -87,6 +131,8 @@ def _moved_to(v: Variable, nominal: float) -> Variable:
 
 def _slopes(simulator: Simulator, x: Array, u: Array, theta: Array, scale: Array) -> Array:
     """What the readings change by if a state moves by its scale, (ny, nx), by central differences."""
+    if not len(scale):
+        return np.zeros((len(simulator.outputs), 0))
     ahead, behind = (
         np.stack([simulator.output(x + way * DIFFERENCE_SCALES * move, u, theta) for move in np.diag(scale)], axis=-1)
         for way in (1.0, -1.0)
@@ -99,17 +145,18 @@ def _unknown(u0: Array, y0: Array, theta: Array) -> Array:
     raise NotImplementedError
 
 
-def _obeys(simulator: Simulator, key: int) -> None:
-    """Try whether an FMU for co-simulation can be brought to a state, and tells rates there, before it is stepped.
-
-    Raises:
-        ValueError: one line: it cannot.
-    """
+def _obeys(simulator: Simulator, key: int) -> bool:
+    """Can an FMU for co-simulation be brought to a state, and does it tell rates there, before it is stepped?"""
     x, u = (np.array([v.nominal for v in group]) for group in (simulator.states, simulator.inputs))
     x = x + np.array([s.scale for s in simulator.states])
     theta = simulator.theta()
-    if not np.array_equal(calls.kept(key, x, u, theta), x) or not np.isfinite(simulator.rhs(x, u, theta)).all():  # type: ignore[misc]
-        raise ValueError(NO_RATES)
+    kept = np.array_equal(calls.kept(key, x, u, theta), x)
+    return bool(len(x) and kept and np.isfinite(simulator.rhs(x, u, theta)).all())  # type: ignore[misc]
+
+
+def _failing(library: Library) -> ValueError:
+    said = f": {library.says}" if library.says else ""
+    return ValueError(f"reports an error at its own start{said}; see that it simulates where it was made")
 
 
 def _probe(simulator: Simulator, library: Library) -> None:
@@ -123,11 +170,10 @@ def _probe(simulator: Simulator, library: Library) -> None:
     of_x, of_u = (np.array([v.scale for v in group]) for group in groups)
     before = simulator.rhs(x, u, theta)  # type: ignore[misc]
     if not np.isfinite(before).all():
-        said = f": {library.says}" if library.says else ""
-        raise ValueError(f"reports an error at its own start{said}; see that it simulates where it was made")
+        raise _failing(library)
     library.set_time(LATER_S)
     if not np.array_equal(before, simulator.rhs(x, u, theta)):  # type: ignore[misc]
-        raise ValueError("its rates depend on time; make what drives it an input")
+        raise ValueError(f"its rates depend on {ON_TIME}")
     for _ in range(TRIED_POINTS):
         away = (rng.uniform(-FAR, FAR, part.size) for part in (x, u))
         simulator.rhs(x + of_x * next(away), u + of_u * next(away), theta)  # type: ignore[misc]
@@ -152,8 +198,8 @@ def _chosen(description: Description) -> tuple[tuple[Scalar, ...], ...]:
     """
     if description.needs_tool:
         raise ValueError("runs only where its authoring tool is; export it with its own binary")
-    if not description.states:
-        raise ValueError("has no continuous states, so nothing to simulate" if description.exchange else NO_RATES)
+    if not description.states and description.exchange:
+        raise ValueError("has no continuous states, so nothing to simulate")
     real = REAL[description.version]
     inputs = description.of("input")
     for v in (*inputs, *description.states):
@@ -161,6 +207,8 @@ def _chosen(description: Description) -> tuple[tuple[Scalar, ...], ...]:
             what = "an array" if v.kind == "array" else f"of type {v.kind}"
             raise ValueError(f"its {v.causality} {v.name!r} is {what}, must be a single real number")
     outputs = tuple(v for v in description.of("output") if v.kind == real) or description.states
+    if not outputs:
+        raise ValueError("has no outputs that are real numbers, so nothing to compare")
     parameters = tuple(v for v in description.of("parameter") if v.kind == real and math.isfinite(v.start))
     return inputs, outputs, parameters
 
@@ -194,7 +242,7 @@ class Initial:
         x = np.array([s.nominal for s in self.simulator.states])
         scale = np.array([s.scale for s in self.simulator.states])
         of_reading = np.array([o.scale for o in self.simulator.outputs])
-        for _ in range(START_STEPS):
+        for _ in range(START_STEPS if len(x) else 0):
             gap = (y0 - self.simulator.output(x, u0, theta)) / of_reading
             gap[~np.isfinite(gap)] = 0.0
             slopes = _slopes(self.simulator, x, u0, theta, scale) / of_reading[:, None]

@@ -8,7 +8,7 @@ BUSY, HANDLE and READY; the parameters with which the instance was initialised f
 thread takes one by a compare-and-swap of its BUSY.
 
 An FMU for co-simulation stays in initialisation mode. There its states can be set like inputs, and their derivatives
-read like outputs. It is never stepped.
+read like outputs. Only one that tells none is stepped, by ``run``.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ binding.add_symbol(SYMBOL, REGISTRY.ctypes.data)
 """Places of the addresses of value references."""
 FUNCTIONS = (
     "set_reals", "get_reals", "set_states", "get_rates", "reset", "setup", "enter_initialisation",
-    "leave_initialisation", "enter_event_mode", "update_discrete", "enter_continuous_mode", "get_states",
+    "leave_initialisation", "enter_event_mode", "update_discrete", "enter_continuous_mode", "get_states", "do_step",
 )  # fmt: skip
 (
     SET_REALS, GET_REALS, SET_STATES, GET_RATES, RESET, SETUP, ENTER_INIT, EXIT_INIT, ENTER_EVENT, UPDATE, ENTER_CONT,
-    GET_STATES,
-) = range(13, 25)  # fmt: skip
+    GET_STATES, DO_STEP,
+) = range(13, 26)  # fmt: skip
 """Places of the functions' addresses."""
-JUMPED, TIMED, BEGINS = 25, 26, 27
+JUMPED, TIMED, BEGINS = 26, 27, 28
 """Places where it is noted that the states jumped at an event, that the FMU has a timetable of events, and the time,
 as a double, at which instances begin."""
-HEAD = 28
+HEAD = 29
 BUSY, HANDLE, READY, THETA = 0, 1, 2, 3
 WORST, ERROR = 1, 3
 """Worst status with which a call's result still counts, a warning; and FMI's status of an error."""
@@ -275,3 +275,44 @@ def start(key, theta):  # type: ignore[no-untyped-def]
     if worst > WORST:
         x[:] = np.nan
     return x
+
+
+@njit(cache=True)
+def _step(head, handle, now_s, seconds):  # type: ignore[no-untyped-def]
+    """Let an FMU for co-simulation go on by so many seconds. Returns the status."""
+    told, yes = np.zeros(4, np.int64), np.int32(1)
+    if head[VERSION] == 2:
+        return _call(head[DO_STEP], (handle, now_s, seconds, yes))
+    at = told.ctypes.data
+    return _call(head[DO_STEP], (handle, now_s, seconds, yes, at, at + 8, at + 16, at + 24))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def run(key, u, seconds, x0, theta):  # type: ignore[no-untyped-def]
+    """Step an FMU through stretches of constant inputs u (S, nu) that last so many seconds (S,), from a start (nx,).
+
+    Returns readings and states (S, ny + nx) at the begin of each; NaN from where it reports an error.
+    """
+    table = _table(key)
+    head = carray(_as_ints(table), HEAD)
+    outputs, states, inputs = head[OUTPUTS], head[STATES], head[INPUTS]
+    found = np.full((u.shape[0], outputs + states), np.nan)
+    row = _take(table, head, theta)
+    handle, now_s = carray(_as_ints(row), THETA)[HANDLE], head.view(np.float64)[BEGINS]
+    worst = _initialise(head, handle, theta)
+    worst = max(worst, _reals(head, SET_REALS, handle, OF_STATES, states, x0.ctypes.data))
+    worst = max(worst, _reals(head, SET_REALS, handle, OF_INPUTS, inputs, u[0].ctypes.data))
+    worst = max(worst, _call(head[EXIT_INIT], (handle,)))
+    for k in range(u.shape[0]):
+        worst = max(worst, _reals(head, SET_REALS, handle, OF_INPUTS, inputs, u[k].ctypes.data))
+        read = found[k]
+        worst = max(worst, _reals(head, GET_REALS, handle, OF_OUTPUTS, outputs, read.ctypes.data))
+        worst = max(worst, _reals(head, GET_REALS, handle, OF_STATES, states, read[outputs:].ctypes.data))
+        if worst > WORST:
+            found[k] = np.nan
+            break
+        if seconds[k] > 0.0:
+            worst = max(worst, _step(head, handle, now_s, seconds[k]))
+            now_s += seconds[k]
+    _give(row, ERROR)  # what begins next with it begins anew
+    return found

@@ -22,6 +22,7 @@ class Scalar:
         high: highest.
         start: where it starts, in ``unit``; NaN if it is calculated.
         size: FMI's ``nominal``: a typical magnitude, in ``unit``; 0 if it says nothing.
+        exact: it starts at ``start``, and may be set to start elsewhere.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Scalar:
     start: float = math.nan
     size: float = 0.0
     says: str = ""
+    exact: bool = False
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class Description:
         token: by which the binary knows that this description is its own.
         exchange: its name as a model for exchange; empty if it is none.
         simulates: its name in co-simulation; empty if it does not offer that.
+        step_s: of the host, as the FMU proposes; 0 if it says nothing.
         once: one process may hold a single instance of it.
         needs_tool: it runs only where its authoring tool is.
         indicators: how many event indicators it has.
@@ -59,6 +62,7 @@ class Description:
     token: str
     exchange: str
     simulates: str
+    step_s: float
     once: bool
     needs_tool: bool
     indicators: int
@@ -70,6 +74,12 @@ class Description:
     def identifier(self) -> str:
         """The name of its binary: as a model for exchange if it is one."""
         return self.exchange or self.simulates
+
+    @property
+    def starts(self) -> tuple[Scalar, ...]:
+        """What may be set before it is stepped, beside parameters and inputs: its states, or as many as can be."""
+        known = self.states or (*self.of("local"), *self.of("output"))
+        return tuple(v for v in known if v.exact and v.variability == "continuous" and v.kind == REAL[self.version])
 
     def of(self, causality: str) -> tuple[Scalar, ...]:
         """The variables of a causality: input, output or parameter."""
@@ -100,6 +110,7 @@ def describe(text: str) -> Description:
         token=root.get("guid", root.get("instantiationToken", "")),
         exchange=model.get("modelIdentifier", "") if model is not None else "",
         simulates=co.get("modelIdentifier", "") if co is not None else "",
+        step_s=_number(_experiment(root), "stepSize", 0.0),
         once=said.get("canBeInstantiatedOnlyOncePerProcess") == "true",
         needs_tool=said.get("needsExecutionTool") == "true",
         indicators=int(root.get("numberOfEventIndicators", len(root.findall("ModelStructure/EventIndicator")))),
@@ -127,9 +138,15 @@ def _variables(root: xml.Element, version: str) -> list[Scalar]:
                 start=_number(said, "start", math.nan),
                 size=_number(said, "nominal", 0.0),
                 says=entry.get("description", ""),
+                exact=entry.get("initial") == "exact" and "start" in said,
             )
         )
     return found
+
+
+def _experiment(root: xml.Element) -> Mapping[str, str]:
+    said = root.find("DefaultExperiment")
+    return said.attrib if said is not None else {}
 
 
 def _types(root: xml.Element) -> dict[str, Mapping[str, str]]:

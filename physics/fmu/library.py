@@ -18,17 +18,19 @@ NAMES = {
     "2": (
         "SetReal", "GetReal", "SetContinuousStates", "GetDerivatives", "Reset", "SetupExperiment",
         "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "NewDiscreteStates",
-        "EnterContinuousTimeMode", "GetContinuousStates",
+        "EnterContinuousTimeMode", "GetContinuousStates", "DoStep",
     ),
     "3": (
         "SetFloat64", "GetFloat64", "SetContinuousStates", "GetContinuousStateDerivatives", "Reset", "",
         "EnterInitializationMode", "ExitInitializationMode", "EnterEventMode", "UpdateDiscreteStates",
-        "EnterContinuousTimeMode", "GetContinuousStates",
+        "EnterContinuousTimeMode", "GetContinuousStates", "DoStep",
     ),
 }  # fmt: skip
 """FMI's names of ``calls.FUNCTIONS``, by version."""
 OF_ALL = ("SetReal", "GetReal", "SetFloat64", "GetFloat64", "Reset", "SetupExperiment", "EnterInitializationMode")
 """Those that an FMU for co-simulation is asked for, too."""
+TO_STEP = ("ExitInitializationMode", "DoStep")
+"""And those of one that has to be stepped; ``calls`` has their places."""
 LOG = {
     "2": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_char_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p),
     "3": ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p),
@@ -100,6 +102,19 @@ class Library:
             if row[calls.READY]:
                 function(int(row[calls.HANDLE]), time_s)
 
+    def steps(self, states: Sequence[Scalar]) -> None:
+        """Make it ready to be stepped, from these start states.
+
+        Raises:
+            ValueError: one line: the binary lacks a function.
+        """
+        self._references[0] = np.array([v.reference for v in states], np.uint32)
+        self._table[calls.OF_STATES] = self._references[0].ctypes.data
+        self._table[calls.STATES] = len(states)
+        for name in TO_STEP:
+            self._table[calls.SET_REALS + NAMES[self._version].index(name)] = self._address(name)
+        self._rows()[:, calls.READY] = 0
+
     def _rows(self) -> np.ndarray:
         return self._table[calls.HEAD :].reshape(self._instances, -1)
 
@@ -157,7 +172,7 @@ class Library:
             int(self._version), exchange, len(handles), len(description.states), *sizes, description.indicators
         )  # fmt: skip
         head[calls.OF_STATES : calls.SET_REALS] = [references.ctypes.data for references in self._references]
-        names = [name if exchange or name in OF_ALL else "" for name in NAMES[self._version]]
+        names = [name if name in OF_ALL or (exchange and name != "DoStep") else "" for name in NAMES[self._version]]
         head[calls.SET_REALS : calls.SET_REALS + len(names)] = [self._address(name) for name in names]
         rows = np.zeros((len(handles), calls.THETA + sizes[2]), np.int64)
         rows[:, calls.HANDLE] = handles

@@ -1,4 +1,4 @@
-/* A small FMU, FMI 2.0 or 3.0, for model exchange or for co-simulation that is never stepped. The header beside it has its sizes and equations. */
+/* A small FMU, FMI 2.0 or 3.0, for model exchange, or for co-simulation that is stepped if it tells no rates. The header beside it has its sizes and equations. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,6 +22,7 @@ typedef struct {
     double v[NX + NX + NU + NY + NP + 1]; /* states, rates, inputs, outputs, parameters, time */
     int settled;                          /* what the relation was at the last event */
     int co;                               /* an instance for co-simulation */
+    int stepping;                         /* it has left initialisation: nothing but inputs can be set */
 } Small;
 
 static void solve(Small *m) {
@@ -31,7 +32,7 @@ static void solve(Small *m) {
 static void begin(Small *m) {
     const double start[] = START;
     memcpy(m->v, start, sizeof m->v);
-    m->settled = 0;
+    m->settled = m->stepping = 0;
 }
 static void *make(const char *token, int co) {
     Small *m = strcmp(token, TOKEN) ? NULL : malloc(sizeof *m);
@@ -40,10 +41,12 @@ static void *make(const char *token, int co) {
     m->co = co;
     return m;
 }
+static const int settable[] = SETTABLE;
 static int set(Small *m, const unsigned *r, size_t n, const double *values) {
     for (size_t i = 0; i < n; i++) {
         if (r[i] >= NX + NX + NU + NY + NP) return ERROR;
-        if (TELLS || !m->co || r[i] >= NX) m->v[r[i]] = values[i];
+        if (m->stepping && (r[i] < NX || r[i] >= NX + NX + NU)) return ERROR;
+        if (TELLS || !m->co || r[i] >= NX || settable[r[i]]) m->v[r[i]] = values[i];
     }
     return OK;
 }
@@ -64,7 +67,29 @@ static int update(Small *m, Truth *jumped, Truth *timed) {
 
 OUT void NAME(FreeInstance)(Small *m) { free(m); }
 OUT int NAME(Reset)(Small *m) { begin(m); return OK; }
-OUT int NAME(ExitInitializationMode)(Small *m) { return m->co ? ERROR : OK; }
+OUT int NAME(ExitInitializationMode)(Small *m) {
+    m->stepping = m->co;
+    return m->co && TELLS ? ERROR : OK;
+}
+/* Runge-Kutta's steps, two of them */
+static int go_on(Small *m, double t, double h) {
+    const double share[] = {0.0, 0.5, 0.5, 1.0}, weight[] = {1.0, 2.0, 2.0, 1.0};
+    double *v = m->v, x[NX + 1], dx[NX + 1];
+    if (!m->stepping || h <= 0.0) return ERROR;
+    h /= 2.0;
+    for (int k = 0; k < 2; k++) {
+        memcpy(x, v, NX * sizeof *x);
+        memset(dx, 0, sizeof dx);
+        for (int s = 0; s < 4; s++) {
+            for (int i = 0; i < NX; i++) v[i] = x[i] + (s ? h * share[s] * v[NX + i] : 0.0);
+            v[NX + NX + NU + NY + NP] = t + (k + share[s]) * h;
+            solve(m);
+            for (int i = 0; i < NX; i++) dx[i] += weight[s] * v[NX + i] / 6.0;
+        }
+        for (int i = 0; i < NX; i++) v[i] = x[i] + h * dx[i];
+    }
+    return STATUS;
+}
 OUT int NAME(EnterEventMode)(Small *m) { (void)m; return OK; }
 OUT int NAME(EnterContinuousTimeMode)(Small *m) { (void)m; return OK; }
 OUT int NAME(SetTime)(Small *m, double t) { m->v[NX + NX + NU + NY + NP] = t; return OK; }
@@ -90,6 +115,7 @@ OUT int fmi2EnterInitializationMode(Small *m) { (void)m; return OK; }
 OUT int fmi2NewDiscreteStates(Small *m, Event *e) { memset(e, 0, sizeof *e); return update(m, &e->values, &e->timed); }
 OUT int fmi2SetReal(Small *m, const unsigned *r, size_t n, const double *v) { return set(m, r, n, v); }
 OUT int fmi2GetReal(Small *m, const unsigned *r, size_t n, double *v) { return get(m, r, n, v); }
+OUT int fmi2DoStep(Small *m, double t, double h, Truth final) { (void)final; return go_on(m, t, h); }
 OUT int fmi2GetDerivatives(Small *m, double *dx, size_t n) { solve(m); memcpy(dx, m->v + NX, n * sizeof *dx); return STATUS; }
 #else
 #if CO
@@ -114,5 +140,11 @@ OUT int fmi3UpdateDiscreteStates(Small *m, Truth *needed, Truth *terminate, Trut
 }
 OUT int fmi3SetFloat64(Small *m, const unsigned *r, size_t n, const double *v, size_t k) { return k == n ? set(m, r, n, v) : ERROR; }
 OUT int fmi3GetFloat64(Small *m, const unsigned *r, size_t n, double *v, size_t k) { return k == n ? get(m, r, n, v) : ERROR; }
+OUT int fmi3DoStep(Small *m, double t, double h, Truth final, Truth *event, Truth *end, Truth *early, double *last) {
+    (void)final;
+    *event = *end = *early = 0;
+    *last = t + h;
+    return go_on(m, t, h);
+}
 OUT int fmi3GetContinuousStateDerivatives(Small *m, double *dx, size_t n) { solve(m); memcpy(dx, m->v + NX, n * sizeof *dx); return STATUS; }
 #endif

@@ -30,7 +30,9 @@ class SmallFMU:
         parameters: their values.
         more: attributes of a variable's Real or Float64, by its name.
         relation: an expression that is looked at at events alone, known to the equations as ``settled``.
-        tells: in co-simulation its states can be set before it is stepped.
+        tells: in co-simulation its states can be set, and read with their rates, before it is stepped. If not, it can
+            only be stepped.
+        starts: then states in which it may be told to start all the same.
     """
 
     states: Mapping[str, str]
@@ -45,6 +47,7 @@ class SmallFMU:
     indicators: int = 0
     exchange: str = "ModelExchange"
     tells: bool = True
+    starts: tuple[str, ...] = ()
     flags: str = ""
 
     def build(self, folder: Path, version: int = 2, name: str = "small") -> Path:
@@ -88,12 +91,15 @@ class SmallFMU:
             "EQUATIONS": " ".join(lines), "START": f"{{{', '.join(map(repr, start))}}}", "JUMPS": in_c(self.jumps),
             "RELATION": in_c(self.relation), "TIMETABLE": self.timetable, "STATUS": in_c(self.status),
             "CO": int(self.exchange == "CoSimulation"), "TELLS": int(self.tells),
+            "SETTABLE": f"{{{', '.join(str(int(s in self.starts)) for s in self.states) or 0}}}",
         }  # fmt: skip
         return "".join(f"#define {name} {value}\n" for name, value in defined.items())
 
     def _description(self, version: int, name: str) -> str:
         places, lines, rates = self._places(), [], []
         for k, place in enumerate(places[:-1]):
+            if not self.tells and (place.startswith("der(") or (place in self.states and place not in self.starts)):
+                continue
             causality = next(
                 (
                     c
@@ -110,6 +116,7 @@ class SmallFMU:
                 rates.append(k)
             variability = "fixed" if causality == "parameter" else "continuous"
             common = f'name="{place}" valueReference="{k}" causality="{causality}" variability="{variability}"'
+            common += ' initial="exact"' if place in self.starts else ""
             lines.append(
                 f"<ScalarVariable {common}><Real {said}/></ScalarVariable>"
                 if version == 2

@@ -112,8 +112,10 @@ def test_relations_hold_at_every_state_and_not_as_at_the_last_event(tmp_path: Pa
 
 
 LONE = SmallFMU(states={"level": "-k * level"}, outputs={"read": "level"}, parameters={"k": 0.5})
+MUTE = SmallFMU(**{**vars(LONE), "exchange": "CoSimulation", "tells": False})
 REFUSED = {
-    "tells no rates before it is stepped": SmallFMU(**{**vars(LONE), "exchange": "CoSimulation", "tells": False}),
+    "no outputs that are real numbers": SmallFMU(states={}, inputs={"inflow": 0.2}, exchange="CoSimulation"),
+    "what it does depends on time": SmallFMU(**{**vars(MUTE), "states": {"level": "-k * level + time"}}),
     "authoring tool": SmallFMU(**{**vars(LONE), "flags": 'needsExecutionTool="true"'}),
     "no continuous states": SmallFMU(states={}, outputs={"read": "2.0"}),
     "depend on time": SmallFMU(**{**vars(LONE), "states": {"level": "-k * level + time"}}),
@@ -123,6 +125,7 @@ REFUSED = {
     "jump at events": SmallFMU(**{**vars(LONE), "jumps": "level < 0", "indicators": 1}),
     "timetable of events": SmallFMU(**{**vars(LONE), "timetable": 1}),
     "reports an error at its own start": SmallFMU(**{**vars(LONE), "status": "ERROR"}),
+    "reports an error": SmallFMU(**{**vars(MUTE), "status": "ERROR"}),
 }
 
 

@@ -28,7 +28,7 @@ pytestmark = [
 WHERE = {2: "linux64", 3: "x86_64-linux"}
 REFUSED = {
     "BouncingBall": "jump at events",
-    "Clocks": "tells no rates",
+    "Clocks": "is of type Clock",
     "Feedthrough": "no continuous states",
     "Resource": "no continuous states",
     "Stair": "no continuous states",
@@ -63,6 +63,8 @@ def test_what_cannot_be_examined_is_refused_with_the_reason(model: str, version:
         simulator_of(built(model, version, tmp_path))
 
 
+STEPPED = ("BouncingBall", "Dahlquist", "VanDerPol")
+"""Their authors publish where each goes, step by step."""
 EQUATIONS = {
     "Dahlquist": lambda x, k: -k * x,
     "VanDerPol": lambda x, mu: np.array([x[1], mu * (1.0 - x[0] ** 2) * x[1] - x[0]]),
@@ -98,6 +100,30 @@ def test_one_for_co_simulation_that_tells_its_rates_is_the_same_simulator(
         u = np.array([v.nominal for v in exchange.inputs])
         np.testing.assert_array_equal(co.rhs(x, u, theta), exchange.rhs(x, u, theta))  # type: ignore[misc]
         np.testing.assert_array_equal(co.output(x, u, theta), exchange.output(x, u, theta))
+
+
+@pytest.mark.parametrize(("model", "version"), [m for m in offered() if m[0] in STEPPED])
+def test_one_that_can_only_be_stepped_goes_where_its_authors_say(model: str, version: int, tmp_path: Path) -> None:
+    found = simulator_of(mute(built(model, version, tmp_path, but="ModelExchange")))
+    assert found.rhs is None
+    assert found.stepped is not None
+    says = pd.read_csv(SOURCES / model / f"{model}_out.csv").to_numpy()
+    seconds, start = np.diff(says[:, 0], append=says[-1, 0]), np.array([s.nominal for s in found.states])
+    run = found.stepped(np.empty((len(says), 0)), seconds, start, found.theta())
+    np.testing.assert_allclose(run[:, : len(found.outputs)], says[:, 1 : 1 + len(found.outputs)], rtol=1e-5, atol=1e-6)
+
+
+def mute(file: Path) -> Path:
+    """The FMU with nothing in its description of what a derivative is."""
+    other = file.with_name("mute.fmu")
+    with zipfile.ZipFile(file) as archive, zipfile.ZipFile(other, "w") as changed:
+        for name in archive.namelist():
+            content = archive.read(name)
+            if name == "modelDescription.xml":
+                text = re.sub(r' derivative="\d+"|<ContinuousStateDerivative [^>]*/>', "", content.decode())
+                content = re.sub(r"<Derivatives>.*?</Derivatives>", "", text, flags=re.S).encode()
+            changed.writestr(name, content)
+    return other
 
 
 def test_a_cubic_term_concealed_in_one_of_them_is_found(tmp_path: Path) -> None:
