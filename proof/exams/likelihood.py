@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import njit, types
 from scipy.optimize import least_squares
 
 from twinbench.common.errors import BadInput
@@ -21,6 +22,8 @@ from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.solve import solve
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.compile import compiled
+from twinbench.physics.integrate import MATRIX
+from twinbench.physics.jit import FUNCTION, VECTOR
 from twinbench.physics.simulator import Array
 from twinbench.proof.exams.sbml import conserved, simulator_of
 
@@ -35,6 +38,10 @@ SAME = 1e-4
 """A fit reaches the best if its negative log-likelihood is nearer than this."""
 NUDGE = 1e-6
 """Step of a difference quotient of the rates, in the share of a value, or of one where that is more."""
+LEAST = 1e-300
+"""Of a reading that goes by its logarithm."""
+NOTHING = np.empty(0)
+"""The inputs of a machine without any."""
 NEWTON_STEPS, AT_REST = 50, 1e-12
 """Newton's steps to a steady state at most, and the step at which it is reached."""
 
@@ -84,6 +91,8 @@ class Likelihood:
         outputs = {one: observables.loc[one, "observableFormula"] for one in self._ids}
         self.simulator = simulator_of(path.parent / petab.model.rel_path, outputs)
         self.at_rest = bool(np.isinf(self._time_s).all())
+        if self.at_rest != self._logs:
+            raise BadInput(f"{path}: read are time courses as they are and steady states by their logarithm alone")
 
     def fit(
         self, free: Sequence[str], fixed: Mapping[str, float], first: Mapping[str, float], starts: int, seed: int
@@ -181,41 +190,45 @@ class Likelihood:
     @cached_property
     def _means(self) -> tuple[Array, Array, float]:
         """Readings of each output and their mean, and the sum of squares that they have among themselves."""
-        read = np.log(self._read) if self._logs else self._read
+        read = np.log(self._read)
         groups = [read[self._which == i] for i in range(len(self._ids))]
         within = sum(float(np.sum((g - g.mean()) ** 2)) for g in groups)
         return np.array([float(len(g)) for g in groups]), np.array([g.mean() for g in groups]), within
 
     @cached_property
     def _kept(self) -> Array:
-        return conserved(self.simulator)
+        """(nx, nx) projection on what is conserved: with it the rates' slopes have an inverse."""
+        rows = conserved(self.simulator)
+        return np.asarray(rows.T @ rows)
+
+    def _positive(self, x: Array, theta: Array) -> Array:
+        """(ny,) readings at rest, above zero, as those that go by their logarithm are."""
+        return np.maximum(compiled(self.simulator).output(x, NOTHING, theta), LEAST)
 
     def _at_rest(self, theta: Array, at: Array, within: list[tuple[float, float]], begin: Array) -> tuple[Array, float]:
         """Where scipy's fit of the steady state ends, by the parameters' logarithms, and the sum of squares there."""
         count, mean, among = self._means
-        theta, state = theta.copy(), compiled(self.simulator)
+        theta = theta.copy()
 
         def residuals(logs: Array) -> Array:
             theta[at] = np.exp(logs)
-            read = state.output(self._steady(theta), np.empty(0), theta)
-            return np.asarray(np.sqrt(count) * (mean - (np.log(read) if self._logs else read)))
+            read = self._positive(self._steady(theta), theta)
+            return np.asarray(np.sqrt(count) * (mean - np.log(read)))
 
         if not len(at):
             return begin, among + float(np.sum(residuals(np.empty(0)) ** 2))
         low, high = (np.log([each[k] for each in within]) for k in (0, 1))
         found = least_squares(
-            residuals, np.clip(np.log(begin), low, high), self._slopes(theta, at), bounds=(low, high), **EXACT
+            residuals, np.clip(np.log(begin), low, high), self._slopes(theta, at), bounds=(low, high), **ENOUGH_EXACT
         )
         return np.exp(found.x), among + 2.0 * float(found.cost)
 
     def _steady(self, theta: Array) -> Array:
         """(nx,) the state at which nothing moves any more, with what is conserved as it was at the start."""
-        rhs, x0 = compiled(self.simulator).rhs, self.simulator.initial(np.empty(0), np.empty(0), theta)
-        x = x0
+        rhs, x0 = compiled(self.simulator).rhs, self.simulator.initial(NOTHING, NOTHING, theta)
+        x, kept = x0, self._kept
         for _ in range(NEWTON_STEPS):
-            slopes = _quotient(lambda z: rhs(z, np.empty(0), theta), x)
-            left = np.concatenate((-rhs(x, np.empty(0), theta), self._kept @ (x0 - x)))
-            step = np.linalg.lstsq(np.concatenate((slopes, self._kept)), left, rcond=None)[0]
+            step = np.linalg.solve(quotients(rhs, x, theta, False) + kept, kept @ (x0 - x) - rhs(x, NOTHING, theta))
             x = x + step
             if np.abs(step).max() < AT_REST:
                 break
@@ -224,39 +237,35 @@ class Likelihood:
     def _slopes(self, theta: Array, at: Array) -> Callable[[Array], Array]:
         """Slopes of the residuals by the parameters' logarithms, by the implicit function."""
         both, (count, _, _) = compiled(self.simulator), self._means
-        none = np.empty(0)
 
         def jacobian(logs: Array) -> Array:
             theta[at] = np.exp(logs)
             x = self._steady(theta)
-
-            def of(values: Array) -> Array:
-                changed = theta.copy()
-                changed[at] = values
-                return np.asarray(both.rhs(x, none, changed))
-
-            system = np.concatenate((_quotient(lambda z: both.rhs(z, none, theta), x), self._kept))
-            pushed = np.concatenate((_quotient(of, theta[at]), np.zeros((len(self._kept), len(at)))))
-            moved = -np.linalg.lstsq(system, pushed, rcond=None)[0] * theta[at]
-            read = both.output(x, none, theta)
-            slopes = _quotient(lambda z: both.output(z, none, theta), x) @ moved
-            return np.asarray(-np.sqrt(count)[:, None] * (slopes / read[:, None] if self._logs else slopes))
+            pushed = quotients(both.rhs, x, theta, True)[:, at] * theta[at]
+            moved = -np.linalg.solve(quotients(both.rhs, x, theta, False) + self._kept, pushed)
+            slopes = quotients(both.output, x, theta, False) @ moved
+            return np.asarray(-np.sqrt(count)[:, None] * (slopes / self._positive(x, theta)[:, None]))
 
         return jacobian
 
+ENOUGH_EXACT: dict[str, Any] = {"ftol": 1e-8, "xtol": 1e-8, "gtol": 1e-8, "max_nfev": 200}
+"""scipy's fit stops where a step gains less than this share of the squares, which no criterion shows."""
 
-EXACT: dict[str, Any] = {"ftol": 1e-12, "xtol": 1e-12, "gtol": 1e-12, "max_nfev": 300}
-"""scipy's fit goes on until it has what double precision has."""
 
-
-def _quotient(function: Callable[[Array], Array], at: Array) -> Array:
-    """(n, k) difference quotients of a function (n,) at k values."""
-    here, found = np.asarray(function(at)), []
-    for i in range(len(at)):
-        moved = at.copy()
-        moved[i] += (step := NUDGE * max(1.0, abs(at[i])))
-        found.append((np.asarray(function(moved)) - here) / step)
-    return np.array(found).T.reshape(len(here), len(at))
+@njit(MATRIX(FUNCTION, VECTOR, VECTOR, types.boolean), cache=True, error_model="numpy")
+def quotients(equation, x, theta, by_theta):  # type: ignore[no-untyped-def]
+    """(n, k) difference quotients of an equation (n,) without inputs, by its states or its parameters."""
+    nothing = np.empty(0)
+    here, at = equation(x, nothing, theta), (theta if by_theta else x).copy()
+    found = np.empty((here.size, at.size))
+    for i in range(at.size):
+        value = at[i]
+        step = NUDGE * max(1.0, abs(value))
+        at[i] = value + step
+        moved = equation(x, nothing, at) if by_theta else equation(at, nothing, theta)
+        found[:, i] = (moved - here) / step
+        at[i] = value
+    return found
 
 
 def _only(path: Path, values: Any, *known: str) -> str:
