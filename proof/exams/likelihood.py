@@ -16,7 +16,7 @@ from numba import njit, types
 from scipy.optimize import least_squares
 
 from twinbench.common.errors import BadInput
-from twinbench.data.formats.holdings import library
+from twinbench.data.formats.holdings import library, quiet
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.solve import solve
@@ -77,7 +77,9 @@ class Likelihood:
         Raises:
             BadInput: PEtab is not installed, or the problem holds what is not read here.
         """
-        petab = library("petab.v1", "petab-select", "exams", path).Problem.from_yaml(path)
+        reader = library("petab.v1", "petab", "exams", path)
+        with quiet():
+            petab = reader.Problem.from_yaml(path)
         self.parameters = petab.parameter_df
         table, observables = petab.measurement_df, petab.observable_df
         self._time_s = table["time"].to_numpy(dtype=np.float64)

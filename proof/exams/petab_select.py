@@ -6,7 +6,6 @@ model which the setter expects is found, with the setter's criterion.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -50,13 +49,22 @@ class Space:
         self.path = CASES / number / "petab_select_problem.yaml"
         self.seed = seed
         self._library = library("petab_select", "petab-select", "exams", self.path)
-        self.problem = self._library.Problem.from_yaml(self.path)
+        with quiet():
+            self.problem = self._library.Problem.from_yaml(self.path)
         self.problem.candidate_space_arguments.pop("summary_tsv", None)  # it would lie where the command is called
         self.criterion = self.problem.criterion
         self.fits: dict[tuple[str, tuple[tuple[str, Any], ...]], Fitted] = {}
 
     def walked(self, **arguments: Any) -> list[Calibrated]:
-        """Every model that the problem's method comes by, in order; models that are given begin it."""
+        """Every model that the problem's method comes by, in order.
+
+        Args:
+            arguments: in the place of the problem's own, as a ``predecessor_model`` that it begins at.
+        """
+        with quiet():
+            return self._walked(arguments)
+
+    def _walked(self, arguments: dict[str, Any]) -> list[Calibrated]:
         self.problem.state.reset()
         self.problem.model_space.reset_exclusions()
         space, going = self.problem.new_candidate_space(**arguments), True
@@ -119,16 +127,15 @@ def sit(asked: Asked, advance: Advance) -> Paper:
     """Ask for each problem's model, and how often random beginnings come to that of the largest space."""
     answers, models, starts = [], [], []
     wanted = [name for name in EXAM.questions if asked.wants(name)]
-    with warnings.catch_warnings(), quiet():
-        for k, name in enumerate(wanted):
-            if name == FAMOS_STARTS:
-                answer, rows = _from_random_models(asked.seed, lambda s, k=k: advance((k + s) / len(wanted)))
-                starts += rows
-            else:
-                answer, rows = _found(name, asked.seed)
-                models += rows
-            answers.append(answer)
-            advance((k + 1) / len(wanted))
+    for k, name in enumerate(wanted):
+        if name == FAMOS_STARTS:
+            answer, rows = _from_random_models(asked.seed, lambda s, k=k: advance((k + s) / len(wanted)))
+            starts += rows
+        else:
+            answer, rows = _found(name, asked.seed)
+            models += rows
+        answers.append(answer)
+        advance((k + 1) / len(wanted))
     tables = {"models": pd.DataFrame(models), "starts": pd.DataFrame(starts)}
     return Paper(answers, {name: table for name, table in tables.items() if len(table)})
 
@@ -142,8 +149,12 @@ def _found(number: str, seed: int) -> tuple[Answer, list[dict[str, Any]]]:
     apart = best.criterion - true["criteria"][criterion]
     tried = sum(one.fitted.tried for one in walked)
     note = f"{space.problem.method.value}; {len(walked)} models fitted"
+    weights = {one.model: np.exp(0.5 * (best.criterion - one.criterion)) for one in walked}
+    if len(weights) > 1:
+        note += f"; weight {weights[best.model] / sum(weights.values()):.2f} among {len(weights)} models"
     if tried:
-        note += f"; {100.0 * sum(one.fitted.reached for one in walked) / tried:.0f} % of {tried} random fits reach the best"
+        reached = sum(one.fitted.reached for one in walked)
+        note += f"; {100.0 * reached / tried:.0f} % of {tried} random fits reach the best"
     answer = Answer(
         number,
         f"{true['model_hash']}, {criterion} {true['criteria'][criterion]:.6f}",
