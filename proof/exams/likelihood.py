@@ -214,7 +214,7 @@ class Likelihood:
 
         def residuals(logs: Array) -> Array:
             theta[at] = np.exp(logs)
-            read = self._positive(self._steady(theta), theta)
+            read = self._positive(self.steady(theta), theta)
             return np.asarray(np.sqrt(count) * (mean - np.log(read)))
 
         if not len(at):
@@ -225,8 +225,12 @@ class Likelihood:
         )
         return np.exp(found.x), among + 2.0 * float(found.cost)
 
-    def _steady(self, theta: Array) -> Array:
-        """(nx,) the state at which nothing moves any more, with what is conserved as it was at the start."""
+    def steady(self, theta: Array) -> Array:
+        """The state (nx,) at which nothing moves any more, with what is conserved as it was at the start.
+
+        Args:
+            theta: (n_theta,) the parameters, each in its unit.
+        """
         rhs, x0 = compiled(self.simulator).rhs, self.simulator.initial(NOTHING, NOTHING, theta)
         x, kept = x0, self._kept
         for _ in range(NEWTON_STEPS):
@@ -242,13 +246,14 @@ class Likelihood:
 
         def jacobian(logs: Array) -> Array:
             theta[at] = np.exp(logs)
-            x = self._steady(theta)
+            x = self.steady(theta)
             pushed = quotients(both.rhs, x, theta, True)[:, at] * theta[at]
             moved = -np.linalg.solve(quotients(both.rhs, x, theta, False) + self._kept, pushed)
             slopes = quotients(both.output, x, theta, False) @ moved
             return np.asarray(-np.sqrt(count)[:, None] * (slopes / self._positive(x, theta)[:, None]))
 
         return jacobian
+
 
 ENOUGH_EXACT: dict[str, Any] = {"ftol": 1e-8, "xtol": 1e-8, "gtol": 1e-8, "max_nfev": 200}
 """scipy's fit stops where a step gains less than this share of the squares, which no criterion shows."""

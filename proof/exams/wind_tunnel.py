@@ -116,8 +116,6 @@ def _start(u0: Array, y0: Array, theta: Array) -> Array:
     return np.array([y0[0] / RPM, y0[1] / RPM])
 
 
-
-
 def _law(x: Array, u: Array, theta: Array) -> Array:
     rise = S_MAX_PA * (x[0] * abs(x[0]) - x[1] * abs(x[1])) / OMEGA_MAX_RAD_S**2
     return np.array([x[0] * RPM, x[1] * RPM, rise])
