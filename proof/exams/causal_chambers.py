@@ -20,6 +20,7 @@ from twinbench.common.store import write_text
 from twinbench.data.batch import Array
 from twinbench.data.recording import Recording
 from twinbench.mismatch import diagnose
+from twinbench.mismatch.findings import UNEXPLAINED
 from twinbench.mismatch.model import whole_catalogue
 from twinbench.physics.integrate import simulate
 from twinbench.physics.simulator import Mechanism, Simulator
@@ -152,8 +153,12 @@ def answered(question: str, asked: Asked) -> tuple[Answer, dict[str, object]]:
     told = "; ".join(" or ".join(one) for one in names) or "no name"
     if places:
         told += f"; something unnamed at {', '.join(places)}"
-    right = bool(names) and all(set(rung.names) & set(one) for one in names) if rung.names else not names
-    note = f"verdict: {verdict.verdict}" if rung.names else f"verdict: {verdict.verdict}; right is to give no name"
+    note = f"verdict: {verdict.verdict}"
+    if rung.names:
+        right = bool(names) and all(set(rung.names) & set(one) for one in names)
+    else:
+        right = not names and verdict.verdict == UNEXPLAINED
+        note += "; right is unexplained"
     row = {"question": question, "verdict": verdict.verdict, "names": told, "says": verdict.says}
     return Answer(question, rung.adds, told, right, note), row
 

@@ -27,22 +27,22 @@ from twinbench.physics.jit import FUNCTION, VECTOR
 from twinbench.physics.simulator import Array
 from twinbench.proof.exams.sbml import conserved, simulator_of
 
-STEP_S = 0.05
+NETWORK_STEP_S = 0.05
 """A run's steps. Half of it moves no criterion of the exam by a millionth."""
 STOP_AT = 1e-5
 """The spread, in an output's unit, that a fit is told. It stops where a step gains less than a share of that, and by so
 small a one where the sum of squares is exact."""
 REFITS = 3
 """Times that a fit goes on from where it ended, with what its blocks left out corrected there."""
-SAME = 1e-4
+AS_GOOD = 1e-4
 """A fit reaches the best if its negative log-likelihood is nearer than this."""
-NUDGE = 1e-6
+QUOTIENT_STEP = 1e-6
 """Step of a difference quotient of the rates, in the share of a value, or of one where that is more."""
-LEAST = 1e-300
+LEAST_READING = 1e-300
 """Of a reading that goes by its logarithm."""
 NOTHING = np.empty(0)
 """The inputs of a machine without any."""
-NEWTON_STEPS, AT_REST = 50, 1e-12
+STEPS_TO_REST, AT_REST = 50, 1e-12
 """Newton's steps to a steady state at most, and the step at which it is reached."""
 
 
@@ -83,7 +83,7 @@ class Likelihood:
         self.parameters = petab.parameter_df
         table, observables = petab.measurement_df, petab.observable_df
         self._time_s = table["time"].to_numpy(dtype=np.float64)
-        self._read = table["measurement"].to_numpy(dtype=np.float64)
+        self.read = table["measurement"].to_numpy(dtype=np.float64)
         self._logs = _only(path, observables.get("observableTransformation", ["lin"]), "lin", "log") == "log"
         noise = _only(path, observables["noiseFormula"])
         by_row = _only(path, table["noiseParameters"]) if "noiseParameters" in table else ""
@@ -123,7 +123,7 @@ class Likelihood:
         values = dict(zip(moved, found[best][0].tolist(), strict=True))
         if self._noise in free:
             values[str(self._noise)] = self._sigma(found[best][1])
-        reached = sum(bool(one < nllhs[best] + SAME) for one in nllhs[1:])
+        reached = sum(bool(one < nllhs[best] + AS_GOOD) for one in nllhs[1:])
         return Fitted(float(nllhs[best]), values, reached, len(nllhs) - 1)
 
     def _nllh(self, squares: float, free: Sequence[str], fixed: Mapping[str, float]) -> float:
@@ -131,13 +131,13 @@ class Likelihood:
             return np.inf
         free_noise = self._noise in free
         sigma = self._sigma(squares) if free_noise else float(fixed.get(str(self._noise), 0.0) or self._noise)
-        n = len(self._read)
-        jacobian = float(np.sum(np.log(self._read))) if self._logs else 0.0
+        n = len(self.read)
+        jacobian = float(np.sum(np.log(self.read))) if self._logs else 0.0
         return n * np.log(np.sqrt(2.0 * np.pi) * sigma) + 0.5 * squares / sigma**2 + jacobian
 
     def _sigma(self, squares: float) -> float:
         low, high = self._bounds(str(self._noise))
-        return float(np.clip(np.sqrt(squares / len(self._read)), low, high))
+        return float(np.clip(np.sqrt(squares / len(self.read)), low, high))
 
     def _bounds(self, name: str) -> tuple[float, float]:
         row = self.parameters.loc[name]
@@ -161,14 +161,14 @@ class Likelihood:
     @cached_property
     def _machine(self) -> Machine:
         machine = Machine(self.simulator, [])
-        machine.step_s = machine.block_step_s = STEP_S
+        machine.step_s = machine.block_step_s = NETWORK_STEP_S
         return machine
 
     @cached_property
     def _track(self) -> Track:
         times = np.unique(self._time_s)
         y = np.full((len(times), len(self._ids)), np.nan)
-        y[np.searchsorted(times, self._time_s), self._which] = self._read
+        y[np.searchsorted(times, self._time_s), self._which] = self.read
         return Track("petab", times, np.empty((len(times), 0)), y, np.arange(len(times)), y.copy())
 
     def _in_time(self, theta: Array, at: Array, within: list[tuple[float, float]], begin: Array) -> tuple[Array, float]:
@@ -192,7 +192,7 @@ class Likelihood:
     @cached_property
     def _means(self) -> tuple[Array, Array, float]:
         """Readings of each output and their mean, and the sum of squares that they have among themselves."""
-        read = np.log(self._read)
+        read = np.log(self.read)
         groups = [read[self._which == i] for i in range(len(self._ids))]
         within = sum(float(np.sum((g - g.mean()) ** 2)) for g in groups)
         return np.array([float(len(g)) for g in groups]), np.array([g.mean() for g in groups]), within
@@ -205,7 +205,7 @@ class Likelihood:
 
     def _positive(self, x: Array, theta: Array) -> Array:
         """(ny,) readings at rest, above zero, as those that go by their logarithm are."""
-        return np.maximum(compiled(self.simulator).output(x, NOTHING, theta), LEAST)
+        return np.maximum(compiled(self.simulator).output(x, NOTHING, theta), LEAST_READING)
 
     def _at_rest(self, theta: Array, at: Array, within: list[tuple[float, float]], begin: Array) -> tuple[Array, float]:
         """Where scipy's fit of the steady state ends, by the parameters' logarithms, and the sum of squares there."""
@@ -233,7 +233,7 @@ class Likelihood:
         """
         rhs, x0 = compiled(self.simulator).rhs, self.simulator.initial(NOTHING, NOTHING, theta)
         x, kept = x0, self._kept
-        for _ in range(NEWTON_STEPS):
+        for _ in range(STEPS_TO_REST):
             step = np.linalg.solve(quotients(rhs, x, theta, False) + kept, kept @ (x0 - x) - rhs(x, NOTHING, theta))
             x = x + step
             if np.abs(step).max() < AT_REST:
@@ -267,7 +267,7 @@ def quotients(equation, x, theta, by_theta):  # type: ignore[no-untyped-def]
     found = np.empty((here.size, at.size))
     for i in range(at.size):
         value = at[i]
-        step = NUDGE * max(1.0, abs(value))
+        step = QUOTIENT_STEP * max(1.0, abs(value))
         at[i] = value + step
         moved = equation(x, nothing, at) if by_theta else equation(at, nothing, theta)
         found[:, i] = (moved - here) / step

@@ -45,9 +45,16 @@ class Calibrated(NamedTuple):
 class Space:
     """A problem of PEtab Select, and the fits of its models. What was fitted once is not fitted again."""
 
-    def __init__(self, number: str, seed: int) -> None:
+    def __init__(self, number: str, seed: int, again: bool = True) -> None:
+        """Read a problem.
+
+        Args:
+            number: of PROBLEMS.
+            seed: of everything that is drawn.
+            again: is each model fitted from random values too?
+        """
         self.path = CASES / number / "petab_select_problem.yaml"
-        self.seed = seed
+        self.seed, self.again = seed, again
         self._library = library("petab_select", "petab-select", "exams", self.path)
         with quiet():
             self.problem = self._library.Problem.from_yaml(self.path)
@@ -82,20 +89,32 @@ class Space:
     def _calibrated(self, model: Any) -> Calibrated:
         free = model.get_estimated_parameter_ids()
         key = str(model.model_subspace_petab_yaml), tuple(sorted(model.parameters.items()))
+        likelihood = likelihood_of(Path(model.model_subspace_petab_yaml).resolve())
         if key not in self.fits:
-            likelihood = likelihood_of(Path(model.model_subspace_petab_yaml).resolve())
             table = likelihood.parameters
             fixed = {name: float(table.loc[name, "nominalValue"]) for name in table.index}
             fixed |= {name: float(value) for name, value in model.parameters.items() if value != ESTIMATE}
             first = {name: self._first(name, likelihood) for name in free}
-            self.fits[key] = likelihood.fit(
-                free, {n: v for n, v in fixed.items() if n not in free}, first, STARTS[likelihood.at_rest], self.seed
-            )
+            starts = STARTS[likelihood.at_rest] if self.again else 0
+            others = {name: value for name, value in fixed.items() if name not in free}
+            self.fits[key] = likelihood.fit(free, others, first, starts, self.seed)
         fitted = self.fits[key]
         model.set_criterion(self._library.constants.Criterion.NLLH, fitted.nllh)
         model.set_estimated_parameters(fitted.values)
-        criterion = float(model.compute_criterion(self.criterion))
+        criterion = self._criterion(fitted.nllh, len(free), len(likelihood.read))
+        model.set_criterion(self.criterion, criterion)
         return Calibrated(str(model.hash), tuple(sorted(free)), criterion, fitted)
+
+    def _criterion(self, nllh: float, free: int, readings: int) -> float:
+        """By the library's formulas; the problems have no priors."""
+        of = self._library.criteria
+        match self.criterion.value:
+            case "AIC":
+                return float(of.calculate_aic(nllh, free))
+            case "AICc":
+                return float(of.calculate_aicc(nllh, free, readings, 0))
+            case _:
+                return float(of.calculate_bic(nllh, free, readings, 0))
 
     def _first(self, name: str, likelihood: Likelihood) -> float:
         """The largest value that the space fixes a parameter to, or else the middle of its bounds."""
@@ -179,7 +198,7 @@ def _found(number: str, seed: int) -> tuple[Answer, list[dict[str, Any]]]:
 
 def _from_random_models(seed: int, advance: Callable[[float], None]) -> tuple[Answer, list[dict[str, Any]]]:
     """How often FAMoS ends at the expected model, begun at drawn ones, and a row for each beginning."""
-    space, true = Space(FAMOS, seed), expected(FAMOS)
+    space, true = Space(FAMOS, seed, again=False), expected(FAMOS)
     least = true["criteria"][space.criterion.value]
     rows = []
     for k, model in enumerate(space.models(RANDOM_MODELS), 1):
