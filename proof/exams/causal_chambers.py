@@ -134,7 +134,7 @@ def _steps(rng: np.random.Generator, low: float, high: float) -> Array:
     return np.asarray(np.repeat(rng.uniform(low, high, SAMPLES), counts)[:SAMPLES])
 
 
-def answered(question: str, asked: Asked) -> tuple[Answer, dict[str, object]]:
+def answered(question: str, asked: Asked) -> tuple[Answer, dict[str, str]]:
     """The answer to one question, and a row with the verdict's own words."""
     rung = RUNGS[question]
     if asked.data is None:

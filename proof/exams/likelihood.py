@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit, types
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from twinbench.common.errors import BadInput
@@ -27,6 +28,8 @@ from twinbench.physics.jit import FUNCTION, VECTOR
 from twinbench.physics.simulator import Array
 from twinbench.proof.exams.sbml import conserved, simulator_of
 
+Places = NDArray[np.int64]
+Bounds = Sequence[tuple[float, float]]
 NETWORK_STEP_S = 0.05
 """A run's steps. Half of it moves no criterion of the exam by a millionth."""
 STOP_AT = 1e-5
@@ -171,7 +174,9 @@ class Likelihood:
         y[np.searchsorted(times, self._time_s), self._which] = self.read
         return Track("petab", times, np.empty((len(times), 0)), y, np.arange(len(times)), y.copy())
 
-    def _in_time(self, theta: Array, at: Array, within: list[tuple[float, float]], begin: Array) -> tuple[Array, float]:
+    def _in_time(
+        self, theta: Array, at: np.ndarray, within: list[tuple[float, float]], begin: Array
+    ) -> tuple[Array, float]:
         """Where the engine's fit ends, and the sum of squares there."""
         spread = np.full(len(self._ids), STOP_AT)
         unknowns = tuple(
@@ -207,7 +212,9 @@ class Likelihood:
         """(ny,) readings at rest, above zero, as those that go by their logarithm are."""
         return np.maximum(compiled(self.simulator).output(x, NOTHING, theta), LEAST_READING)
 
-    def _at_rest(self, theta: Array, at: Array, within: list[tuple[float, float]], begin: Array) -> tuple[Array, float]:
+    def _at_rest(
+        self, theta: Array, at: np.ndarray, within: list[tuple[float, float]], begin: Array
+    ) -> tuple[Array, float]:
         """Where scipy's fit of the steady state ends, by the parameters' logarithms, and the sum of squares there."""
         count, mean, among = self._means
         theta = theta.copy()
@@ -240,7 +247,7 @@ class Likelihood:
                 break
         return np.asarray(x)
 
-    def _slopes(self, theta: Array, at: Array) -> Callable[[Array], Array]:
+    def _slopes(self, theta: Array, at: Places) -> Callable[[Array], Array]:
         """Slopes of the residuals by the parameters' logarithms, by the implicit function."""
         both, (count, _, _) = compiled(self.simulator), self._means
 

@@ -6,7 +6,7 @@ model which the setter expects is found, with the setter's criterion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -148,7 +148,7 @@ def sit(asked: Asked, advance: Advance) -> Paper:
     wanted = [name for name in EXAM.questions if asked.wants(name)]
     for k, name in enumerate(wanted):
         if name == FAMOS_STARTS:
-            answer, rows = _from_random_models(asked.seed, lambda s, k=k: advance((k + s) / len(wanted)))
+            answer, rows = _from_random_models(asked.seed, _part(advance, k, len(wanted)))
             starts += rows
         else:
             answer, rows = _found(name, asked.seed)
@@ -157,6 +157,11 @@ def sit(asked: Asked, advance: Advance) -> Paper:
         advance((k + 1) / len(wanted))
     tables = {"models": pd.DataFrame(models), "starts": pd.DataFrame(starts)}
     return Paper(answers, {name: table for name, table in tables.items() if len(table)})
+
+
+def _part(advance: Advance, k: int, of: int) -> Advance:
+    """Tells ``advance`` of the k-th of so many parts."""
+    return lambda share: advance((k + share) / of)
 
 
 def _found(number: str, seed: int) -> tuple[Answer, list[dict[str, Any]]]:
@@ -196,7 +201,7 @@ def _found(number: str, seed: int) -> tuple[Answer, list[dict[str, Any]]]:
     return answer, rows
 
 
-def _from_random_models(seed: int, advance: Callable[[float], None]) -> tuple[Answer, list[dict[str, Any]]]:
+def _from_random_models(seed: int, advance: Advance) -> tuple[Answer, list[dict[str, Any]]]:
     """How often FAMoS ends at the expected model, begun at drawn ones, and a row for each beginning."""
     space, true = Space(FAMOS, seed, again=False), expected(FAMOS)
     least = true["criteria"][space.criterion.value]
