@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 from pathlib import Path
 
 from twinbench.common.threads import pin
@@ -68,7 +69,9 @@ def _sat(exam: Exam, asked: Asked, out: Path) -> None:
     write_text(out / "answers.md", to_markdown(table))
     only = f" --only {' '.join(asked.only)}" if asked.only else ""
     data = " --data FOLDER" if asked.data else ""
-    write_manifest(out, f"{COMMAND} {exam.name} --seed {asked.seed}{data}{only}", asked.seed, setter=exam.setter)
+    command = f"{COMMAND} {exam.name} --seed {asked.seed}{data}{only}"
+    packages = {name: version(name) for name in exam.needs}
+    write_manifest(out, command, asked.seed, setter=exam.setter, packages=packages)
     print(to_markdown(table), end="")
 
 

@@ -64,6 +64,7 @@ class Exam:
         setter: who set it, and under which licence.
         questions: their names, in order.
         sit: gives the answers.
+        needs: packages whose versions its answers depend on, beside those that any result does.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Exam:
     setter: str
     questions: tuple[str, ...]
     sit: Callable[[Asked, Advance], Paper]
+    needs: tuple[str, ...] = ()
 
 
 def exams() -> dict[str, Exam]:

@@ -172,7 +172,7 @@ def _found(number: str, seed: int) -> tuple[Answer, list[dict[str, Any]]]:
     criterion = space.criterion.value
     apart = best.criterion - true["criteria"][criterion]
     tried = sum(one.fitted.tried for one in walked)
-    note = f"{space.problem.method.value}; {len(walked)} models fitted"
+    note = f"{space.problem.method.value}; models fitted: {len(walked)}"
     weights = {one.model: np.exp(0.5 * (best.criterion - one.criterion)) for one in walked}
     if len(weights) > 1:
         note += f"; weight {weights[best.model] / sum(weights.values()):.2f} among {len(weights)} models"
@@ -236,5 +236,6 @@ EXAM = Exam(
     says="which parameters of a small ODE model are there, among up to 2^32 models",
     setter="test problems of PEtab Select 0.4.0 (BSD-3-Clause)",
     questions=(*PROBLEMS, FAMOS_STARTS),
+    needs=("petab", "petab-select", "python-libsbml"),
     sit=sit,
 )
