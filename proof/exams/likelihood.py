@@ -6,6 +6,7 @@ is fitted by scipy, on the steady state of the same equations.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from twinbench.common.errors import BadInput
-from twinbench.data.formats.holdings import library, quiet
+from twinbench.data.formats.holdings import library
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.solve import solve
@@ -81,7 +82,7 @@ class Likelihood:
             BadInput: PEtab is not installed, or the problem holds what is not read here.
         """
         reader = library("petab.v1", "petab", "exams", path)
-        with quiet():
+        with warnings.catch_warnings(action="ignore"):
             petab = reader.Problem.from_yaml(path)
         self.parameters = petab.parameter_df
         table, observables = petab.measurement_df, petab.observable_df

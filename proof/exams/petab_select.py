@@ -6,6 +6,7 @@ model which the setter expects is found, with the setter's criterion.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -15,7 +16,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from twinbench.data.formats.holdings import library, quiet
+from twinbench.data.formats.holdings import library
 from twinbench.proof.exams.exam import Advance, Answer, Asked, Exam, Paper
 from twinbench.proof.exams.likelihood import Fitted, Likelihood
 
@@ -56,7 +57,7 @@ class Space:
         self.path = CASES / number / "petab_select_problem.yaml"
         self.seed, self.again = seed, again
         self._library = library("petab_select", "petab-select", "exams", self.path)
-        with quiet():
+        with warnings.catch_warnings(action="ignore"):
             self.problem = self._library.Problem.from_yaml(self.path)
         self.problem.candidate_space_arguments.pop("summary_tsv", None)  # it would lie where the command is called
         self.criterion = self.problem.criterion
@@ -68,7 +69,7 @@ class Space:
         Args:
             arguments: in the place of the problem's own, as a ``predecessor_model`` that it begins at.
         """
-        with quiet():
+        with warnings.catch_warnings(action="ignore"):
             return self._walked(arguments)
 
     def _walked(self, arguments: dict[str, Any]) -> list[Calibrated]:
