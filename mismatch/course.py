@@ -69,7 +69,7 @@ class Course:
         present = [c for c in machine.candidates if self.setting.theta[c.at[0]] != c.null[0]]
         own = [i for c in present for i in machine.own_states(c)]
         self.active = np.array([*range(len(machine.simulator.states)), *own], dtype=np.int64)
-        self.scales = np.array([machine.states[i].scale for i in self.active])
+        self.scales = np.array([machine.states[i].scale for i in self.active], dtype=np.float64)
         self.u = np.ascontiguousarray(self.grid.u)
         self.means = self._means(self.setting.theta, self._varying, self._values)
         s, n, ny = len(self.u), len(self.active), len(machine.simulator.outputs)

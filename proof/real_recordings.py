@@ -11,7 +11,7 @@ import itertools
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +23,8 @@ from twinbench.common.page import write_bytes
 from twinbench.common.store import sha256_of, write_text
 from twinbench.common.style import png, settle
 from twinbench.common.versions import provenance
+from twinbench.data.look.whole import look
+from twinbench.data.look.words import told
 from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.model import load_simulator
 from twinbench.mismatch.recordings import read_recordings
@@ -115,6 +117,8 @@ def run(folder: Path, out: Path, command: str) -> None:
         rows += errors(case, verdict)
         digests |= {p: sha256_of(folder / p) for p in (case.learnt, case.held_out) if p}
         write_text(out / case.name / "verdict.json", to_json(verdict.to_dict()) + "\n")
+        write_text(out / case.name / "says.md", said(verdict.to_dict()))
+        write_text(out / case.name / "look.md", looked(case, folder))
         for drawing in itertools.islice(draw(verdict), 2):  # the held-out part, the learnt part
             if drawing.figure is not None:
                 settle(drawing.figure)
@@ -123,6 +127,24 @@ def run(folder: Path, out: Path, command: str) -> None:
     write_text(out / "errors.csv", pd.DataFrame(rows).to_csv(index=False, float_format="%.6g"))
     manifest = {"command": command, "recordings_sha256": digests, "provenance": provenance()}
     write_text(out / "manifest.json", json.dumps(manifest, indent=2) + "\n")
+
+
+def said(verdict: Mapping[str, Any]) -> str:
+    """What the verdict says first, as a page quotes it.
+
+    Args:
+        verdict: as ``verdict.json`` holds it.
+    """
+    return f"> {verdict['says']}\n"
+
+
+def looked(case: Case, folder: Path) -> str:
+    """What ``twinbench look`` prints of the recording that is learnt from, as a page shows it.
+
+    Raises:
+        BadInput: it is not in ``folder``.
+    """
+    return "\n".join(["```text", *told(look(folder / case.learnt)), "```"]) + "\n"
 
 
 def filled(page: str, results: Path) -> str:

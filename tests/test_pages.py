@@ -34,6 +34,14 @@ SHOWN = {
     "docs/compare.md": {f"compare/{m}/tables/recordings.md" for m in ("cascaded_tanks", "train_compressor")},
     "docs/estimators.md": {"paper/tables/cost.md"},
     "docs/latency.md": {"latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"},
+    "docs/exams.md": {f"exams/{name}/answers.md" for name in ("petab_select", "causal_chambers")},
+    "docs/first_hour.md": {
+        *(f"real_recordings/{name}/look.md" for name in ("cascaded_tanks", "air_chamber_b", "train_compressor")),
+        *(
+            f"real_recordings/{name}/says.md"
+            for name in ("cascaded_tanks", "air_chamber_b", "air_chamber_tight", "train_compressor")
+        ),
+    },
     "docs/proof.md": {
         "proof/gates.md", "proof/fits.md", "opponents/engines.md", "opponents/paired.md",
         "flagship/gates_known_health.md",

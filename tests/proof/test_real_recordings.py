@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from twinbench.mismatch import Verdict
-from twinbench.proof.real_recordings import CASES, PAGE, RESULTS, ROOT, errors, examine, filled, main
+from twinbench.proof.real_recordings import CASES, PAGE, RESULTS, ROOT, errors, examine, filled, looked, main, said
 
 RECORDINGS = ROOT.parent / "shared" / "recordings"
 recorded = pytest.mark.skipif(not RECORDINGS.is_dir(), reason=f"no recordings in {RECORDINGS}; the page says whose")
@@ -104,6 +104,18 @@ def test_the_page_shows_what_the_results_hold():
         verdict = json.loads((RESULTS / one.name / "verdict.json").read_text())
         assert f"> {verdict['says']}\n" in page
         assert all(f"> - {point}\n" in page for point in verdict["points"])
+
+
+def test_what_a_page_quotes_is_what_the_verdict_says():
+    for one in CASES:
+        verdict = json.loads((RESULTS / one.name / "verdict.json").read_text())
+        assert (RESULTS / one.name / "says.md").read_text(encoding="utf-8") == said(verdict)
+
+
+@recorded
+def test_what_a_page_shows_of_a_recording_is_what_look_tells():
+    for one in CASES:
+        assert (RESULTS / one.name / "look.md").read_text(encoding="utf-8") == looked(one, RECORDINGS)
 
 
 def test_a_folder_without_the_recordings_is_one_line(tmp_path, capsys):

@@ -1,0 +1,1 @@
+"""Exams that others set, each one file: loader, simulator, what the setter says is true, score."""
