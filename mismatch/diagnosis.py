@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import Followed
+from twinbench.mismatch.history.history import History
 from twinbench.mismatch.joining import Joined
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.answer import Answer
@@ -62,6 +64,7 @@ class Diagnosis:
         refused: why the chosen effects have no name: they spoil an output, or leave one unfollowed. Empty if not so.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
+        histories: sizes over time of the mended simulator's effects, by their place in the chosen hypothesis.
     """
 
     simulator: Simulator
@@ -91,6 +94,7 @@ class Diagnosis:
     refused: str
     followed: tuple[Followed, ...]
     strange: tuple[str, ...]
+    histories: Mapping[int, History] = field(default_factory=dict)
 
     @property
     def named(self) -> bool:

@@ -11,7 +11,8 @@ from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_recordings, 
 SAYS = "find what a simulator leaves out, name it, model it, and prove it on held-out recordings"
 EXAMPLE = (
     "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
-    "DIR gets verdict.json, report.html, report.pdf of one page, and model.toml, which is the mended simulator.\n"
+    "DIR gets verdict.json, report.html, report.pdf of one page, model.toml, which is the mended simulator, and\n"
+    "sizes.csv, which is how large each effect was over time.\n"
     "twinbench schema verdict says what verdict.json holds; --json prints the same to stdout.\n"
     "exit status:\n"
     + "\n".join(f"  {status:3}  {says}" for status, says in mismatch_status.SAYS.items())
@@ -22,6 +23,7 @@ FILES = {
     "report.pdf": "on one page",
     "verdict.json": "for programs",
     "model.toml": "mended model",
+    "sizes.csv": "sizes over time",
 }
 """What is written, and what it is called where the terminal lists it."""
 

@@ -1,0 +1,165 @@
+"""How large an effect was over time: the courses that it may have taken, with their probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twinbench.mismatch.history.axis import Axis
+from twinbench.mismatch.history.linear import size_of, told_of
+from twinbench.mismatch.history.patterns import CONSTANT, PATTERNS, RAMP, STEP, Weighed, patterns, weigh
+from twinbench.mismatch.mixture import interval_of
+from twinbench.mismatch.naming.answer import shares
+from twinbench.mismatch.naming.name import NEAR, Naming
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.physics.simulator import Array, Variable
+
+
+class Point(NamedTuple):
+    """The size at one time of a recording, with its 90 % interval, in the effect's unit."""
+
+    recording: str
+    time_s: float
+    size: float
+    low: float
+    high: float
+
+
+class Interval(NamedTuple):
+    """A number with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class History:
+    """An effect's size over all recordings that were learnt from.
+
+    Attributes:
+        size: the effect's first parameter.
+        axis: of time, on which recordings stand one after the other.
+        odds: probability of each of ``PATTERNS``.
+        points: the size at each knot, recording by recording, all courses counted in.
+        rate: of a ramp, in the size's unit per second; of one throughout, where the size is constant.
+        change: of a step, in the size's unit.
+        since: on the axis, when a ramp began or a step was, s; by the one of them that is likelier.
+    """
+
+    size: Variable
+    axis: Axis
+    odds: Mapping[str, float]
+    points: tuple[Point, ...]
+    rate: Interval
+    change: Interval
+    since: Interval
+
+    @property
+    def likeliest(self) -> str:
+        """One of ``PATTERNS``."""
+        return max(PATTERNS, key=lambda kind: self.odds[kind])
+
+    @property
+    def in_time(self) -> list[Point]:
+        """The points, the earliest first."""
+        return [self.points[q] for q in self.axis.order]
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """As ``verdict.json`` has it."""
+        kind, unit = self.likeliest, self.size.unit
+        recording, time_s = self.axis.place(self.since.value)
+        return {
+            "pattern": kind,
+            "probability": dict(self.odds),
+            "clock": self.axis.clock,
+            "unit": unit,
+            "rate_per_s": self.rate._asdict() if kind in (CONSTANT, RAMP) else None,
+            "change": self.change._asdict() if kind == STEP else None,
+            "since": {"recording": recording, "time_s": time_s} if kind in (RAMP, STEP) else None,
+            "points": [p._asdict() for p in self.points],
+        }
+
+
+def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> History:
+    """How large an effect of a hypothesis was over time.
+
+    Args:
+        place: of the effect in the hypothesis.
+        floor: (ny,) noise of block means by their second differences, in the outputs' units.
+    """
+    axis = Axis.over(chosen.problem.tracks)
+    told = told_of(chosen, place, naming.ground, naming.around(chosen), axis, floor)
+    there = (np.concatenate(axis.knots) >= chosen.since_s).astype(float)
+    weighed = [weigh(told, pattern, there) for pattern in patterns(axis, size_of(chosen, place))]
+    return _read(weighed, chosen, place, axis, there)
+
+
+def _read(weighed: Sequence[Weighed], chosen: Settled, place: int, axis: Axis, there: Array) -> History:
+    """The history of what was weighed.
+
+    Args:
+        there: (Q,) share of the constant part that is there at each knot, dimensionless.
+    """
+    candidate = chosen.problem.machine.candidates[chosen.effects[place].variant.candidate]
+    v, size = candidate.mechanism.parameters[0], int(chosen.entries(place)[0])
+    spread, null = chosen.problem.unknowns[size].spread, float(candidate.null[0])
+    level = null + (chosen.z[size] - null) * there
+    likely = _near(weighed)
+    points = []
+    for q, r in enumerate(axis.of):
+        numbers = [(float(level[q] + spread * w.mean[q]), float(spread * w.sd[q])) for w in likely]
+        mean = float(np.average([m for m, _ in numbers], weights=shares([w.log for w in likely])))
+        low, high = interval_of(likely, numbers, v.low, v.high)
+        points.append(Point(axis.names[r], float(np.concatenate(axis.knots)[q]), mean, min(low, mean), max(high, mean)))
+    odds = dict.fromkeys(PATTERNS, 0.0)
+    for w, p in zip(weighed, shares([w.log for w in weighed]), strict=True):
+        odds[w.pattern.kind] += p
+    ramps, steps = ([w for w in weighed if w.pattern.kind == kind] for kind in (RAMP, STEP))
+    last = float(axis.along_s.max())
+
+    def per_s(w: Weighed) -> float:
+        return float(spread * w.pattern.basis.max() / (last - axis.along_s[w.pattern.since]))
+
+    def in_all(w: Weighed) -> float:
+        return float(spread * w.pattern.basis.max())
+
+    constant = max(odds, key=lambda kind: odds[kind]) == CONSTANT
+    trends = [w for w in ramps if w.pattern.since == axis.order[0]] if constant else ramps
+    begun = ramps if odds[RAMP] >= odds[STEP] else steps
+    return History(v, axis, odds, tuple(points), _number(trends, per_s), _number(steps, in_all), _since(begun, axis))
+
+
+def _near(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Those that are not so far behind that they add nothing."""
+    best = max(w.log for w in weighed)
+    return [w for w in weighed if w.log > best - NEAR]
+
+
+def _number(some: Sequence[Weighed], unit: Callable[[Weighed], float]) -> Interval:
+    """A pattern's own number over all times since which it may hold, ``unit`` per its sd."""
+    likely = _near(some)
+    numbers = [(float(unit(w) * w.added[0]), float(unit(w) * w.added_sd[0])) for w in likely]
+    mean = float(np.average([m for m, _ in numbers], weights=shares([w.log for w in likely])))
+    low, high = interval_of(likely, numbers)
+    return Interval(mean, min(low, mean), max(high, mean))
+
+
+def _since(some: Sequence[Weighed], axis: Axis) -> Interval:
+    """When a pattern begins: the likeliest middle, and the middle 90 %."""
+    along, order = axis.along_s, [*axis.order]
+
+    def when(w: Weighed) -> float:
+        at = order.index(w.pattern.since)
+        before = along[order[max(at - 1, 0)]]
+        # A step is somewhere in the piece before the knot at which it is done.
+        return float(along[w.pattern.since] if w.pattern.kind == RAMP else 0.5 * (along[w.pattern.since] + before))
+
+    each = sorted(zip(map(when, some), shares([w.log for w in some]), strict=True))
+    times, sums = np.array([t for t, _ in each]), np.cumsum([p for _, p in each])
+    low, middle, high = (float(times[min(int(np.searchsorted(sums, p)), len(times) - 1)]) for p in (0.05, 0.5, 0.95))
+    return Interval(middle, low, high)

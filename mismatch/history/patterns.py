@@ -1,0 +1,145 @@
+"""Courses that a size may take, and the evidence of each: Gaussian, and closed, as all that the engine weighs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_solve, cholesky
+
+from twinbench.mismatch.history.axis import Axis
+from twinbench.physics.simulator import Array
+
+CONSTANT, RAMP, STEP, WALK = "constant", "ramp", "step", "walk"
+PATTERNS = (CONSTANT, RAMP, STEP, WALK)
+STAYS = 0.5
+"""Prior probability that a size is constant; the other courses share the rest evenly."""
+CHANGES = 1.0
+"""Prior sd of how much a ramp or a step changes a size in all, as a share of it."""
+WALKS = (0.1, 0.2, 0.4, 0.8, 1.6)
+"""Shares of a size by which it wanders from the first recording's beginning to the last one's end (sd): as likely."""
+
+
+class Told(NamedTuple):
+    """What the readings tell of a size over time, all else integrated out.
+
+    Sizes are in prior standard deviations, the constant part from where it was linearised.
+
+    Attributes:
+        G: (1 + Q, 1 + Q) products of whitened columns: of the constant part, then of what is added at each knot.
+        b: (1 + Q,) of these with the whitened residuals.
+        log: nats that all else contributes.
+        mean: of the constant part's prior.
+    """
+
+    G: Array
+    b: Array
+    log: float
+    mean: float
+
+
+class Pattern(NamedTuple):
+    """A course that a size may take.
+
+    Attributes:
+        kind: one of ``PATTERNS``.
+        prior: its probability before any reading.
+        basis: (Q, k) what is added at each knot, per sd of k independent numbers, in prior sds.
+        since: position of the knot at which a ramp begins or a step ends; -1 of what has none.
+    """
+
+    kind: str
+    prior: float
+    basis: Array
+    since: int = -1
+
+
+class Weighed(NamedTuple):
+    """A pattern after the readings.
+
+    Attributes:
+        log: its evidence and prior, nats.
+        mean, sd: (Q,) of the size at each knot, in prior sds, the mean from where it was linearised.
+        added: (k,) posterior means of the pattern's own numbers, in their sds.
+        added_sd: (k,) likewise.
+    """
+
+    pattern: Pattern
+    log: float
+    mean: Array
+    sd: Array
+    added: Array
+    added_sd: Array
+
+
+def patterns(axis: Axis, size: float) -> list[Pattern]:
+    """All courses that are weighed.
+
+    Args:
+        size: how large the effect is, in prior sds.
+    """
+    order, along = axis.order, axis.along_s
+    first, last = float(along.min()), float(along.max())
+    times = [int(q) for q in order[:-1] if along[q] < last]
+    share, amount = (1.0 - STAYS) / (len(PATTERNS) - 1), CHANGES * abs(size)
+    found = [Pattern(CONSTANT, STAYS, np.zeros((len(along), 0)))]
+    for q in times:
+        rise = np.maximum(along - along[q], 0.0) / (last - along[q])
+        found.append(Pattern(RAMP, share / len(times), amount * rise[:, None], q))
+    late = [q for q in times if along[q] > first]
+    place = np.argsort(order)
+    for q in late:
+        found.append(Pattern(STEP, share / len(late), amount * (place >= place[q]).astype(float)[:, None], q))
+    walked = [walk(axis, part * abs(size)) for part in WALKS]
+    if len(axis.names) > 1 and not axis.clock:
+        walked += [from_one_to_the_next(axis, part * abs(size)) for part in WALKS]
+    return [*found, *(Pattern(WALK, share / len(walked), basis) for basis in walked)]
+
+
+def walk(axis: Axis, amount: float) -> Array:
+    """(Q, Q - 1) basis of a random walk along the axis.
+
+    Args:
+        amount: sd of what it adds from the first knot to the last, in prior sds.
+    """
+    order = axis.order
+    steps = np.sqrt(np.diff(axis.along_s[order]) / axis.span_s)
+    found = np.zeros((len(order), len(order) - 1))
+    found[order[1:]] = amount * np.tril(np.tile(steps, (len(steps), 1)))
+    return found
+
+
+def from_one_to_the_next(axis: Axis, amount: float) -> Array:
+    """(Q, R - 1) basis of a random walk from recording to recording, where nothing says how far apart they are.
+
+    Args:
+        amount: sd of what it adds from the first recording to the last, in prior sds.
+    """
+    many = len(axis.names) - 1
+    return np.asarray(amount / np.sqrt(many) * (axis.of[:, None] > np.arange(many)))
+
+
+def weigh(told: Sequence[Told], pattern: Pattern, there: Array) -> Weighed:
+    """The evidence of a pattern beside whichever of several discrepancies suits it best.
+
+    Args:
+        told: with each discrepancy.
+        there: (Q,) share of the constant part that is there at each knot, dimensionless.
+    """
+    return max((_weigh(one, pattern, there) for one in told), key=lambda w: w.log)
+
+
+def _weigh(told: Told, pattern: Pattern, there: Array) -> Weighed:
+    k = pattern.basis.shape[1]
+    turn = np.zeros((len(told.b), 1 + k))
+    turn[0, 0], turn[1:, 1:] = 1.0, pattern.basis
+    L = cholesky(turn.T @ told.G @ turn + np.eye(1 + k), lower=True)
+    right = turn.T @ told.b
+    right[0] += told.mean
+    found = cho_solve((L, True), right)
+    log = told.log + 0.5 * float(right @ found) - 0.5 * told.mean**2 - float(np.log(np.diag(L)).sum())
+    cov, shown = cho_solve((L, True), np.eye(1 + k)), np.column_stack((there, pattern.basis))
+    sd = np.sqrt(np.einsum("qi,ij,qj->q", shown, cov, shown))
+    own = np.sqrt(np.diag(cov)[1:])
+    return Weighed(pattern, log + float(np.log(pattern.prior)), shown @ found, sd, found[1:], own)
