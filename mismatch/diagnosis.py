@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from twinbench.mismatch.fit import Problem
@@ -64,7 +63,7 @@ class Diagnosis:
         refused: why the chosen effects have no name: they spoil an output, or leave one unfollowed. Empty if not so.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
-        histories: sizes over time of the mended simulator's effects, by their place in the chosen hypothesis.
+        histories: sizes over time of the chosen effects, each by its place.
     """
 
     simulator: Simulator
@@ -94,7 +93,7 @@ class Diagnosis:
     refused: str
     followed: tuple[Followed, ...]
     strange: tuple[str, ...]
-    histories: Mapping[int, History] = field(default_factory=dict)
+    histories: tuple[History, ...]
 
     @property
     def named(self) -> bool:

@@ -41,7 +41,7 @@ class Finding:
         since_s: when it began, on the recordings' clock; None where it began in none of them.
         onsets: where it is, recording by recording, if not everywhere.
         force: its size as a force, where the port is a balance of forces.
-        history: its size over time; None of what the mended simulator does not have.
+        history: its size over time, or of what explains it best; None where nothing does.
     """
 
     kind: str
@@ -140,18 +140,18 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         onsets=told_onsets(since_s, d.tracks),
         intervals_s=((since_s, until_s),) if np.isfinite(since_s) else (),
     )
+    history, known = d.histories[claim.found.place], variable_names(d.simulator)
     if not claim.names:
-        found = replace(found, says=_unnamed_says(d, claim, found.onsets), best=claim.found.name)
+        told = [_unnamed_says(d, claim, found.onsets)]
+        if history.likeliest != CONSTANT:
+            told.append(sentence(f"if it is {claim.found.name}, {history_says(history)}", known))
+        found = replace(found, says=" ".join(told), best=claim.found.name, history=history)
         if claim.found.name not in d.stand_ins:
             return found
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
-    values, history = sizes(d, claim.found.place), d.histories.get(claim.found.place)
-    known = variable_names(d.simulator)
+    values = sizes(d, claim.found.place)
     if not claim.names:
-        varies = history is not None and history.likeliest != CONSTANT
-        told = f"{found.says} {sentence(history_says(history), known)}" if history and varies else found.says
-        standing = replace(found, says=told, stand_in=claim.found.name, history=history)
-        return replace(standing, term=formula(mechanism, values), parameters=values)
+        return replace(found, stand_in=claim.found.name, term=formula(mechanism, values), parameters=values)
     found = replace(
         found,
         mechanism=claim.names[0],

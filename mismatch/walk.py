@@ -33,8 +33,8 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     answer, held = asked_of.answer, asked_of.held
     found = proved(asked_of, decided(answer, self_check.again, rule), fit, seen.floor)
     before = Fit(fit.problem, fit.z)
-    chosen, mended = answer.chosen, found.mended is not None
-    histories = {k: history_of(answer.naming, chosen, k, seen.floor) for k in range(len(chosen.effects)) if mended}
+    chosen = answer.chosen
+    histories = tuple(history_of(answer.naming, chosen, k, seen.floor) for k in range(len(chosen.effects)))
     tests = residual_tests(tracks, before.residuals, answer.naming.ground, seen.floor, simulator)
     progress("prove", 1.0)
     return Diagnosis(

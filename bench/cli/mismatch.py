@@ -40,6 +40,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help="recordings for the proof, best of another operating regime; no parameter is learnt from them",
     )
+    add_told(parser)
+    add_trust(parser)
+    add_map(parser)
+
+
+def add_told(parser: argparse.ArgumentParser) -> None:
+    """What is tried, and what the user knows beforehand."""
     parser.add_argument(
         "--catalogue",
         default="",
@@ -52,13 +59,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="what inputs do between samples: hold their value, or go in lines; auto (default) tries both",
     )
-    _add_told(parser)
-    add_trust(parser)
-    add_map(parser)
-
-
-def _add_told(parser: argparse.ArgumentParser) -> None:
-    """What the user knows beforehand."""
     for option, metavar, says in (
         ("--leave-out", "NAME", "do not try these candidates; NAME may hold *, as 'offset@*'"),
         ("--prior", "NAME=ODDS", "how likely a candidate is, as odds: 0.1 is one to ten"),

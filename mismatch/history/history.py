@@ -9,13 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twinbench.mismatch.history.axis import Axis
-from twinbench.mismatch.history.linear import size_of, told_of
-from twinbench.mismatch.history.patterns import CONSTANT, PATTERNS, RAMP, STEP, Weighed, patterns, weigh
+from twinbench.mismatch.history.linear import Line
+from twinbench.mismatch.history.patterns import CONSTANT, PATTERNS, RAMP, STEP, Pattern, Weighed, patterns, weigh
 from twinbench.mismatch.mixture import interval_of
 from twinbench.mismatch.naming.answer import shares
+from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.name import NEAR, Naming
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.physics.simulator import Array, Variable
+
+MOVES = 2
+"""Times that a size which is not constant is linearised anew, where its course has its posterior mean."""
 
 
 class Point(NamedTuple):
@@ -93,22 +97,44 @@ def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> His
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     axis = Axis.over(chosen.problem.tracks)
-    told = told_of(chosen, place, naming.ground, naming.around(chosen), axis, floor)
+    first = Line(chosen, place, axis, naming.around(chosen), naming.ground, np.zeros(len(axis.along_s)))
     there = (np.concatenate(axis.knots) >= chosen.since_s).astype(float)
-    weighed = [weigh(told, pattern, there) for pattern in patterns(axis, size_of(chosen, place))]
-    return _read(weighed, chosen, place, axis, there)
+    several, ground = patterns(axis, first.large), first.with_noise(floor)
+    line, weighed = first, _weighed(first, first, ground, several, there)
+    for _ in range(MOVES):
+        best = max(weighed, key=lambda w: w.log).pattern
+        ahead = line.moved(best, ground) if first.may_move and best.kind != CONSTANT else None
+        if ahead is None:
+            break
+        line, ground = ahead, ahead.with_noise(floor)
+        weighed = _weighed(first, line, ground, several, there)
+    return _read(weighed, line, there)
 
 
-def _read(weighed: Sequence[Weighed], chosen: Settled, place: int, axis: Axis, there: Array) -> History:
+def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern], there: Array) -> list[Weighed]:
+    """All patterns: that of a constant size where that stands, the others where one of them does.
+
+    Args:
+        there: (Q,) share of the constant part that is there at each knot, dimensionless.
+    """
+    near = line.told(ground)
+    far = near if line is first else first.told(ground)
+    shift = first.view.z[first.size] - line.view.z[line.size]
+    found = [weigh(far if p.kind == CONSTANT else near, p, there) for p in several]
+    # All means count from where the line is.
+    moved = shift / first.view.problem.unknowns[first.size].spread * there
+    return [w._replace(mean=w.mean + moved) if w.pattern.kind == CONSTANT else w for w in found]
+
+
+def _read(weighed: Sequence[Weighed], line: Line, there: Array) -> History:
     """The history of what was weighed.
 
     Args:
         there: (Q,) share of the constant part that is there at each knot, dimensionless.
     """
-    candidate = chosen.problem.machine.candidates[chosen.effects[place].variant.candidate]
-    v, size = candidate.mechanism.parameters[0], int(chosen.entries(place)[0])
-    spread, null = chosen.problem.unknowns[size].spread, float(candidate.null[0])
-    level = null + (chosen.z[size] - null) * there
+    axis, v = line.axis, line.candidate.mechanism.parameters[0]
+    spread, null = line.view.problem.unknowns[line.size].spread, float(line.candidate.null[0])
+    level = null + (line.view.z[line.size] - null) * there
     likely = _near(weighed)
     points = []
     for q, r in enumerate(axis.of):

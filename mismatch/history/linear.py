@@ -2,79 +2,191 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
+from scipy.linalg import cho_solve
+
+from twinbench.mismatch.course import Course
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.history.axis import Axis
-from twinbench.mismatch.history.patterns import WALKS, Told, walk
+from twinbench.mismatch.history.patterns import WALKS, Pattern, Told, walk
+from twinbench.mismatch.machine import Candidate
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
-from twinbench.mismatch.naming.view import WANDERS, View
-from twinbench.physics.simulator import Array
+from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
+from twinbench.physics.simulator import Array, Series
 
 
-def told_of(chosen: Settled, place: int, ground: Ground, view: View, axis: Axis, floor: Array) -> list[Told]:
-    """What the readings tell beside the discrepancy of a constant size, and beside that of one that wanders.
+@dataclass(frozen=True)
+class Line:
+    """A hypothesis whose effect has some size at each knot, linearised there.
+
+    Attributes:
+        place: of the effect in the hypothesis.
+        view: around where it is linearised.
+        ground: that the hypothesis stands on.
+        added: (Q,) what the size has there at each knot beside its constant part, in prior sds.
+    """
+
+    chosen: Settled
+    place: int
+    axis: Axis
+    view: View
+    ground: Ground
+    added: Array
+
+    @cached_property
+    def size(self) -> int:
+        """Position of the size among the unknowns."""
+        return int(self.chosen.entries(self.place)[0])
+
+    @property
+    def large(self) -> float:
+        """How large the effect is in the hypothesis, in prior sds of its size."""
+        return abs(float(self.chosen.sizes[self.place])) / self.chosen.problem.unknowns[self.size].spread
+
+    @cached_property
+    def candidate(self) -> Candidate:
+        """What the effect is."""
+        chosen = self.chosen
+        return chosen.problem.machine.candidates[chosen.effects[self.place].variant.candidate]
+
+    @cached_property
+    def kept(self) -> list[int]:
+        """Positions of what is unknown and at no bound, the size last."""
+        low, high = Bounds.of(self.chosen.problem).around(self.view.z)
+        held = {*np.flatnonzero((low >= 0.0) | (high <= 0.0)), self.size}
+        return [*(k for k in range(len(self.chosen.mean)) if k not in held), self.size]
+
+    @cached_property
+    def mean(self) -> Array:
+        """(U,) prior mean of what is kept, in prior sds from where it is linearised."""
+        whole = np.zeros(len(self.chosen.mean))
+        whole[: len(self.view.z)] = prior_mean(self.view)
+        return whole[self.kept]
+
+    @cached_property
+    def columns(self) -> list[Array]:
+        """(B, ny, U) of what is kept per recording, in the outputs' units per prior sd."""
+        own = columns_of(self.view, self.ground, self.chosen.wanders)
+        share = np.ones(len(self.chosen.mean))
+        share[len(self.view.z) :] = self.chosen.share / WANDERS
+        return [(c * share)[:, :, self.kept] for c in own]
+
+    @cached_property
+    def knots(self) -> list[Array]:
+        """(B, ny, Q) of what is added to the size at each knot per recording, in the outputs' units per prior sd."""
+        problem, u = self.view.problem, self.view.problem.unknowns[self.size]
+
+        def of(r: int) -> Array:
+            course, step = self.view.courses[r], u.nudge(self.view.z[self.size])
+            theta = course.setting.theta.copy()
+            theta[u.at] += step
+            if self.candidate.acts_on_output:
+                column = course.of_sensor(theta, (-np.inf,))[:, :, 0] / step
+                return column[:, :, None] * self.axis.hats(r, problem.tracks[r].block_time_s)[:, None, :] * u.spread
+            acts_on_input = self.candidate.acts_on_input
+            one = course.of_input(theta, step) if acts_on_input else course.of_present(theta, step)
+            hats = self.axis.hats(r, course.grid.time_s)
+            return course.through_sensors(course.columns(one.times(hats))) * u.spread
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.view.courses))])
+
+    def with_noise(self, floor: Array) -> Ground:
+        """The ground with its noise learnt anew, beside a size that wanders widely.
+
+        Args:
+            floor: (ny,) noise of block means by their second differences, in the outputs' units.
+        """
+        wandering = walk(self.axis, WALKS[-1] * self.large)
+        columns = [np.concatenate((c, k @ wandering), axis=2) for c, k in zip(self.columns, self.knots, strict=True)]
+        mean = np.concatenate((self.mean, np.zeros(wandering.shape[1])))
+        return self.ground.relearnt(self._from_constant, columns, mean, floor)
+
+    def told(self, ground: Ground) -> list[Told]:
+        """What the readings tell beside the discrepancy of a constant size, and beside that of one that wanders."""
+        G, b, squares = self._products(ground, self.knots)
+        last = len(self.kept) - 1
+        inner = eliminated(G, b, np.arange(last), self.mean[:-1], np.ones(last))
+        several = self.chosen.learnt.s, ground.s
+        return [_beside(inner, s, float(self.mean[-1]), ground, squares) for s in several]
+
+    def moved(self, pattern: Pattern, ground: Ground) -> Line | None:
+        """The same, linearised where a pattern has its posterior mean; None if the run diverges there."""
+        turned = [k @ pattern.basis for k in self.knots]
+        G, b, _ = self._products(ground, turned)
+        own, k = len(self.kept), pattern.basis.shape[1]
+        precision = np.concatenate((np.ones(own + k), ground.precision(ground.s)))
+        right = b.copy()
+        right[:own] += self.mean
+        scale, L = factored(G + np.diag(precision))
+        found = scale * cho_solve((L, True), scale * right)
+        z, bounds = self.view.z.copy(), Bounds.of(self.view.problem)
+        for step, at in zip(found[:own], self.kept, strict=True):
+            if at < len(z):
+                z[at] += step * bounds.scale[at]
+        z = np.clip(z, bounds.low, bounds.high)
+        added = pattern.basis @ found[own : own + k]
+        view = self._around(z, added)
+        return None if view is None else replace(self, view=view, added=added)
+
+    @property
+    def _from_constant(self) -> View:
+        """The view with residuals as they would be, to first order, with nothing added to the size."""
+        pairs = zip(self.view.residuals, self.knots, strict=True)
+        return replace(self.view, residuals=tuple(r + k @ self.added for r, k in pairs))
+
+    def _products(self, ground: Ground, beside: Sequence[Array]) -> tuple[Array, Array, float]:
+        columns = [np.concatenate(pair, axis=2) for pair in zip(self.columns, beside, strict=True)]
+        return ground.products(self._from_constant, columns).over()
+
+    def _around(self, z: Array, added: Array) -> View | None:
+        """A view around a run in which something is added to the size; None if it diverges.
+
+        Args:
+            z: (K,) where the problem's unknowns stand, each in its own unit.
+            added: (Q,) at each knot, in prior sds.
+        """
+        problem = self.view.problem
+        machine, u = problem.machine, problem.unknowns[self.size]
+
+        def of(r: int) -> tuple[Course, Array]:
+            grid = machine.grid(problem.tracks[r])
+            plain = problem.setting(r, z, grid)
+            size = plain.theta[u.at] + u.spread * self.axis.hats(r, grid.time_s) @ added
+            size = np.clip(size, u.low, u.high)[:, None]
+            values = size if plain.values is None else np.concatenate((plain.values, size), axis=1)
+            setting = replace(plain, varying=np.append(plain.varying, u.at), values=values)
+            offset = problem.offsets[r] if len(problem.offsets) else 0.0
+            return Course(machine, setting), problem.tracks[r].means - machine.run(setting, blocks=True) - offset
+
+        found = parallel([lambda r=r: of(r) for r in range(len(problem.tracks))])
+        courses, residuals = zip(*found, strict=True)
+        pairs = zip(residuals, problem.tracks, strict=True)
+        if any(not np.isfinite(e[np.isfinite(t.means)]).all() for e, t in pairs):
+            return None
+        return View(problem, z, courses, residuals)
+
+    @property
+    def may_move(self) -> bool:
+        """Can a run have another size at each time? A fault of a channel, or what begins late, has one size."""
+        return not isinstance(self.candidate.mechanism, Series) and not self.view.problem.since
+
+
+def _beside(inner: Reduced, s: Array, mean: float, ground: Ground, squares: float) -> Told:
+    """What is left beside a discrepancy of some sizes (P,), per cent.
 
     Args:
-        place: of the effect in the hypothesis.
-        view: around where the hypothesis stands.
-        floor: (ny,) noise of block means by their second differences, in the outputs' units.
+        squares: of the whitened residuals.
     """
-    size, wanders = int(chosen.entries(place)[0]), np.arange(len(chosen.z), len(chosen.mean))
-    own, knots = columns_of(view, ground, chosen.wanders), knot_columns(view, chosen, size, axis)
-    for columns in own:
-        columns[:, :, wanders] *= chosen.share / WANDERS
-    low, high = Bounds.of(chosen.problem).around(chosen.z)
-    held = {*np.flatnonzero((low >= 0.0) | (high <= 0.0))} - {size}
-    rest = [k for k in range(len(chosen.mean)) if k != size and k not in held]
-    # The size comes last of what is unknown, so that the walk stands behind it.
-    every, mean = [c[:, :, [*rest, size]] for c in own], chosen.mean[[*rest, size]]
-    wandering = walk(axis, WALKS[-1] * size_of(chosen, place))
-    beside = [np.concatenate((c, k @ wandering), axis=2) for c, k in zip(every, knots, strict=True)]
-    mean_beside = np.concatenate((mean, np.zeros(wandering.shape[1])))
-    ground = ground.relearnt(view, beside, mean_beside, floor)
-    G, b, _ = ground.products(view, [np.concatenate(pair, axis=2) for pair in zip(every, knots, strict=True)]).over()
-    inner = eliminated(G, b, np.arange(len(rest)), mean[:-1], np.ones(len(rest)))
-    return [_beside(inner, s, float(mean[-1]), ground) for s in (chosen.learnt.s, ground.s)]
-
-
-def _beside(inner: Reduced, s: Array, mean: float, ground: Ground) -> Told:
-    """What is left beside a discrepancy of some sizes (P,), per cent."""
     block = np.arange(len(inner.b) - len(ground.group), len(inner.b))
     if not len(block):
-        return Told(*inner, mean)
+        return Told(inner.G, inner.b, inner.log - 0.5 * squares, mean)
     left = eliminated(inner.G, inner.b, block, np.zeros(len(block)), ground.precision(s))
     prior = -0.5 * float(np.sum((s / DISCREPANCY_PCT) ** 2))
-    return Told(left.G, left.b, inner.log + left.log + prior, mean)
-
-
-def size_of(chosen: Settled, place: int) -> float:
-    """How large an effect is, in prior sds of its size."""
-    return abs(float(chosen.sizes[place])) / chosen.problem.unknowns[int(chosen.entries(place)[0])].spread
-
-
-def knot_columns(view: View, chosen: Settled, size: int, axis: Axis) -> list[Array]:
-    """Columns of what is added to a size at each knot, (B, ny, Q) per recording, in the outputs' units per prior sd.
-
-    Args:
-        size: its position among the unknowns.
-    """
-    problem = view.problem
-    u = problem.unknowns[size]
-    candidate = next(c for c in problem.machine.candidates if u.at in c.at)
-
-    def of(r: int) -> Array:
-        course, step = view.courses[r], u.nudge(view.z[size])
-        theta = course.setting.theta.copy()
-        theta[u.at] += step
-        if candidate.acts_on_output:
-            column = course.of_sensor(theta, (-np.inf,))[:, :, 0] / step
-            return column[:, :, None] * axis.hats(r, problem.tracks[r].block_time_s)[:, None, :] * u.spread
-        one = course.of_input(theta, step) if candidate.acts_on_input else course.of_present(theta, step)
-        hats = axis.hats(r, course.grid.time_s)
-        return course.through_sensors(course.columns(one.times(hats))) * u.spread
-
-    return parallel([lambda r=r: of(r) for r in range(len(view.courses))])
+    return Told(left.G, left.b, inner.log + left.log + prior - 0.5 * squares, mean)

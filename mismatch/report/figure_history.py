@@ -17,7 +17,7 @@ from twinbench.mismatch.words import labelled, probable, time_unit
 @styled
 def sizes_over_time(findings: Sequence[Finding]) -> Figure:
     """One panel for each finding that has a history."""
-    told = [(f.mechanism or f.stand_in, f.history) for f in findings if f.history]
+    told = [(f.mechanism or f.best, f.history) for f in findings if f.history]
     figure = canvas(PAGE_MM, 10.0 + 46.0 * len(told))
     grid = figure.subplots(len(told), 1, squeeze=False)[:, 0]
     for axes, (name, history) in zip(grid, told, strict=True):

@@ -101,10 +101,11 @@ def _histories(findings: Sequence[Finding]) -> Drawing:
     return _drawn(
         "sizes_over_time",
         "How large over time",
-        "Size of each effect of the mended simulator in the recordings that were learnt from, with its 90 % interval: "
-        "constant, growing, leaping and wandering counted in, each by its probability. Thin lines part recordings.",
+        "Size of each effect, named or what explains best, in the recordings that were learnt from, with its 90 % "
+        "interval: constant, growing, leaping and wandering counted in, each by its probability. Thin lines part "
+        "recordings.",
         partial(sizes_over_time, told) if told else None,
-        "no effect was added, so none has a size",
+        "no effect explains anything, so none has a size",
     )
 
 

@@ -21,7 +21,7 @@ from twinbench.mismatch.verdict import Verdict
 from twinbench.mismatch.words import listed, probable, typeset
 
 SIZES = "sizes.csv"
-"""Sizes of the mended simulator's effects over time, each with its interval."""
+"""Sizes of the effects that explain the recordings best over time, each with its interval."""
 OPENING = "fit_held_out"
 """The figure that the page begins with: before and after on what was held out."""
 _WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # names of channels
@@ -41,7 +41,7 @@ def write_findings(document: Mapping[str, Any], model: str, out: Path) -> None:
 def _sizes(findings: Sequence[Mapping[str, Any]]) -> str:
     """A row for each time at which a size is told."""
     rows = [
-        {"effect": f["mechanism"] or f["stand_in"], **point, "unit": f["history"]["unit"]}
+        {"effect": f["mechanism"] or f["best"], **point, "unit": f["history"]["unit"]}
         for f in findings
         if f["history"]
         for point in f["history"]["points"]

@@ -19,7 +19,7 @@ from scipy.stats import multivariate_normal
 from twinbench.mismatch import Verdict
 from twinbench.mismatch.history.axis import Axis
 from twinbench.mismatch.history.history import History
-from twinbench.mismatch.history.linear import size_of, told_of
+from twinbench.mismatch.history.linear import Line
 from twinbench.mismatch.history.patterns import PATTERNS, RAMP, STEP, WALK, Pattern, Told, patterns, walk, weigh
 from twinbench.mismatch.history.saying import says
 from twinbench.physics.simulator import Array
@@ -171,9 +171,10 @@ def test_on_a_linear_machine_a_walk_is_what_a_kalman_smoother_says() -> None:
     naming, whole, axis = d.answer.naming, d.answer.chosen, Axis.over(d.tracks)
     # The oracle knows no equations that are a little wrong.
     chosen = replace(whole, wanders=[], mean=whole.mean[: len(whole.z)])
-    told = told_of(chosen, 0, naming.ground.exact, naming.around(whole), axis, d.floor)
+    line = Line(chosen, 0, axis, naming.around(whole), naming.ground.exact, np.zeros(len(axis.of)))
+    told = line.told(line.with_noise(d.floor))
     amount = 0.8
-    spread = float(chosen.sizes[0]) / size_of(chosen, 0)
+    spread = float(chosen.sizes[0]) / line.large
     found = weigh(told, Pattern(WALK, 1.0, walk(axis, amount / spread)), np.ones(len(axis.of)))
     last = axis.of == 1
     mean, sd = oracle(growing(), amount)
