@@ -97,48 +97,37 @@ def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> His
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     axis = Axis.over(chosen.problem.tracks)
-    first = Line(chosen, place, axis, naming.around(chosen), naming.ground, np.zeros(len(axis.along_s)))
-    there = (np.concatenate(axis.knots) >= chosen.since_s).astype(float)
+    first = Line.first(chosen, place, axis, naming.around(chosen), naming.ground)
     several, ground = patterns(axis, first.large), first.with_noise(floor)
-    line, weighed = first, _weighed(first, first, ground, several, there)
+    line, weighed = first, _weighed(first, first, ground, several)
     for _ in range(MOVES):
         best = max(weighed, key=lambda w: w.log).pattern
         ahead = line.moved(best, ground) if first.may_move and best.kind != CONSTANT else None
         if ahead is None:
             break
         line, ground = ahead, ahead.with_noise(floor)
-        weighed = _weighed(first, line, ground, several, there)
-    return _read(weighed, line, there)
+        weighed = _weighed(first, line, ground, several)
+    return _read(weighed, line)
 
 
-def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern], there: Array) -> list[Weighed]:
-    """All patterns: that of a constant size where that stands, the others where one of them does.
-
-    Args:
-        there: (Q,) share of the constant part that is there at each knot, dimensionless.
-    """
+def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]) -> list[Weighed]:
+    """All patterns: that of a constant size where that stands, the others where one of them does."""
     near = line.told(ground)
     far = near if line is first else first.told(ground)
-    shift = first.view.z[first.size] - line.view.z[line.size]
-    found = [weigh(far if p.kind == CONSTANT else near, p, there) for p in several]
     # All means count from where the line is.
-    moved = shift / first.view.problem.unknowns[first.size].spread * there
-    return [w._replace(mean=w.mean + moved) if w.pattern.kind == CONSTANT else w for w in found]
+    shift = (first.view.z[first.size] - line.view.z[line.size]) / first.view.problem.unknowns[first.size].spread
+    found = [weigh(far if p.kind == CONSTANT else near, p) for p in several]
+    return [w._replace(mean=w.mean + shift) if w.pattern.kind == CONSTANT else w for w in found]
 
 
-def _read(weighed: Sequence[Weighed], line: Line, there: Array) -> History:
-    """The history of what was weighed.
-
-    Args:
-        there: (Q,) share of the constant part that is there at each knot, dimensionless.
-    """
+def _read(weighed: Sequence[Weighed], line: Line) -> History:
+    """The history of what was weighed."""
     axis, v = line.axis, line.candidate.mechanism.parameters[0]
-    spread, null = line.view.problem.unknowns[line.size].spread, float(line.candidate.null[0])
-    level = null + (line.view.z[line.size] - null) * there
+    spread, level = line.view.problem.unknowns[line.size].spread, float(line.view.z[line.size])
     likely = _near(weighed)
     points = []
     for q, r in enumerate(axis.of):
-        numbers = [(float(level[q] + spread * w.mean[q]), float(spread * w.sd[q])) for w in likely]
+        numbers = [(level + float(spread * w.mean[q]), float(spread * w.sd[q])) for w in likely]
         mean = float(np.average([m for m, _ in numbers], weights=shares([w.log for w in likely])))
         low, high = interval_of(likely, numbers, v.low, v.high)
         points.append(Point(axis.names[r], float(np.concatenate(axis.knots)[q]), mean, min(low, mean), max(high, mean)))
@@ -149,15 +138,15 @@ def _read(weighed: Sequence[Weighed], line: Line, there: Array) -> History:
     last = float(axis.along_s.max())
 
     def per_s(w: Weighed) -> float:
-        return float(spread * w.pattern.basis.max() / (last - axis.along_s[w.pattern.since]))
+        return float(spread * w.pattern.basis.max() / (last - w.pattern.since_s))
 
     def in_all(w: Weighed) -> float:
         return float(spread * w.pattern.basis.max())
 
     constant = max(odds, key=lambda kind: odds[kind]) == CONSTANT
-    trends = [w for w in ramps if w.pattern.since == axis.order[0]] if constant else ramps
+    trends = ramps[:1] if constant else ramps  # one throughout
     begun = ramps if odds[RAMP] >= odds[STEP] else steps
-    return History(v, axis, odds, tuple(points), _number(trends, per_s), _number(steps, in_all), _since(begun, axis))
+    return History(v, axis, odds, tuple(points), _number(trends, per_s), _number(steps, in_all), _since(begun))
 
 
 def _near(weighed: Sequence[Weighed]) -> list[Weighed]:
@@ -175,17 +164,13 @@ def _number(some: Sequence[Weighed], unit: Callable[[Weighed], float]) -> Interv
     return Interval(mean, min(low, mean), max(high, mean))
 
 
-def _since(some: Sequence[Weighed], axis: Axis) -> Interval:
-    """When a pattern begins: the likeliest middle, and the middle 90 %."""
-    along, order = axis.along_s, [*axis.order]
-
-    def when(w: Weighed) -> float:
-        at = order.index(w.pattern.since)
-        before = along[order[max(at - 1, 0)]]
-        # A step is somewhere in the piece before the knot at which it is done.
-        return float(along[w.pattern.since] if w.pattern.kind == RAMP else 0.5 * (along[w.pattern.since] + before))
-
-    each = sorted(zip(map(when, some), shares([w.log for w in some]), strict=True))
-    times, sums = np.array([t for t, _ in each]), np.cumsum([p for _, p in each])
-    low, middle, high = (float(times[min(int(np.searchsorted(sums, p)), len(times) - 1)]) for p in (0.05, 0.5, 0.95))
-    return Interval(middle, low, high)
+def _since(some: Sequence[Weighed]) -> Interval:
+    """When a pattern begins: the middle of what is likely, and the middle 90 %."""
+    p = np.array(shares([w.log for w in some]))
+    low, high = np.array([w.pattern.within_s for w in some]).T
+    edges = np.unique(np.concatenate((low, high)))
+    # Between two recordings that stand end to end there is no time.
+    wide = np.maximum(high - low, 1e-9 * max(float(np.ptp(edges)), 1e-9))
+    sums = np.clip((edges[:, None] - low) / wide, 0.0, 1.0) @ p
+    middle, *ends = (float(np.interp(q, sums, edges)) for q in (0.5, 0.05, 0.95))
+    return Interval(middle, *ends)

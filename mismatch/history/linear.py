@@ -13,7 +13,7 @@ from twinbench.mismatch.course import Course
 from twinbench.mismatch.fit import parallel
 from twinbench.mismatch.history.axis import Axis
 from twinbench.mismatch.history.patterns import WALKS, Pattern, Told, walk
-from twinbench.mismatch.machine import Candidate
+from twinbench.mismatch.machine import WHISPER, Candidate
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, factored
@@ -44,6 +44,14 @@ class Line:
     def size(self) -> int:
         """Position of the size among the unknowns."""
         return int(self.chosen.entries(self.place)[0])
+
+    @classmethod
+    def first(cls, chosen: Settled, place: int, axis: Axis, view: View, ground: Ground) -> Line:
+        """Where the hypothesis stands: a size that is constant, from when it begins."""
+        bare = cls(chosen, place, axis, view, ground, np.zeros(len(axis.along_s)))
+        large = (view.z[bare.size] - bare.candidate.null[0]) / view.problem.unknowns[bare.size].spread
+        absent = np.concatenate(axis.knots) < chosen.since_s
+        return replace(bare, added=-(1.0 - WHISPER) * large * absent)
 
     @property
     def large(self) -> float:
@@ -76,7 +84,10 @@ class Line:
         own = columns_of(self.view, self.ground, self.chosen.wanders)
         share = np.ones(len(self.chosen.mean))
         share[len(self.view.z) :] = self.chosen.share / WANDERS
-        return [(c * share)[:, :, self.kept] for c in own]
+        # An effect that begins late has a size at all times, too: it is none at first.
+        whole = [k.sum(axis=2, keepdims=True) for k in self.knots]
+        several = [(c * share)[:, :, self.kept[:-1]] for c in own]
+        return [np.concatenate(pair, axis=2) for pair in zip(several, whole, strict=True)]
 
     @cached_property
     def knots(self) -> list[Array]:
@@ -88,7 +99,8 @@ class Line:
             theta = course.setting.theta.copy()
             theta[u.at] += step
             if self.candidate.acts_on_output:
-                column = course.of_sensor(theta, (-np.inf,))[:, :, 0] / step
+                ahead, here = (course.of_sensor(t, (-np.inf,))[:, :, 0] for t in (theta, course.setting.theta))
+                column = (ahead - here) / step
                 return column[:, :, None] * self.axis.hats(r, problem.tracks[r].block_time_s)[:, None, :] * u.spread
             acts_on_input = self.candidate.acts_on_input
             one = course.of_input(theta, step) if acts_on_input else course.of_present(theta, step)
@@ -152,7 +164,7 @@ class Line:
             z: (K,) where the problem's unknowns stand, each in its own unit.
             added: (Q,) at each knot, in prior sds.
         """
-        problem = self.view.problem
+        problem = replace(self.view.problem, since=())
         machine, u = problem.machine, problem.unknowns[self.size]
 
         def of(r: int) -> tuple[Course, Array]:
@@ -174,8 +186,8 @@ class Line:
 
     @property
     def may_move(self) -> bool:
-        """Can a run have another size at each time? A fault of a channel, or what begins late, has one size."""
-        return not isinstance(self.candidate.mechanism, Series) and not self.view.problem.since
+        """Can a run have another size at each time? A fault of a channel has one size."""
+        return not isinstance(self.candidate.mechanism, Series)
 
 
 def _beside(inner: Reduced, s: Array, mean: float, ground: Ground, squares: float) -> Told:

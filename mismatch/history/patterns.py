@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
-from twinbench.mismatch.history.axis import Axis
+from twinbench.mismatch.history.axis import KNOTS, Axis
 from twinbench.physics.simulator import Array
 
 CONSTANT, RAMP, STEP, WALK = "constant", "ramp", "step", "walk"
@@ -46,13 +46,15 @@ class Pattern(NamedTuple):
         kind: one of ``PATTERNS``.
         prior: its probability before any reading.
         basis: (Q, k) what is added at each knot, per sd of k independent numbers, in prior sds.
-        since: position of the knot at which a ramp begins or a step ends; -1 of what has none.
+        since_s: when a ramp begins or a step is done, on the axis; NaN of what has no such time.
+        within_s: the times that it stands for.
     """
 
     kind: str
     prior: float
     basis: Array
-    since: int = -1
+    since_s: float = np.nan
+    within_s: tuple[float, float] = (np.nan, np.nan)
 
 
 class Weighed(NamedTuple):
@@ -81,16 +83,19 @@ def patterns(axis: Axis, size: float) -> list[Pattern]:
     """
     order, along = axis.order, axis.along_s
     first, last = float(along.min()), float(along.max())
-    times = [int(q) for q in order[:-1] if along[q] < last]
     share, amount = (1.0 - STAYS) / (len(PATTERNS) - 1), CHANGES * abs(size)
     found = [Pattern(CONSTANT, STAYS, np.zeros((len(along), 0)))]
-    for q in times:
-        rise = np.maximum(along - along[q], 0.0) / (last - along[q])
-        found.append(Pattern(RAMP, share / len(times), amount * rise[:, None], q))
-    late = [q for q in times if along[q] > first]
-    place = np.argsort(order)
-    for q in late:
-        found.append(Pattern(STEP, share / len(late), amount * (place >= place[q]).astype(float)[:, None], q))
+    edges = np.linspace(first, last, KNOTS + 1)
+    half = 0.5 * (edges[1] - edges[0])
+    for t in edges[:-1]:  # also where nothing was recorded
+        rise = np.maximum(along - t, 0.0) / (last - t)
+        within = max(float(t) - half, first), float(t) + half
+        found.append(Pattern(RAMP, share / KNOTS, amount * rise[:, None], float(t), within))
+    for k in range(1, len(order)):
+        before, after = float(along[order[k - 1]]), float(along[order[k]])
+        leap = np.zeros(len(along))
+        leap[order[k:]] = amount
+        found.append(Pattern(STEP, share / (len(order) - 1), leap[:, None], after, (before, after)))
     walked = [walk(axis, part * abs(size)) for part in WALKS]
     if len(axis.names) > 1 and not axis.clock:
         walked += [from_one_to_the_next(axis, part * abs(size)) for part in WALKS]
@@ -120,17 +125,16 @@ def from_one_to_the_next(axis: Axis, amount: float) -> Array:
     return np.asarray(amount / np.sqrt(many) * (axis.of[:, None] > np.arange(many)))
 
 
-def weigh(told: Sequence[Told], pattern: Pattern, there: Array) -> Weighed:
+def weigh(told: Sequence[Told], pattern: Pattern) -> Weighed:
     """The evidence of a pattern beside whichever of several discrepancies suits it best.
 
     Args:
         told: with each discrepancy.
-        there: (Q,) share of the constant part that is there at each knot, dimensionless.
     """
-    return max((_weigh(one, pattern, there) for one in told), key=lambda w: w.log)
+    return max((_weigh(one, pattern) for one in told), key=lambda w: w.log)
 
 
-def _weigh(told: Told, pattern: Pattern, there: Array) -> Weighed:
+def _weigh(told: Told, pattern: Pattern) -> Weighed:
     k = pattern.basis.shape[1]
     turn = np.zeros((len(told.b), 1 + k))
     turn[0, 0], turn[1:, 1:] = 1.0, pattern.basis
@@ -139,7 +143,7 @@ def _weigh(told: Told, pattern: Pattern, there: Array) -> Weighed:
     right[0] += told.mean
     found = cho_solve((L, True), right)
     log = told.log + 0.5 * float(right @ found) - 0.5 * told.mean**2 - float(np.log(np.diag(L)).sum())
-    cov, shown = cho_solve((L, True), np.eye(1 + k)), np.column_stack((there, pattern.basis))
+    cov, shown = cho_solve((L, True), np.eye(1 + k)), np.column_stack((np.ones(len(pattern.basis)), pattern.basis))
     sd = np.sqrt(np.einsum("qi,ij,qj->q", shown, cov, shown))
     own = np.sqrt(np.diag(cov)[1:])
     return Weighed(pattern, log + float(np.log(pattern.prior)), shown @ found, sd, found[1:], own)

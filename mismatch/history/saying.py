@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from twinbench.mismatch.history.axis import Axis
+from twinbench.mismatch.history.axis import KNOTS, Axis
 from twinbench.mismatch.history.history import History, Interval
 from twinbench.mismatch.history.patterns import CONSTANT, RAMP, STEP
 from twinbench.mismatch.place import bracketed
@@ -67,8 +67,8 @@ def rate(history: History, value: Interval, both_ends: bool = False) -> str:
 def since(history: History) -> str:
     """From when on, with the interval of that."""
     axis, when = history.axis, history.since
-    if when.value <= float(axis.along_s.min()):
-        return "throughout"
+    if when.low <= float(axis.along_s.min()) + axis.span_s / KNOTS:
+        return f"throughout, or from before {at(axis, when.high)} on"
     return f"from {at(axis, when.value)} on ({at(axis, when.low)} to {at(axis, when.high)})"
 
 

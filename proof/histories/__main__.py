@@ -115,6 +115,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
             {
                 "kind": kind,
                 "cases": len(some),
+                "effect found": float((some["told"] != "").mean()),
                 "told as such": float((some["told"] == kind).mean()),
                 "constant below 0.05": float((some["constant"] < ACCUSED).mean()),
                 "ideal observer can": len(can),

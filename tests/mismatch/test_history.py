@@ -55,7 +55,7 @@ def test_a_walk_is_what_a_kalman_smoother_makes_of_it() -> None:
     assert axis.clock
     order = axis.order
     readings = np.random.default_rng(1).normal(size=len(order)) + 0.02 * axis.along_s
-    found = weigh([read_at_the_knots(axis, readings, 0.7)], Pattern(WALK, 1.0, walk(axis, 2.0)), np.ones(len(order)))
+    found = weigh([read_at_the_knots(axis, readings, 0.7)], Pattern(WALK, 1.0, walk(axis, 2.0)))
     along = axis.along_s[order]
     mean, sd = smoothed(readings[order], along, np.array([0.7, 1.0]), 4.0 / np.ptp(along))
     assert found.mean[order] == pytest.approx(mean, rel=1e-6)
@@ -70,7 +70,7 @@ def test_evidence_is_that_of_dense_gaussians(kind: str) -> None:
     told = read_at_the_knots(axis, readings, 0.4)
     some = [p for p in patterns(axis, 1.5) if p.kind == kind]
     several = [some[0], some[len(some) // 2], some[-1]]
-    found = [weigh([told], p, np.ones(len(axis.of))).log - np.log(p.prior) for p in several]
+    found = [weigh([told], p).log - np.log(p.prior) for p in several]
     dense = []
     for p in several:
         cov = SIGMA**2 * np.eye(len(readings)) + 1.0 + p.basis @ p.basis.T
@@ -88,7 +88,8 @@ def test_the_courses_have_probabilities_that_sum_to_one() -> None:
 def test_a_step_between_two_recordings_is_sharp() -> None:
     axis = Axis.over(tracks((0.0, 60.0), (0.0, 40.0)))
     first = int(np.flatnonzero(axis.of == 1)[0])
-    (step,) = (p for p in patterns(axis, 1.0) if p.kind == STEP and p.since == first)
+    at = axis.along_s[first]
+    (step,) = (p for p in patterns(axis, 1.0) if p.kind == STEP and p.within_s == (at, at))
     assert np.array_equal(step.basis[:, 0], axis.of.astype(float))
     assert axis.place(axis.along_s[first]) == ("day2", 0.0)
 
@@ -171,11 +172,11 @@ def test_on_a_linear_machine_a_walk_is_what_a_kalman_smoother_says() -> None:
     naming, whole, axis = d.answer.naming, d.answer.chosen, Axis.over(d.tracks)
     # The oracle knows no equations that are a little wrong.
     chosen = replace(whole, wanders=[], mean=whole.mean[: len(whole.z)])
-    line = Line(chosen, 0, axis, naming.around(whole), naming.ground.exact, np.zeros(len(axis.of)))
+    line = Line.first(chosen, 0, axis, naming.around(whole), naming.ground.exact)
     told = line.told(line.with_noise(d.floor))
     amount = 0.8
     spread = float(chosen.sizes[0]) / line.large
-    found = weigh(told, Pattern(WALK, 1.0, walk(axis, amount / spread)), np.ones(len(axis.of)))
+    found = weigh(told, Pattern(WALK, 1.0, walk(axis, amount / spread)))
     last = axis.of == 1
     mean, sd = oracle(growing(), amount)
     time_s = d.tracks[1].time_s
