@@ -121,7 +121,7 @@ LIKELY = 3.0
 
 def _likely(fleet: Mapping[str, Said]) -> tuple[str, ...]:
     """Effects that are likely on some machine."""
-    found = set()
+    found: set[str] = set()
     for said in fleet.values():
         best = max(one.log - len(names) * np.log(said.candidates) for names, one in said.known.items())
         for names, one in said.known.items():
@@ -141,7 +141,7 @@ def ask(name: str, request: Request, out: Path) -> Said:
     given = read(request)
     verdict, document = explained(request, given, out, lambda stage, share: None)
     d = verdict.diagnosis
-    among = {}
+    among: dict[str, float] = {}
     for f in d.answer.found:
         p = probability(learnt_rule().weights, features(f.evidence))
         among |= dict.fromkeys(f.alike, p)

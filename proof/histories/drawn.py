@@ -104,9 +104,9 @@ def draw(case: int, seed: int) -> Drawn:
         noisy = recorded(machine, channels, np.concatenate([take.u, y], axis=-1), rng)
         time_s = np.round(take.start_s + np.arange(len(take.u)) * machine.period_s, 6)
         made.append(Recording(take.name, time_s, channels, noisy))
-    several = [[r for r, t in zip(made, takes, strict=True) if t.held_out == held] for held in (False, True)]
+    learnt, held = ([r for r, t in zip(made, takes, strict=True) if t.held_out == out] for out in (False, True))
     size = effect.scale * amplitude
-    return Drawn(machine, effect, size, course, *several, _ideal(machine, takes, p, effect.slot, course))
+    return Drawn(machine, effect, size, course, learnt, held, _ideal(machine, takes, p, effect.slot, course))
 
 
 def _course(kind: str, machine: Machine, takes: tuple[Take, ...], rng: np.random.Generator) -> Course:
