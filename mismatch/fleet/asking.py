@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from twinbench.common.progress import Progress
 from twinbench.common.shown import shown
 from twinbench.common.workers import side_by_side
 from twinbench.data.formats.kinds import READERS, kind_of
-from twinbench.mismatch.fleet.evidence import Known, evidence, merged
+from twinbench.mismatch.fleet.evidence import Known, evidence, merged, weigh_all
 from twinbench.mismatch.report.explain import Given, Request, explained, read
 
 MACHINES = "machines"
@@ -28,7 +28,7 @@ class Said:
     Attributes:
         known: evidence of every set of effects that was weighed.
         document: its ``verdict.json``.
-        among: by effect, probability that the right name is among those weighed in its place, by the learnt rule.
+        speaks: by effect that it finds, what speaks for it, as ``naming.decision`` weighs it.
         beside: probability of something that nothing in the catalogue explains, and where; 0 if there is none.
         candidates: how many effects were looked for.
     """
@@ -36,7 +36,7 @@ class Said:
     name: str
     known: Known
     document: Mapping[str, Any]
-    among: Mapping[str, float]
+    speaks: Mapping[str, Mapping[str, float]]
     beside: tuple[float, str] = (0.0, "")
     candidates: int = 1
     units: Mapping[str, str] = field(default_factory=dict)
@@ -105,8 +105,8 @@ def asked(several: Mapping[str, Request], out: Path) -> dict[str, Said]:
         for said in side_by_side(ask, work, progress.say, out):
             found[said.name] = said
             going.step()
-    wanted = _likely(found)
-    again = {name: (name, several[name], wanted) for name, said in found.items() if _lacks(said, wanted)}
+    wanted = {name: _wanted(said, _likely(found)) for name, said in found.items()}
+    again = {name: (name, several[name], sets) for name, sets in wanted.items() if not sets <= set(found[name].known)}
     if again:
         with Progress() as progress, progress.stage("once more", len(again)) as going:
             for name, known in side_by_side(ask_again, again, progress.say, out):
@@ -115,49 +115,55 @@ def asked(several: Mapping[str, Request], out: Path) -> dict[str, Said]:
     return {name: found[name] for name in several}
 
 
-LIKELY = 3.0
-"""Nats that a set of effects may lie behind a machine's likeliest for its effects to be asked of all machines."""
+LIKELY, MOST_ASKED = 3.0, 8
+"""Nats that a set of effects may lie behind a machine's likeliest for its effects to be asked of all machines, and how
+many effects are: those that are likely on most machines."""
 
 
-def _likely(fleet: Mapping[str, Said]) -> tuple[str, ...]:
+def _likely(fleet: Mapping[str, Said]) -> list[str]:
     """Effects that are likely on some machine."""
-    found: set[str] = set()
+    counts: dict[str, int] = {}
     for said in fleet.values():
-        best = max(one.log - len(names) * np.log(said.candidates) for names, one in said.known.items())
-        for names, one in said.known.items():
-            if one.log - len(names) * np.log(said.candidates) > best - LIKELY:
-                found |= names
-    return tuple(sorted(found))
+        for name in {name for names in _near(said) for name in names}:
+            counts[name] = counts.get(name, 0) + 1
+    return sorted(counts, key=lambda name: -counts[name])[:MOST_ASKED]
 
 
-def _lacks(said: Said, wanted: Sequence[str]) -> bool:
-    return any(frozenset((name,)) not in said.known for name in wanted)
+def _near(said: Said) -> list[frozenset[str]]:
+    """A machine's likeliest sets, the likeliest first."""
+    logs = {names: one.log - len(names) * np.log(said.candidates) for names, one in said.known.items()}
+    best = max(logs.values())
+    return sorted((names for names, log in logs.items() if log > best - LIKELY), key=lambda names: -logs[names])
+
+
+def _wanted(said: Said, likely: Sequence[str]) -> set[frozenset[str]]:
+    """Sets that have to be known of a machine: what may be shared, alone and beside what is likeliest there."""
+    best = _near(said)[0]
+    return {frozenset((name,)) for name in likely} | {best | {name} for name in likely}
 
 
 def ask(name: str, request: Request, out: Path) -> Said:
     """One machine by itself; writes its ``verdict.json``, ``model.toml`` and ``sizes.csv``."""
-    from twinbench.mismatch.naming.decision import features, learnt_rule, probability
-
     given = read(request)
     verdict, document = explained(request, given, out, lambda stage, share: None)
     d = verdict.diagnosis
-    among: dict[str, float] = {}
-    for f in d.answer.found:
-        p = probability(learnt_rule().weights, features(f.evidence))
-        among |= dict.fromkeys(f.alike, p)
+    speaks = {name: f.evidence for f in d.answer.found for name in f.alike}
     beside = next(((c.probability, str(c.port)) for c in d.claims if c.found is None), (0.0, ""))
     units = {c.name: c.mechanism.parameters[0].unit for c in d.machine.candidates}
-    return Said(name, evidence(d.answer.naming), document, among, beside, len(d.machine.candidates), units)
+    return Said(name, evidence(d.answer.naming), document, speaks, beside, len(d.machine.candidates), units)
 
 
-def ask_again(name: str, request: Request, wanted: Sequence[str]) -> tuple[str, Known]:
-    """The same machine with a catalogue of what is wanted alone: every set of those is near enough to be weighed."""
+def ask_again(name: str, request: Request, wanted: Collection[frozenset[str]]) -> tuple[str, Known]:
+    """The same machine, with a catalogue of what is wanted alone and every wanted set weighed, likely or not."""
     from twinbench.mismatch.asked import Asked
     from twinbench.mismatch.naming.weighed import weighed
     from twinbench.mismatch.told import Told
 
     given = read(request)
-    some = tuple(m for m in given.catalogue if m.name in wanted)
+    names = {name for some in wanted for name in some}
+    some = tuple(m for m in given.catalogue if m.name in names)
     told = Told(measured=given.told.measured)
     found = weighed(Asked(given.simulator, given.fitted, given.held_out, some, given.faults, given.inputs, told))
-    return name, evidence(found.answer.naming)
+    naming = found.answer.naming
+    weigh_all(naming, wanted)
+    return name, evidence(naming)

@@ -11,7 +11,11 @@ from scipy.special import log_ndtr
 from twinbench.mismatch.began import late_odds
 from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.name import Naming
+from twinbench.mismatch.naming.onset import likeliest_forms
 from twinbench.physics.simulator import Array
+
+LEAST_BEGUN = 1e-3
+"""Share of its prior sd that a size begins with at least: an effect of no size has no shape to move along."""
 
 
 class Size(NamedTuple):
@@ -88,3 +92,18 @@ def merged(several: Iterable[Known]) -> Known:
             if names not in found or found[names].log < one.log:
                 found[names] = one
     return found
+
+
+def weigh_all(naming: Naming, wanted: Iterable[frozenset[str]]) -> None:
+    """Bring sets of effects to their own fixed points that the search passed over: here nothing is too unlikely."""
+    shown, null = naming.picture, naming.null
+    forms = {shown.names[i]: i for i in reversed(likeliest_forms(shown))}
+    known = {frozenset(h.names) for h in naming.hypotheses}
+    for names in wanted:
+        if names in known or not names <= set(forms):
+            continue
+        key = [forms[name] for name in sorted(names)]
+        there, sizes = naming.painter.start(shown, key, null.learnt.s)
+        least = LEAST_BEGUN * shown.units[key]
+        sizes = np.where(np.abs(sizes) < least, least, sizes)
+        naming.settle(null.problem, there, shown.effects(key, sizes), null.learnt.s)

@@ -21,7 +21,7 @@ from twinbench.physics.simulator import Array
 
 OWN = 0.1
 """Prior probability that a machine has an effect of its own."""
-STRANGE = 0.05
+UNTIED = 0.05
 """Prior probability that a machine lacks what the others share, or has it in a size that nothing ties to theirs."""
 SCATTERS = (0.01, 0.03, 0.1, 0.3)
 """Scatter of a shared size from machine to machine (sd), as a share of it; each as likely."""
@@ -152,12 +152,12 @@ def _terms(known: Known, names: Sequence[str], candidates: int) -> list[_Term]:
         alone = [n for n in have if n not in names]
         there = [n for n in names if n in have]
         log = one.log + len(alone) * np.log(OWN / candidates)
-        log += (len(names) - len(there)) * np.log(STRANGE / 2.0)
+        log += (len(names) - len(there)) * np.log(UNTIED / 2.0)
         lacks = [n for n in names if n not in have]
         for k in range(len(there) + 1):
             for typical in itertools.combinations(there, k):
                 other = [n for n in there if n not in typical]
-                prior = k * np.log(1.0 - STRANGE) + len(other) * np.log(STRANGE / 2.0)
+                prior = k * np.log(1.0 - UNTIED) + len(other) * np.log(UNTIED / 2.0)
                 found.append(_Term(float(log + prior), typical, (*alone, *lacks, *other), one))
     return found
 

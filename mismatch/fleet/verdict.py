@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,12 +11,14 @@ import numpy as np
 from twinbench.mismatch.fleet.asking import Said
 from twinbench.mismatch.fleet.pooled import Pooled, Shared, pooled
 from twinbench.mismatch.naming.answer import shares
-from twinbench.mismatch.naming.decision import learnt_rule
+from twinbench.mismatch.naming.decision import features, learnt_rule, probability
 from twinbench.mismatch.words import count, digits_worth, interval, listed, number, probable, sentence, with_unit
 
 CONSISTENT, NAMED, UNNAMED = "consistent", "named", "unnamed"
 FLEET_VERSION = 1
 """Of the form of ``fleet.json``. It rises as that of ``verdict.json`` does."""
+ADDED_UP = ("against_nothing", "against_unnamed", "one_size", "one_form", "held_gain")
+"""What speaks for an effect in nats."""
 UNKNOWN = 0.5
 """Probability that the right name is among those weighed, where no machine's findings say."""
 LIKELIER = 0.5
@@ -132,10 +134,18 @@ def conclude(machines: Mapping[str, Said]) -> Fleet:
     )
 
 
-def _among(machines: Sequence[Said] | Any, name: str) -> float:
-    """Probability that the right name is among those weighed, by the machines that found this one."""
-    said = [one.among[name] for one in machines if name in one.among]
-    return float(np.median(said)) if said else UNKNOWN
+def _among(machines: Iterable[Said], name: str) -> float:
+    """Probability that the right name is among those weighed, by all that speaks for it on machines that found it.
+
+    Nats of several machines add up, as those of several recordings do.
+    """
+    said = [one.speaks[name] for one in machines if name in one.speaks]
+    if not said:
+        return UNKNOWN
+    together = {key: sum(one[key] for one in said) for key in ADDED_UP}
+    together["sds"] = float(np.sqrt(sum(one["sds"] ** 2 for one in said)))
+    together |= {key: float(np.median([one[key] for one in said])) for key in ("beside", "wandering", "misfit")}
+    return probability(learnt_rule().weights, features(together))
 
 
 def _judged(said: Said, weighed: Sequence[Pooled], p: Sequence[float], machines: Mapping[str, Said]) -> Odd:
@@ -150,7 +160,7 @@ def _judged(said: Said, weighed: Sequence[Pooled], p: Sequence[float], machines:
     likely = tuple((name, part) for name, part in ordered if part > 0.1)
     if ordered:
         name = ordered[0][0]
-        odd *= said.among.get(name, _among(machines.values(), name))
+        odd *= _among((said,) if name in said.speaks else machines.values(), name)
     beside, port = said.beside
     usual = np.mean([one.beside[0] > LIKELIER for one in machines.values()])
     if beside > odd and usual < 0.5:

@@ -31,7 +31,7 @@ from twinbench.proof.histories.drawn import KINDS, Drawn, draw
 from twinbench.proof.twins import simulator_of
 
 ROOT = Path(__file__).resolve().parents[2]
-CLOSE = 0.15
+WITHIN = 0.15
 """Share by which a rate or a step may be off; an ideal observer can if half of its errors are smaller."""
 MEDIAN_SD = 0.6745
 """Half of a Gaussian's errors are smaller than so many sds."""
@@ -110,7 +110,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """By kind: how often it was told as such, how far off, how often the interval holds the truth."""
     found = []
     for kind, some in rows.groupby("kind", sort=False):
-        can = some[(MEDIAN_SD * some["ideal_sd"] <= CLOSE) & (kind != "constant")]
+        can = some[(MEDIAN_SD * some["ideal_sd"] <= WITHIN) & (kind != "constant")]
         found.append(
             {
                 "kind": kind,

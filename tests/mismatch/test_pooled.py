@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from twinbench.mismatch.fleet.evidence import Evidence, Known, Size
-from twinbench.mismatch.fleet.pooled import OWN, SCATTERS, STRANGE, pooled, weighed
+from twinbench.mismatch.fleet.pooled import OWN, SCATTERS, UNTIED, pooled, weighed
 
 PRIOR_SD, NOISE_SD, CANDIDATES = 2.0, 0.1, 20
 LEAK, LOSS = "leak", "loss"
@@ -56,7 +56,7 @@ def test_a_shared_effect_has_the_evidence_of_a_mean_and_a_scatter() -> None:
         cov = (NOISE_SD**2 + (share * usual) ** 2) * np.eye(2) + PRIOR_SD**2
         typical.append(multivariate_normal.logpdf(readings, np.zeros(2), cov))
     none = multivariate_normal.logpdf(readings, np.zeros(2), NOISE_SD**2 * np.eye(2))
-    expected = np.log(np.mean(np.exp(typical))) - none + 2 * np.log(1.0 - STRANGE) - np.log(CANDIDATES)
+    expected = np.log(np.mean(np.exp(typical))) - none + 2 * np.log(1.0 - UNTIED) - np.log(CANDIDATES)
     # What is left are machines with a size that nothing ties to the other's: at most a twentieth each.
     assert weighed(fleet, [LEAK], CANDIDATES).log == pytest.approx(expected, abs=0.15)
 
