@@ -33,11 +33,11 @@ class Size(NamedTuple):
     one_way: bool
 
     def instead(self, mean: Array, sd: Array) -> Array:
-        """Nats that another prior, normal with these means and sds (both of one shape), makes of the size's own.
+        """Nats that other priors, which are normal, make of the size's own.
 
         Args:
-            mean: of the other prior, in the size's unit.
-            sd: of the other prior, likewise.
+            mean: (N,) of these priors, in the size's unit.
+            sd: (N,) of these priors, in the size's unit.
         """
         own, old, new = self.sd**2, self.prior_sd**2, sd**2
         # What the readings say without any prior; nothing, where the posterior is as wide as the prior.

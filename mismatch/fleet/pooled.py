@@ -35,7 +35,13 @@ WIDEST = 4
 
 
 class Grid(NamedTuple):
-    """Means and scatters that a shared effect may have: (N,) each, in its unit, and their log prior (N,)."""
+    """Means and scatters that a shared effect may have.
+
+    Attributes:
+        mean: (N,) in the effect's unit.
+        scatter: (N,) sd of machines around the mean, in the effect's unit.
+        prior: (N,) log of their prior probabilities, dimensionless.
+    """
 
     mean: Array
     scatter: Array

@@ -27,7 +27,7 @@ class Axis:
         clock: do they follow one another on their clock? If not, they stand end to end, as they were given.
         knots: (M,) per recording, on its own clock, s.
         along_s: (Q,) all knots on the axis, s, recording by recording.
-        of: (Q,) position of the recording that each is of.
+        of: (Q,) positions of the recordings that they are of.
     """
 
     names: tuple[str, ...]

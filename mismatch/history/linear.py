@@ -30,7 +30,7 @@ class Line:
         place: of the effect in the hypothesis.
         view: around where it is linearised.
         ground: that the hypothesis stands on.
-        added: (Q,) what the size has there at each knot beside its constant part, in prior sds.
+        added: (Q,) what the size has there at each knot beside its constant part, dimensionless: in prior sds.
     """
 
     chosen: Settled

@@ -45,7 +45,7 @@ class Pattern(NamedTuple):
     Attributes:
         kind: one of ``PATTERNS``.
         prior: its probability before any reading.
-        basis: (Q, k) what is added at each knot, per sd of k independent numbers, in prior sds.
+        basis: (Q, k) dimensionless: what is added at each knot, in prior sds, per sd of k independent numbers.
         since_s: when a ramp begins or a step is done, on the axis; NaN of what has no such time.
         within_s: the times that it stands for.
     """
@@ -62,9 +62,10 @@ class Weighed(NamedTuple):
 
     Attributes:
         log: its evidence and prior, nats.
-        mean, sd: (Q,) of the size at each knot, in prior sds, the mean from where it was linearised.
-        added: (k,) posterior means of the pattern's own numbers, in their sds.
-        added_sd: (k,) likewise.
+        mean: (Q,) of the size at each knot from where it was linearised, dimensionless: in prior sds.
+        sd: (Q,) of the same, dimensionless: in prior sds.
+        added: (k,) posterior means of the pattern's own numbers, dimensionless: in their sds.
+        added_sd: (k,) their posterior sds, likewise dimensionless.
     """
 
     pattern: Pattern

@@ -142,7 +142,7 @@ class Ground:
 
         Args:
             columns: (B, ny, K) of all that is unknown, per recording, in the outputs' units per prior sd.
-            mean: (K,) of its prior, in prior sds.
+            mean: (K,) of its prior, dimensionless: in prior sds.
             floor: (ny,) noise of block means by their second differences, in the outputs' units.
         """
         made, felt, rng = self, _felt(view), np.random.default_rng(ENGINE_SEED)
