@@ -203,4 +203,5 @@ def _points(
 
 
 def _effects(o: Odd) -> str:
-    return listed([f"{name} (probability {probable(p)})" for name, p in o.effects]) + " is not as on the others"
+    each = [f"{name} (probability {probable(p)})" for name, p in o.effects]
+    return f"{' or '.join(each) or 'some effect'} is not as on the others"
