@@ -18,8 +18,13 @@ from twinbench.mismatch.naming.bounded import Bounds
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Reduced, eliminated, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
+from twinbench.mismatch.naming.steady import UNSTEADY
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
 from twinbench.physics.simulator import Array, Series
+
+DRIFTS_PCT = (1.0, 4.0, 16.0)
+"""What wanders at a port from the first recording's beginning to the last one's end (sd), in per cent of what is
+common there."""
 
 
 @dataclass(frozen=True)
@@ -121,12 +126,45 @@ class Line:
         return self.ground.relearnt(self._from_constant, columns, mean, floor)
 
     def told(self, ground: Ground) -> list[Told]:
-        """What the readings tell beside the discrepancy of a constant size, and beside that of one that wanders."""
-        G, b, squares = self._products(ground, self.knots)
-        last = len(self.kept) - 1
-        inner = eliminated(G, b, np.arange(last), self.mean[:-1], np.ones(last))
-        several = self.chosen.learnt.s, ground.s
-        return [_beside(inner, s, float(self.mean[-1]), ground, squares) for s in several]
+        """What the readings tell beside the discrepancy of a constant size, and beside that of one that wanders.
+
+        Beside each with a form that is nearly exact or off by far more, and with nothing or something that wanders in
+        time at the effect's port: none of that must look like a course. Each is as likely.
+        """
+        drift = walk(self.axis, 1.0)
+        G, b, squares = self._products(
+            ground, [np.concatenate((k, f @ drift), axis=2) for k, f in zip(self.knots, self.forces, strict=True)]
+        )
+        own, many = len(self.kept), drift.shape[1] if self.forces[0].any() else 0
+        at = np.flatnonzero(np.isin(self.kept, self.chosen.wandering(self.place)))
+        first = own + drift.shape[0]
+        block = np.array([*range(own - 1), *range(first, first + drift.shape[1])])
+        mean = np.concatenate((self.mean[:-1], np.zeros(drift.shape[1])))
+        found = []
+        for wider in (1.0, UNSTEADY / self.chosen.share) if len(at) else (1.0,):
+            for pct in (0.0, *DRIFTS_PCT) if many else (0.0,):
+                by = np.ones(len(b))
+                by[at], by[first : first + drift.shape[1]] = wider, pct
+                inner = eliminated(G * by[:, None] * by, b * by, block, mean, np.ones(len(block)))
+                several = self.chosen.learnt.s, ground.s
+                found += [_beside(inner, s, float(self.mean[-1]), ground, squares) for s in several]
+        return found
+
+    @cached_property
+    def forces(self) -> list[Array]:
+        """(B, ny, Q) of something at the effect's port at each knot, in the outputs' units per cent of what is common.
+
+        Nothing of what acts where nothing unnamed may.
+        """
+        d, port = self.ground.discrepancy, self.candidate.mechanism.port
+        if not self.ground.ports or port not in d.ports:
+            return [np.zeros_like(k) for k in self.knots]
+
+        def of(r: int) -> Array:
+            course = self.view.courses[r]
+            return course.columns(d.acts(course, d.ports.index(port), self.axis.hats(r, course.grid.time_s)))
+
+        return parallel([lambda r=r: of(r) for r in range(len(self.view.courses))])
 
     def moved(self, pattern: Pattern, ground: Ground) -> Line | None:
         """The same, linearised where a pattern has its posterior mean; None if the run diverges there."""

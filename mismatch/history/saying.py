@@ -15,20 +15,19 @@ MINUTES_S = 300.0
 def says(history: History) -> str:
     """One sentence, without a capital and a full stop: how the size went, how surely, since when and how fast."""
     kind, p = history.likeliest, {name: probable(share) for name, share in history.odds.items()}
-    unit = spoken(history.size.unit)
+    unit, last = spoken(history.size.unit), history.in_time[-1].size  # a size below nothing grows downwards
     if kind == CONSTANT:
-        said = f"its size is constant with probability {p[CONSTANT]}"
-        return f"{said}; if it has a trend, then of {rate(history, history.rate, True)}"
+        return f"its size is constant with probability {p[CONSTANT]}"
     constant = f"that it is constant has probability {p[CONSTANT]}"
     if kind == RAMP:
-        verb = "grows" if history.rate.value > 0.0 else "falls"
+        verb = "grows" if history.rate.value * last > 0.0 else "falls"
         return (
             f"its size {verb} by {rate(history, history.rate)} {since(history)}, evenly with probability {p[RAMP]}; "
             + constant
         )
     if kind == STEP:
         low, high = sorted(abs(end) for end in (history.change.low, history.change.high))
-        verb = "rises" if history.change.value > 0.0 else "falls"
+        verb = "rises" if history.change.value * last > 0.0 else "falls"
         digits = digits_worth(abs(history.change.value), low, high)
         much = f"{number(abs(history.change.value), digits)} {unit}".rstrip()
         return (
@@ -44,20 +43,14 @@ def says(history: History) -> str:
     )
 
 
-def rate(history: History, value: Interval, both_ends: bool = False) -> str:
-    """A rate of change with its interval, per minute, hour or day.
-
-    Args:
-        both_ends: the interval alone, as its signs are, since the rate may be none.
-    """
+def rate(history: History, value: Interval) -> str:
+    """How fast a size changes, with its interval, per second, minute, hour or day."""
     span = history.axis.span_s
     per_s, unit = time_unit(span)
     if per_s == 1.0 and span > MINUTES_S:
         per_s, unit = 60.0, "min"
     per = f"{spoken(bracketed(history.size.unit))}/{unit}"
     low, middle, high = (per_s * v for v in (value.low, value.value, value.high))
-    if both_ends:
-        return f"{interval(low, high)} {per} (90 % interval)"
     if middle < 0.0:
         low, middle, high = -high, -middle, -low
     digits = digits_worth(middle, low, high)
