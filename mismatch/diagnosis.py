@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import Followed
+from twinbench.mismatch.history.history import History
 from twinbench.mismatch.joining import Joined
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.answer import Answer
@@ -62,6 +63,7 @@ class Diagnosis:
         refused: why the chosen effects have no name: they spoil an output, or leave one unfollowed. Empty if not so.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
+        histories: sizes over time of the chosen effects, each by its place.
     """
 
     simulator: Simulator
@@ -91,6 +93,7 @@ class Diagnosis:
     refused: str
     followed: tuple[Followed, ...]
     strange: tuple[str, ...]
+    histories: tuple[History, ...]
 
     @property
     def named(self) -> bool:

@@ -10,20 +10,19 @@ import numpy as np
 
 from twinbench.mismatch.began import Onset, begins, told_onsets
 from twinbench.mismatch.diagnosis import Diagnosis
+from twinbench.mismatch.history.history import History
+from twinbench.mismatch.history.patterns import CONSTANT
+from twinbench.mismatch.history.saying import says as history_says
 from twinbench.mismatch.naming.answer import Unnamed
 from twinbench.mismatch.naming.decision import Claim, astray
 from twinbench.mismatch.regime import regime
 from twinbench.mismatch.sizes import Value, force, formula, sizes
 from twinbench.mismatch.stuck import STANDS_STILL
-from twinbench.mismatch.words import listed, number, sentence, with_unit
+from twinbench.mismatch.words import SELDOM, listed, number, probable, sentence, with_unit
 from twinbench.physics.simulator import Port, Simulator
 
 PHYSICS, SENSOR, UNEXPLAINED = "missing physics", "sensor fault", "unexplained"
 """Kinds of findings: of the machine, of a sensor or an input, and what has no name or one of either kind."""
-NEARLY_SURE = 0.99
-"""Probability above which probabilities are not told apart: they are not known so well."""
-SELDOM = 0.01
-"""Probability below which a port or a name is not told, nor how small it is."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,7 @@ class Finding:
         since_s: when it began, on the recordings' clock; None where it began in none of them.
         onsets: where it is, recording by recording, if not everywhere.
         force: its size as a force, where the port is a balance of forces.
+        history: its size over time, or of what explains it best; None where nothing does.
     """
 
     kind: str
@@ -62,6 +62,7 @@ class Finding:
     regime: str = ""
     parameters: tuple[Value, ...] = ()
     force: Value | None = None
+    history: History | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -71,12 +72,13 @@ class Finding:
     def to_dict(self) -> dict[str, Any]:
         """Its part of ``verdict.json``."""
         return {
-            **asdict(self),
+            **asdict(replace(self, history=None)),
             "port": str(self.port or ""),
             "ports": [{"port": str(port), "probability": p} for port, p in self.ports],
             "onsets": [o._asdict() for o in self.onsets],
             "parameters": {v.name: v.plain for v in self.parameters},
             "force": self.force.plain if self.force else None,
+            "history": self.history.plain if self.history else None,
         }
 
 
@@ -138,8 +140,12 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         onsets=told_onsets(since_s, d.tracks),
         intervals_s=((since_s, until_s),) if np.isfinite(since_s) else (),
     )
+    history, known = d.histories[claim.found.place], variable_names(d.simulator)
     if not claim.names:
-        found = replace(found, says=_unnamed_says(d, claim, found.onsets), best=claim.found.name)
+        told = [_unnamed_says(d, claim, found.onsets)]
+        if history.likeliest != CONSTANT:
+            told.append(sentence(f"if it is {claim.found.name}, {history_says(history)}", known))
+        found = replace(found, says=" ".join(told), best=claim.found.name, history=history)
         if claim.found.name not in d.stand_ins:
             return found
     mechanism = d.machine.candidates[claim.found.effect.variant.candidate].mechanism
@@ -154,6 +160,7 @@ def _claimed(d: Diagnosis, claim: Claim) -> Finding:
         regime=regime(d),
         parameters=values,
         force=force(d, claim.found.place),
+        history=history,
     )
     return replace(found, says=_says(d, found, claim))
 
@@ -236,19 +243,12 @@ def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
     said.append("; ".join(told))
     if found.onsets:
         said.append(begins(found.onsets))
+    if found.history:
+        said.append(history_says(found.history))
     if found.regime:
         said.append(f"it acts mostly where {found.regime}")
     said.append(f"the probability that this is right is {probable(found.probability)}")
     return " ".join(sentence(text, known) for text in said)
-
-
-def probable(p: float | None) -> str:
-    """A probability as it is told."""
-    if p is None:
-        return "not known"
-    if p > NEARLY_SURE:
-        return f"above {number(NEARLY_SURE)}"
-    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
 
 
 def variable_names(simulator: Simulator) -> set[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from scipy.optimize import brentq
@@ -19,8 +20,16 @@ INTERVAL = 0.9
 """Probability that every interval holds."""
 
 
+class Likely(Protocol):
+    """Whatever has an evidence."""
+
+    @property
+    def log(self) -> float:
+        """In nats."""
+
+
 def interval_of(
-    hypotheses: Sequence[Settled], numbers: Sequence[tuple[float, float]], low: float = -np.inf, high: float = np.inf
+    hypotheses: Sequence[Likely], numbers: Sequence[tuple[float, float]], low: float = -np.inf, high: float = np.inf
 ) -> tuple[float, float]:
     """The middle 90 % of a number under several hypotheses, within what it can be.
 

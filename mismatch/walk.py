@@ -5,6 +5,7 @@ from __future__ import annotations
 from twinbench.mismatch.asked import Asked, Progress, forward, silent
 from twinbench.mismatch.checks import audit
 from twinbench.mismatch.diagnosis import Diagnosis, Fit
+from twinbench.mismatch.history.history import history_of
 from twinbench.mismatch.naming.decision import Rule, decided
 from twinbench.mismatch.naming.selfcheck import checked
 from twinbench.mismatch.naming.weighed import weighed
@@ -32,6 +33,8 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     answer, held = asked_of.answer, asked_of.held
     found = proved(asked_of, decided(answer, self_check.again, rule), fit, seen.floor)
     before = Fit(fit.problem, fit.z)
+    chosen = answer.chosen
+    histories = tuple(history_of(answer.naming, chosen, k, seen.floor) for k in range(len(chosen.effects)))
     tests = residual_tests(tracks, before.residuals, answer.naming.ground, seen.floor, simulator)
     progress("prove", 1.0)
     return Diagnosis(
@@ -50,5 +53,6 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         tests=tests,
         answer=answer,
         self_check=self_check,
+        histories=histories,
         **found._asdict(),
     )

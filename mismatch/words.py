@@ -12,6 +12,10 @@ LEAST_PLAIN, MOST_PLAIN = 1e-3, 1e5
 """Numbers between these are written without a power of ten."""
 FINEST = 6
 """Significant digits at most, however narrow the interval: no fit is known better."""
+NEARLY_SURE = 0.99
+"""Probability above which probabilities are not told apart: they are not known so well."""
+SELDOM = 0.01
+"""Probability below which a port or a name is not told, nor how small it is."""
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -86,3 +90,17 @@ def sentence(text: str, names: Collection[str] = ()) -> str:
 def typeset(text: str) -> str:
     """True minus and comparison signs, where ASCII stands for them; hyphens in names stay."""
     return re.sub(r"(?<![\w.])-(?=[\d\s])", "−", text).replace("<=", "≤")
+
+
+def probable(p: float | None) -> str:
+    """A probability as it is told."""
+    if p is None:
+        return "not known"
+    if p > NEARLY_SURE:
+        return f"above {number(NEARLY_SURE)}"
+    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
+
+
+def time_unit(duration_s: float) -> tuple[float, str]:
+    """Seconds in the unit that suits a recording of that length, and the unit."""
+    return (86400.0, "d") if duration_s > 2e5 else (3600.0, "h") if duration_s > 10800.0 else (1.0, "s")

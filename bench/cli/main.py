@@ -13,6 +13,7 @@ from twinbench.bench.cli import (
     estimate,
     export,
     flagship,
+    fleet,
     fmu,
     latency,
     listing,
@@ -48,6 +49,7 @@ COMMANDS = {
     "machines": machines,
     "export": export,
     "mismatch": mismatch,
+    "fleet": fleet,
     "fmu": fmu,
     "prove": prove,
     "flagship": flagship,
@@ -56,8 +58,8 @@ COMMANDS = {
     "schema": schema,
     "completion": complete,
 }
-PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
-SPREAD = ("run", "prove", "flagship", "tune", "compare")
+PARALLEL = ("run", "mismatch", "fleet", "prove", "flagship", "tune", "check", "compare")
+SPREAD = ("run", "fleet", "prove", "flagship", "tune", "compare")
 """What a cluster can do, too."""
 EPILOG = """examples:
   twinbench run --profile quick                    every estimator, in minutes
@@ -75,6 +77,8 @@ EPILOG = """examples:
   twinbench list mechanisms --simulator tanks.py   what mismatch looks for in yours
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
+  twinbench fleet tanks.py plant1 plant2 plant3 --out fleet
+                                                   what all of them lack, and which are unlike the others
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
   twinbench fmu found/model.toml --out mended.fmu  the mended simulator for other tools, as an FMU
   twinbench schema verdict                         what verdict.json holds, for programs

@@ -11,7 +11,8 @@ from twinbench.bench.cli.parser import SIMULATOR_HELP, add_map, add_recordings, 
 SAYS = "find what a simulator leaves out, name it, model it, and prove it on held-out recordings"
 EXAMPLE = (
     "twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found --map 'LT1[cm]=level_m'\n\n"
-    "DIR gets verdict.json, report.html, report.pdf of one page, and model.toml, which is the mended simulator.\n"
+    "DIR gets verdict.json, report.html, report.pdf of one page, model.toml, which is the mended simulator, and\n"
+    "sizes.csv, which is how large each effect was over time.\n"
     "twinbench schema verdict says what verdict.json holds; --json prints the same to stdout.\n"
     "exit status:\n"
     + "\n".join(f"  {status:3}  {says}" for status, says in mismatch_status.SAYS.items())
@@ -22,6 +23,7 @@ FILES = {
     "report.pdf": "on one page",
     "verdict.json": "for programs",
     "model.toml": "mended model",
+    "sizes.csv": "sizes over time",
 }
 """What is written, and what it is called where the terminal lists it."""
 
@@ -38,6 +40,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RECORDING",
         help="recordings for the proof, best of another operating regime; no parameter is learnt from them",
     )
+    add_told(parser)
+    add_trust(parser)
+    add_map(parser)
+
+
+def add_told(parser: argparse.ArgumentParser) -> None:
+    """What is tried, and what the user knows beforehand."""
     parser.add_argument(
         "--catalogue",
         default="",
@@ -50,13 +59,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default="auto",
         help="what inputs do between samples: hold their value, or go in lines; auto (default) tries both",
     )
-    _add_told(parser)
-    add_trust(parser)
-    add_map(parser)
-
-
-def _add_told(parser: argparse.ArgumentParser) -> None:
-    """What the user knows beforehand."""
     for option, metavar, says in (
         ("--leave-out", "NAME", "do not try these candidates; NAME may hold *, as 'offset@*'"),
         ("--prior", "NAME=ODDS", "how likely a candidate is, as odds: 0.1 is one to ten"),

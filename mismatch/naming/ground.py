@@ -122,22 +122,35 @@ class Ground:
         Args:
             floor: (ny,) noise of block means by their second differences, in the outputs' units.
         """
-        own = view.unknowns()
-        every, sds = list(range(len(discrepancy.ports))), view.problem.machine.input_sds
+        own, every = view.unknowns(), list(range(len(discrepancy.ports)))
         whole, all_of_it = view.of_discrepancy(discrepancy, every), np.eye(len(discrepancy.points))
-        moves = parallel([lambda c=c: Moves(c, sds) for c in view.courses]) if sds.any() else []
-
-        def felt(noise: SensorNoise) -> list[Array]:
-            return parallel([lambda m=m, r=r: m.felt(noise, r) for m, r in zip(moves, view.residuals, strict=False)])
-
+        felt = _felt(view)
         first = SensorNoise.first_guess(floor)
         made = cls._whitened(first, felt(first), whole, view, [(p, all_of_it) for p in every], discrepancy)
         made = made._without_the_unseen(view, own)
         rng = np.random.default_rng(ENGINE_SEED)
         for _ in range(ROUNDS_OF_NOISE):
-            left, s = made._left(view, own, rng)
+            left, s = made._left(view, own, prior_mean(view), rng)
             noise = made.noise.learnt(left, floor)
             made = replace(cls._whitened(noise, felt(noise), made.whole, view, made.kept, discrepancy), s=s)
+        return made
+
+    def relearnt(self, view: View, columns: Sequence[Array], mean: Array, floor: Array) -> Ground:
+        """The same discrepancy, and the noise learnt anew beside more that is unknown.
+
+        What the simulator lacked when the noise was learnt first may have been taken for noise.
+
+        Args:
+            columns: (B, ny, K) of all that is unknown, per recording, in the outputs' units per prior sd.
+            mean: (K,) of its prior, dimensionless: in prior sds.
+            floor: (ny,) noise of block means by their second differences, in the outputs' units.
+        """
+        made, felt, rng = self, _felt(view), np.random.default_rng(ENGINE_SEED)
+        for _ in range(ROUNDS_OF_NOISE):
+            left, s = made._left(view, columns, mean, rng)
+            noise = made.noise.learnt(left, floor)
+            made = self._whitened(noise, felt(noise), made.whole, view, made.kept, self.discrepancy)
+            made = replace(made, s=s)
         return made
 
     @classmethod
@@ -202,10 +215,11 @@ class Ground:
         made = self._whitened(self.noise, self.moved, joined, view, kept, self.discrepancy)
         return replace(made, s=s[there])
 
-    def _left(self, view: View, own: Sequence[Array], rng: np.random.Generator) -> tuple[list[Array], Array]:
+    def _left(
+        self, view: View, own: Sequence[Array], mean: Array, rng: np.random.Generator
+    ) -> tuple[list[Array], Array]:
         """Residuals less a draw of all that is unknown, (B, ny) per recording; and the discrepancy's sizes."""
         G, b, _ = self.products(view, own).over()
-        mean = prior_mean(view)
         _, s = self._beside(G, b, mean)
         prior = (
             np.concatenate((mean, np.zeros(len(self.group)))),
@@ -285,3 +299,14 @@ class Ground:
         found = parallel([lambda r=r: of(r) for r in range(len(view.residuals))])
         own, cross = (np.array(part) for part in zip(*found, strict=True))
         return Products(own, cross, self.FF)
+
+
+def _felt(view: View) -> Callable[[SensorNoise], list[Array]]:
+    """By the sensors' noise, what the readings feel of the noise of measured inputs, (B, ny, N) per recording."""
+    sds = view.problem.machine.input_sds
+    moves = parallel([lambda c=c: Moves(c, sds) for c in view.courses]) if sds.any() else []
+
+    def felt(noise: SensorNoise) -> list[Array]:
+        return parallel([lambda m=m, r=r: m.felt(noise, r) for m, r in zip(moves, view.residuals, strict=False)])
+
+    return felt

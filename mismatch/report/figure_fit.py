@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from twinbench.common.style import BLUE, FAINT, INK, MOST_POINTS, MUTED, PAGE_MM, VERMILION, canvas, styled, thin
 from twinbench.mismatch.report.replays import Replay, window
 from twinbench.mismatch.spikes import Spike
-from twinbench.mismatch.words import labelled, spoken
+from twinbench.mismatch.words import labelled, spoken, time_unit
 from twinbench.physics.simulator import Array, Variable
 
 WINDOW_SHARE = 16
@@ -133,8 +133,3 @@ def _handles(both: bool, spikes: bool) -> list[Line2D | Patch]:
     if spikes:
         handles.append(Line2D([], [], label="taken out as a spike", **SPIKE))
     return [*handles, Patch(color=MUTED, alpha=0.25, linewidth=0, label="noise, ±2 SD")]
-
-
-def time_unit(duration_s: float) -> tuple[float, str]:
-    """Seconds in the unit that suits a recording of that length, and the unit."""
-    return (86400.0, "d") if duration_s > 2e5 else (3600.0, "h") if duration_s > 10800.0 else (1.0, "s")

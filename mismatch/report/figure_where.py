@@ -12,10 +12,10 @@ from matplotlib.lines import Line2D
 
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, PAPER, canvas, log_axis, styled, thin
 from twinbench.mismatch.place import bracketed
-from twinbench.mismatch.report.figure_fit import AFTER, BEFORE, time_unit
+from twinbench.mismatch.report.figure_fit import AFTER, BEFORE
 from twinbench.mismatch.report.replays import Replay, level
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.words import labelled, spoken
+from twinbench.mismatch.words import labelled, spoken, time_unit
 from twinbench.physics.simulator import Array, Port, Simulator
 
 MOST_RECORDINGS = 4

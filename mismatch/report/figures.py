@@ -11,6 +11,7 @@ from twinbench.common.page import Drawing
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.report.figure_fit import fit_over_time
+from twinbench.mismatch.report.figure_history import sizes_over_time
 from twinbench.mismatch.report.figure_rank import evidence, ports
 from twinbench.mismatch.report.figure_where import over_regime, over_time
 from twinbench.mismatch.report.replays import Replay, most_telling, replays
@@ -25,6 +26,7 @@ def draw(verdict: Verdict) -> Iterator[Drawing]:
     shown, sd = replays(verdict.diagnosis), verdict.diagnosis.noise_sd
     yield from _fits(verdict.diagnosis, shown, sd)
     yield from _where(verdict, shown, sd)
+    yield _histories(verdict.findings)
     yield _evidence(verdict.diagnosis)
 
 
@@ -92,6 +94,19 @@ def _ports(findings: Sequence[Finding]) -> list[tuple[Port, float]]:
     for port, p in (pair for f in findings for pair in f.ports):
         found[port] = min(found.get(port, 0.0) + p, 1.0)
     return sorted(found.items(), key=lambda item: -item[1])
+
+
+def _histories(findings: Sequence[Finding]) -> Drawing:
+    told = [f for f in findings if f.history]
+    return _drawn(
+        "sizes_over_time",
+        "How large over time",
+        "Size of each effect, named or what explains best, in the recordings that were learnt from, with its 90 % "
+        "interval: constant, growing, leaping and wandering counted in, each by its probability. Thin lines part "
+        "recordings.",
+        partial(sizes_over_time, told) if told else None,
+        "no effect explains anything, so none has a size",
+    )
 
 
 def _evidence(d: Diagnosis) -> Drawing:

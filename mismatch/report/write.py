@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import csv
+import io
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -11,25 +13,44 @@ from twinbench.common.documents import to_json
 from twinbench.common.errors import BadInput
 from twinbench.common.page import render, write_bytes, write_figures
 from twinbench.common.store import write_text
-from twinbench.mismatch.findings import Finding, probable
+from twinbench.mismatch.findings import Finding
+from twinbench.mismatch.history.history import Point
 from twinbench.mismatch.report.figures import draw, failed
 from twinbench.mismatch.report.tables import build_listings, sizes
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.words import listed, typeset
+from twinbench.mismatch.words import listed, probable, typeset
 
+SIZES = "sizes.csv"
+"""Sizes of the effects that explain the recordings best over time, each with its interval."""
 OPENING = "fit_held_out"
 """The figure that the page begins with: before and after on what was held out."""
 _WHOLE: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}  # names of channels
 
 
 def write_findings(document: Mapping[str, Any], model: str, out: Path) -> None:
-    """Write ``verdict.json``, which holds ``document``, and ``model.toml`` into a folder.
+    """Write ``verdict.json``, which holds ``document``, ``model.toml`` and ``sizes.csv`` into a folder.
 
     Raises:
         CannotWrite: the folder cannot be written to.
     """
     write_text(out / "verdict.json", to_json(document) + "\n")
     write_text(out / "model.toml", model)
+    write_text(out / SIZES, _sizes(document["findings"]))
+
+
+def _sizes(findings: Sequence[Mapping[str, Any]]) -> str:
+    """A row for each time at which a size is told."""
+    rows = [
+        {"effect": f["mechanism"] or f["best"], **point, "unit": f["history"]["unit"]}
+        for f in findings
+        if f["history"]
+        for point in f["history"]["points"]
+    ]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, ("effect", *Point._fields, "unit"), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
 
 
 def write_page(verdict: Verdict, out: Path) -> None:
@@ -97,6 +118,6 @@ def _provenance(verdict: Verdict) -> list[tuple[str, str]]:
         ("held out", named(d.held)),
         ("inputs", joined[d.joined.inputs]),
         ("looked for", f"{len(d.machine.candidates)} mechanisms and faults"),
-        ("also written", "verdict.json, model.toml (the mended simulator), report.pdf (one page), figures/"),
+        ("also written", "verdict.json, model.toml (the mended simulator), sizes.csv, report.pdf (one page), figures/"),
     ]
     return [(name, text) for name, text in pairs if text]

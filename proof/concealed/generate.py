@@ -94,8 +94,8 @@ def draw(item: Item, seed: int, machines: Mapping[str, Machine] | None = None, o
     rng = stream(seed, "prove", item.case, item.cell, item.machine, item.effects)
     usual = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
     background = usual if item.background_pct is None else item.background_pct
-    p = _parameters(machine, item.cell, background, rng)
-    takes = _takes(machine, "poor" if item.cell == "poor_excitation" else "", rng)
+    p = drawn_parameters(machine, item.cell, background, rng)
+    takes = drawn_takes(machine, "poor" if item.cell == "poor_excitation" else "", rng)
     known = {e.name: e for e in (*machine.effects, *machine.foreign, *faults(machine))}
     effects = [known[name] for name in item.effects]
     onset_s = np.inf if not effects else _onset(takes, rng) if item.cell == "onset" else -np.inf
@@ -161,7 +161,7 @@ def write(case: Case, folder: Path) -> None:
         table.to_csv(folder / f"{name}.csv", index=False, float_format="%.8g")
 
 
-def _parameters(machine: Machine, cell: str, background: float, rng: np.random.Generator) -> Array:
+def drawn_parameters(machine: Machine, cell: str, background: float, rng: np.random.Generator) -> Array:
     """The machine's own constants: as the twin says in cell "clean", off by up to 15 % elsewhere."""
     off = 0.0 if cell == "clean" else 1.0
     values = {}
@@ -180,7 +180,8 @@ def _parameters(machine: Machine, cell: str, background: float, rng: np.random.G
     )
 
 
-def _takes(machine: Machine, regime: str, rng: np.random.Generator) -> tuple[Take, ...]:
+def drawn_takes(machine: Machine, regime: str, rng: np.random.Generator) -> tuple[Take, ...]:
+    """The recordings to be made, one after the other on the suite's clock; of the usual regimes if none is given."""
     takes, clock = [], 0.0
     for part in ("train", "held"):
         for i, seconds in enumerate(machine.seconds[part]):

@@ -129,11 +129,16 @@ def test_every_command_takes_json_and_verbose_and_shows_an_example() -> None:
             )
 
 
-@pytest.mark.parametrize("command", ["run", "mismatch", "prove", "flagship", "tune", "check"])
+@pytest.mark.parametrize("command", ["run", "mismatch", "fleet", "prove", "flagship", "tune", "check"])
 def test_jobs_are_checked_and_hold_meanwhile(
     command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    needs = {"mismatch": ("s.py", "r.csv", "--out", "o"), "tune": ("oracle",), "check": ("oracle",)}.get(command, ())
+    needs = {
+        "mismatch": ("s.py", "r.csv", "--out", "o"),
+        "fleet": ("s.py", "a", "--out", "o"),
+        "tune": ("oracle",),
+        "check": ("oracle",),
+    }.get(command, ())
     assert "--jobs is 0, must lie in [1, 1024]" in refused(tmp_path, capsys, command, *needs, "--jobs", 0)
     seen = []
     monkeypatch.setattr(COMMANDS_OF[command], "run", lambda a: seen.append(cores()) or 0)

@@ -112,7 +112,7 @@ def test_mismatch_hands_on_what_it_read_and_writes_the_mended_model(
     assert {"loss", "sensor_bias@T_out"} < set(names)
     assert len(names) == len(set(names))
     assert engine["simulator"].name == "lag"
-    assert {p.name for p in Path("found").iterdir()} == {"verdict.json", "model.toml"}
+    assert {p.name for p in Path("found").iterdir()} == {"verdict.json", "model.toml", "sizes.csv"}
     assert twinbench("mismatch", "found/model.toml", "day.csv", "--out", "again") == NAMED
     assert engine["simulator"].mechanisms == ("loss",)
     assert engine["simulator"].theta().tolist() == [25.0, 0.2]
@@ -129,8 +129,8 @@ def test_the_terminal_has_one_sentence_then_a_list_then_the_files(
     assert lines[4].startswith(("  so on", "  on"))
     assert max(map(len, lines[:6])) <= 60
     files = [line.rpartition("/")[2] for line in lines if "/found/" in line]
-    assert files == ["report.html", "report.pdf", "verdict.json", "model.toml"]
-    assert lines[-4:] == [line for line in lines if "/found/" in line]
+    assert files == ["report.html", "report.pdf", "verdict.json", "model.toml", "sizes.csv"]
+    assert lines[-5:] == [line for line in lines if "/found/" in line]
 
 
 def test_json_is_the_file_and_says_what_the_verdict_rests_on(
@@ -210,8 +210,8 @@ def test_findings_and_model_are_there_before_anything_is_drawn(
 ) -> None:
     engine["page_fails"] = BadInput("cannot write found/figures/x.png: No space left on device")
     assert twinbench("mismatch", "lag.py", "day.csv", "--out", "found") == 2
-    assert engine["there"] == ["model.toml", "verdict.json"]
-    assert {p.name for p in Path("found").iterdir()} == {"model.toml", "verdict.json"}
+    assert engine["there"] == ["model.toml", "sizes.csv", "verdict.json"]
+    assert {p.name for p in Path("found").iterdir()} == {"model.toml", "sizes.csv", "verdict.json"}
     said, complaint = capsys.readouterr()
     assert said.startswith("Heat is lost.")
     assert complaint == "twinbench: cannot write found/figures/x.png: No space left on device\n"

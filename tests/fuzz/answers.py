@@ -159,7 +159,7 @@ def mismatch(folder: Path, ended: Ended) -> Answer:
     need(ended.status == STATUS[found], f"exit status {ended.status}, and the verdict is {found}")
     for f in verdict["findings"]:
         need(f["probability"] is None or 0.0 <= f["probability"] <= 1.0, f"a probability of {f['probability']}")
-    beside = ("model.toml", "report.html", "report.pdf")
+    beside = ("model.toml", "sizes.csv", "report.html", "report.pdf")
     need(all(path.with_name(name).is_file() for name in beside), "files are missing")
     says = verdict["says"]
     for share in re.findall(r"(-?[\d.]+) %", says):

@@ -26,7 +26,15 @@ from twinbench.mismatch.report.replays import Replay, level, most_telling, repla
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.verdict import conclude
 
-FIGURES = {"fit_held_out", "fit_learnt", "where_in_time", "where_in_regime", "where_by_port", "hypotheses"}
+FIGURES = {
+    "fit_held_out",
+    "fit_learnt",
+    "where_in_time",
+    "where_in_regime",
+    "where_by_port",
+    "sizes_over_time",
+    "hypotheses",
+}
 
 
 @pytest.fixture(scope="module")

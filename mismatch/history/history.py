@@ -1,0 +1,176 @@
+"""How large an effect was over time: the courses that it may have taken, with their probabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twinbench.mismatch.history.axis import Axis
+from twinbench.mismatch.history.linear import Line
+from twinbench.mismatch.history.patterns import CONSTANT, PATTERNS, RAMP, STEP, Pattern, Weighed, patterns, weigh
+from twinbench.mismatch.mixture import interval_of
+from twinbench.mismatch.naming.answer import shares
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.name import NEAR, Naming
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.physics.simulator import Array, Variable
+
+MOVES = 2
+"""Times that a size which is not constant is linearised anew, where its course has its posterior mean."""
+
+
+class Point(NamedTuple):
+    """The size at one time of a recording, with its 90 % interval, in the effect's unit."""
+
+    recording: str
+    time_s: float
+    size: float
+    low: float
+    high: float
+
+
+class Interval(NamedTuple):
+    """A number with its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class History:
+    """An effect's size over all recordings that were learnt from.
+
+    Attributes:
+        size: the effect's first parameter.
+        axis: of time, on which recordings stand one after the other.
+        odds: probability of each of ``PATTERNS``.
+        points: the size at each knot, recording by recording, all courses counted in.
+        rate: of a ramp, in the size's unit per second; of one throughout, where the size is constant.
+        change: of a step, in the size's unit.
+        since: on the axis, when a ramp began or a step was, s; by the one of them that is likelier.
+    """
+
+    size: Variable
+    axis: Axis
+    odds: Mapping[str, float]
+    points: tuple[Point, ...]
+    rate: Interval
+    change: Interval
+    since: Interval
+
+    @property
+    def likeliest(self) -> str:
+        """One of ``PATTERNS``."""
+        return max(PATTERNS, key=lambda kind: self.odds[kind])
+
+    @property
+    def in_time(self) -> list[Point]:
+        """The points, the earliest first."""
+        return [self.points[q] for q in self.axis.order]
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """As ``verdict.json`` has it."""
+        kind, unit = self.likeliest, self.size.unit
+        recording, time_s = self.axis.place(self.since.value)
+        return {
+            "pattern": kind,
+            "probability": dict(self.odds),
+            "clock": self.axis.clock,
+            "unit": unit,
+            "rate_per_s": self.rate._asdict() if kind in (CONSTANT, RAMP) else None,
+            "change": self.change._asdict() if kind == STEP else None,
+            "since": {"recording": recording, "time_s": time_s} if kind in (RAMP, STEP) else None,
+            "points": [p._asdict() for p in self.points],
+        }
+
+
+def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> History:
+    """How large an effect of a hypothesis was over time.
+
+    Args:
+        place: of the effect in the hypothesis.
+        floor: (ny,) noise of block means by their second differences, in the outputs' units.
+    """
+    axis = Axis.over(chosen.problem.tracks)
+    first = Line.first(chosen, place, axis, naming.around(chosen), naming.ground)
+    several, ground = patterns(axis, first.large), first.with_noise(floor)
+    line, weighed = first, _weighed(first, first, ground, several)
+    for _ in range(MOVES):
+        best = max(weighed, key=lambda w: w.log).pattern
+        ahead = line.moved(best, ground) if first.may_move and best.kind != CONSTANT else None
+        if ahead is None:
+            break
+        line, ground = ahead, ahead.with_noise(floor)
+        weighed = _weighed(first, line, ground, several)
+    return _read(weighed, line)
+
+
+def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]) -> list[Weighed]:
+    """All patterns: that of a constant size where that stands, the others where one of them does."""
+    near = line.told(ground)
+    far = near if line is first else first.told(ground)
+    # All means count from where the line is.
+    shift = (first.view.z[first.size] - line.view.z[line.size]) / first.view.problem.unknowns[first.size].spread
+    found = [weigh(far if p.kind == CONSTANT else near, p) for p in several]
+    return [w._replace(mean=w.mean + shift) if w.pattern.kind == CONSTANT else w for w in found]
+
+
+def _read(weighed: Sequence[Weighed], line: Line) -> History:
+    """The history of what was weighed."""
+    axis, v = line.axis, line.candidate.mechanism.parameters[0]
+    spread, level = line.view.problem.unknowns[line.size].spread, float(line.view.z[line.size])
+    likely = _near(weighed)
+    points = []
+    for q, r in enumerate(axis.of):
+        numbers = [(level + float(spread * w.mean[q]), float(spread * w.sd[q])) for w in likely]
+        mean = float(np.average([m for m, _ in numbers], weights=shares([w.log for w in likely])))
+        low, high = interval_of(likely, numbers, v.low, v.high)
+        points.append(Point(axis.names[r], float(np.concatenate(axis.knots)[q]), mean, min(low, mean), max(high, mean)))
+    odds = dict.fromkeys(PATTERNS, 0.0)
+    for w, p in zip(weighed, shares([w.log for w in weighed]), strict=True):
+        odds[w.pattern.kind] += p
+    ramps, steps = ([w for w in weighed if w.pattern.kind == kind] for kind in (RAMP, STEP))
+    last = float(axis.along_s.max())
+
+    def per_s(w: Weighed) -> float:
+        return float(spread * w.pattern.basis.max() / (last - w.pattern.since_s))
+
+    def in_all(w: Weighed) -> float:
+        return float(spread * w.pattern.basis.max())
+
+    constant = max(odds, key=lambda kind: odds[kind]) == CONSTANT
+    trends = ramps[:1] if constant else ramps  # one throughout
+    begun = ramps if odds[RAMP] >= odds[STEP] else steps
+    return History(v, axis, odds, tuple(points), _number(trends, per_s), _number(steps, in_all), _since(begun))
+
+
+def _near(weighed: Sequence[Weighed]) -> list[Weighed]:
+    """Those that are not so far behind that they add nothing."""
+    best = max(w.log for w in weighed)
+    return [w for w in weighed if w.log > best - NEAR]
+
+
+def _number(some: Sequence[Weighed], unit: Callable[[Weighed], float]) -> Interval:
+    """A pattern's own number over all times since which it may hold, ``unit`` per its sd."""
+    likely = _near(some)
+    numbers = [(float(unit(w) * w.added[0]), float(unit(w) * w.added_sd[0])) for w in likely]
+    mean = float(np.average([m for m, _ in numbers], weights=shares([w.log for w in likely])))
+    low, high = interval_of(likely, numbers)
+    return Interval(mean, min(low, mean), max(high, mean))
+
+
+def _since(some: Sequence[Weighed]) -> Interval:
+    """When a pattern begins: the middle of what is likely, and the middle 90 %."""
+    p = np.array(shares([w.log for w in some]))
+    low, high = np.array([w.pattern.within_s for w in some]).T
+    edges = np.unique(np.concatenate((low, high)))
+    # Between two recordings that stand end to end there is no time.
+    wide = np.maximum(high - low, 1e-9 * max(float(np.ptp(edges)), 1e-9))
+    sums = np.clip((edges[:, None] - low) / wide, 0.0, 1.0) @ p
+    middle, *ends = (float(np.interp(q, sums, edges)) for q in (0.5, 0.05, 0.95))
+    return Interval(middle, *ends)

@@ -1,0 +1,1 @@
+"""Judges what is said of a size over time: sizes that stay, grow or leap are hidden in simulated machines."""
