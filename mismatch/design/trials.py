@@ -1,0 +1,174 @@
+"""What one experiment would show: each rival's run of it, and the columns of all that each leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from twinbench.mismatch.course import Course
+from twinbench.mismatch.design.candidates import Candidate
+from twinbench.mismatch.design.hand import Folded, Hand, folded_out, functions_of, own_columns, own_of, shared
+from twinbench.mismatch.fit import ENDLESS, Problem
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.input_noise import InputNoise, Moves
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.naming.view import View
+from twinbench.mismatch.place import CLOCK
+from twinbench.mismatch.sensors import SensorNoise
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Array
+
+
+
+@dataclass(frozen=True)
+class Clock:
+    """How an experiment is sampled and read.
+
+    Attributes:
+        begin_s: when it begins, on the recordings' clock.
+        block: samples in a block, whose mean counts.
+        linear: do inputs go in lines from sample to sample?
+        noise: of those means.
+    """
+
+    begin_s: float
+    block: int
+    linear: bool
+    noise: SensorNoise
+
+
+class Shown(NamedTuple):
+    """What an experiment shows under one rival.
+
+    Attributes:
+        own: (n, K) whitened columns of its unknowns, the experiment's own among them.
+        alone: positions of those that are the experiment's own.
+        white: (n,) whitened readings that it foretells.
+        means: (B, ny) the same in the outputs' units.
+    """
+
+    own: Array
+    alone: np.ndarray
+    white: Array
+    means: Array
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One experiment on paper.
+
+    Attributes:
+        shown: under each rival.
+        functions: (n, F) whitened columns of the discrepancy.
+        track: its blocks.
+    """
+
+    candidate: Candidate
+    shown: tuple[Shown, ...]
+    functions: Array
+    track: Track
+
+    def until(self, share: float) -> Trial:
+        """Its first part alone."""
+        rows = len(self.functions) // len(self.shown[0].means) * round(share * len(self.shown[0].means))
+        shown = tuple(s._replace(own=s.own[:rows], white=s.white[:rows]) for s in self.shown)
+        return replace(self, shown=shown, functions=self.functions[:rows])
+
+    def columns(self, rival: int) -> Array:
+        """(n, K + F) of one rival's unknowns, the discrepancy's last."""
+        return np.concatenate((self.shown[rival].own, self.functions), axis=1)
+
+    def kept(self, rival: int) -> Array:
+        """(n, L) columns of what the experiment shares with all recordings, as ``Known`` has it."""
+        return np.delete(self.columns(rival), self.shown[rival].alone, axis=1)
+
+    def folded(self, rival: int, readings: Array) -> tuple[Folded, Array]:
+        """What readings say of a rival's shared unknowns, and their squares (M,) less what it foretells.
+
+        Args:
+            readings: (n, M) whitened.
+        """
+        X, shown = self.columns(rival), self.shown[rival]
+        e = readings - shown.white[:, None]
+        folded = folded_out(X.T @ X, X.T @ e, shown.alone, np.zeros(len(shown.alone)))
+        return folded, np.einsum("nm,nm->m", e, e)
+
+
+def track_of(candidate: Candidate, clock: Clock, measured: np.ndarray) -> Track:
+    """An experiment's blocks; its readings are nothing, and missing where no sensor is."""
+    y = np.where(measured, 0.0, np.nan) * np.ones((len(candidate.time_s), 1))
+    starts = np.arange(0, len(y), clock.block)
+    return Track(
+        "experiment", candidate.time_s + clock.begin_s, candidate.u, y, starts, y[starts], linear=clock.linear
+    )
+
+
+def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
+    """An experiment on paper; None if a rival's run of it goes beyond all numbers, or beyond the outputs' bounds."""
+    track = track_of(candidate, clock, hand.measured)
+    shown, functions = [], np.empty((0, 0))
+    for k, rival in enumerate(hand.rivals):
+        view, common = View.around(*_begun(rival, track)), shared(rival)
+        readings = -view.residuals[0]
+        if not _allowed(readings[:, hand.measured], rival, hand.measured):
+            return None
+        parts = [*own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])]
+        if not k:
+            parts += functions_of(view, hand.ground)
+        columns = np.concatenate(parts, axis=2)
+        if not np.abs(columns).max(initial=0.0) < ENDLESS:
+            return None
+        white = _whitened(view, columns, hand.ground, clock.noise)
+        alone = np.flatnonzero([u.recording == 0 for u in view.problem.unknowns])
+        many = parts[0].shape[2]
+        shown.append(Shown(white[:, :many], alone, -white[:, -1], readings))
+        functions = functions if k else white[:, many:-1]
+    return Trial(candidate, tuple(shown), functions, track)
+
+
+def course_of(rival: Settled, candidate: Candidate, clock: Clock, measured: np.ndarray) -> Course:
+    """A rival's run of an experiment, linearised."""
+    problem, z = _begun(rival, track_of(candidate, clock, measured))
+    return problem.course(0, z)
+
+
+def _begun(rival: Settled, track: Track) -> tuple[Problem, Array]:
+    """An experiment that begins at rest as a problem of its own, and where its unknowns stand under a rival."""
+    learnt, common = rival.problem, shared(rival)
+    unknowns = (*(learnt.unknowns[k] for k in common), *own_of(rival, track))
+    z = np.concatenate((rival.z[common], [u.mean for u in unknowns[len(common) :]]))
+    problem = Problem(learnt.machine, [track], unknowns, learnt.sd, theta=learnt.theta)
+    return replace(problem, starts=[_rested(problem, z)]), z
+
+
+def _rested(problem: Problem, z: Array) -> Array:
+    """(nx,) where the machine is after the first inputs were held for long; where it begins, if that has no end."""
+    (track,) = problem.tracks
+    held = replace(track, u=np.tile(track.u[0], (len(track.u), 1)))
+    start, machine = problem.starts[0], problem.machine
+    end = replace(problem, tracks=[held]).states(0, z)[-1]
+    clocks = np.array([v.name.startswith(CLOCK) for v in machine.states])
+    return np.where(clocks, start, end) if np.isfinite(end).all() else start
+
+
+def _allowed(readings: Array, rival: Settled, measured: np.ndarray) -> bool:
+    """Are they numbers within the bounds of the outputs?"""
+    if not np.isfinite(readings).all():
+        return False
+    outputs = [v for v, there in zip(rival.problem.machine.simulator.outputs, measured, strict=True) if there]
+    return all(
+        v.low - v.scale <= column.min() and column.max() <= v.high + v.scale
+        for v, column in zip(outputs, readings.T, strict=True)
+    )
+
+
+def _whitened(view: View, columns: Array, ground: Ground, noise: SensorNoise) -> Array:
+    """Columns and last the residuals, whitened; with what a measured input's noise does, if one is measured."""
+    (residual,), sds = view.residuals, view.problem.machine.input_sds
+    white = noise.beside(columns, residual)
+    if not sds.any():
+        return white
+    moved = Moves(view.courses[0], sds).felt(noise, residual)
+    return InputNoise.of(noise.beside(moved, residual)[:, :-1]).whitened(white)
