@@ -10,6 +10,7 @@ from twinbench.bench.cli import (
     check,
     compare,
     complete,
+    design,
     estimate,
     export,
     flagship,
@@ -48,6 +49,7 @@ COMMANDS = {
     "machines": machines,
     "export": export,
     "mismatch": mismatch,
+    "design": design,
     "fmu": fmu,
     "prove": prove,
     "flagship": flagship,
@@ -56,7 +58,7 @@ COMMANDS = {
     "schema": schema,
     "completion": complete,
 }
-PARALLEL = ("run", "mismatch", "prove", "flagship", "tune", "check", "compare")
+PARALLEL = ("run", "mismatch", "design", "prove", "flagship", "tune", "check", "compare")
 SPREAD = ("run", "prove", "flagship", "tune", "compare")
 """What a cluster can do, too."""
 EPILOG = """examples:
@@ -75,6 +77,8 @@ EPILOG = """examples:
   twinbench list mechanisms --simulator tanks.py   what mismatch looks for in yours
   twinbench mismatch tanks.py day1.csv day2.csv --hold-out day3.csv --out found
                                                    what your simulator leaves out, and proof of it
+  twinbench design tanks.py --verdict found/verdict.json --inputs limits.toml --out next
+                                                   the experiment that would settle it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
   twinbench fmu found/model.toml --out mended.fmu  the mended simulator for other tools, as an FMU
   twinbench schema verdict                         what verdict.json holds, for programs

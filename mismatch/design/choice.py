@@ -7,21 +7,60 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twinbench.common.errors import BadInput
 from twinbench.mismatch.catalogue import typical_rates
-from twinbench.mismatch.course import Course
 from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.hand import Hand, at_hand
+from twinbench.mismatch.design.precision import gained
 from twinbench.mismatch.design.separation import Expected, expected, nats
 from twinbench.mismatch.design.trials import Clock, Trial, course_of, tried
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.name import common_fluxes
+from twinbench.mismatch.naming.power import WANTED
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.visited import moved
+from twinbench.physics.simulator import Array
 
 ANCHORED = 12
 """Candidates whose runs say, beside the recordings, where the discrepancy has to be described."""
+FINALISTS = 5
+"""Candidates that are simulated, the best of all by their expected evidence."""
+TIMES = (1, 2, 3, 4, 6, 8)
+"""How often an experiment may be made: what eight times do not tell, more hardly will."""
+PARTS = (0.25, 0.5, 0.75)
+AS_GOOD = 0.02
+"""Probability that a shorter experiment may lose and still do."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The experiment to make next.
+
+    Attributes:
+        trial: it.
+        expected: what it promises, made once; None where nothing is contested.
+        times: how often it has to be made for a name with probability ``WANTED``; 0 if no number tried is enough.
+        repeated: probability of the right name if it is made so often, or as often as was tried.
+        enough_s: the shortest part of it, from its beginning on, that promises as much.
+        worth: (C,) of each candidate that can be made, nats: the worst pair's, or what parameters gain.
+        left_out: candidates that could not be made.
+    """
+
+    trial: Trial
+    expected: Expected | None
+    times: int
+    repeated: float
+    enough_s: float
+    worth: Array
+    left_out: int
+
+    @property
+    def scattered(self) -> bool:
+        """Does chance move the evidence further than the experiment does? Then it settles nothing."""
+        # Evidence of d nats has a variance of 2 d: both are half of one squared distance.
+        return self.expected is not None and self.expected.worst < np.sqrt(2.0 * max(self.expected.worst, 0.0))
 
 
 def hand_of(
@@ -36,3 +75,62 @@ def hand_of(
     courses = [c for c in (course_of(best, one, clock, measured) for one in some) if np.isfinite(c.means).all()]
     whole = discrepancy([*view.courses, *courses], typical_rates(moved(best.problem, best.z)), common_fluxes(view))
     return at_hand(rivals, names, replace(ground, discrepancy=whole))
+
+
+def proposed(
+    hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
+) -> Proposal:
+    """The best of candidates.
+
+    Raises:
+        BadInput: none of them can be made: the simulator leaves its outputs' bounds in all.
+    """
+    contested = len(hand.rivals) > 1
+    worth, made = [], []
+    for k, one in enumerate(candidates):
+        trial = tried(one, hand, clock)
+        if trial is not None:
+            made.append(one)
+            worth.append(Expected(nats(hand, trial), (0.0, 0.0)).worst if contested else gained(hand, trial).nats)
+        progress(0.9 * (k + 1) / len(candidates))
+    if not made:
+        raise BadInput(
+            f"none of {len(candidates)} experiments can be made: the simulator leaves the bounds of its outputs in "
+            "all of them; narrow the limits of the inputs, or mend the bounds"
+        )
+    order = np.argsort(-np.array(worth), kind="stable")
+    left_out = len(candidates) - len(made)
+    if not contested:
+        best = _again(made[order[0]], hand, clock)
+        return Proposal(best, None, 1, np.nan, float(np.ptp(best.track.time_s)), np.array(worth), left_out)
+    finalists = [_again(made[i], hand, clock) for i in order[:FINALISTS]]
+    looked_at = [expected(hand, trial) for trial in finalists]
+    k = max(range(len(finalists)), key=lambda i: (round(looked_at[i].names[0], 2), looked_at[i].worst))
+    times, repeated = _how_often(hand, finalists[k], looked_at[k])
+    enough_s = _how_long(hand, finalists[k], looked_at[k])
+    progress(1.0)
+    return Proposal(finalists[k], looked_at[k], times, repeated, enough_s, np.array(worth), left_out)
+
+
+def _again(candidate: Candidate, hand: Hand, clock: Clock) -> Trial:
+    """A candidate that can be made, tried once more: all of them at once would fill the memory."""
+    trial = tried(candidate, hand, clock)
+    assert trial is not None
+    return trial
+
+
+def _how_often(hand: Hand, trial: Trial, once: Expected) -> tuple[int, float]:
+    found = once.names[0]
+    for times in TIMES:
+        found = once.names[0] if times == 1 else expected(hand, trial, times).names[0]
+        if found >= WANTED:
+            return times, found
+    return 0, found
+
+
+def _how_long(hand: Hand, trial: Trial, whole: Expected) -> float:
+    length_s = float(np.ptp(trial.track.time_s))
+    for share in PARTS:
+        if expected(hand, trial.until(share)).names[0] >= whole.names[0] - AS_GOOD:
+            return share * length_s
+    return length_s

@@ -47,6 +47,7 @@ class Hand:
         known: of each rival.
         s: (P,) of each rival, the discrepancy beside it, per cent.
         measured: (ny,) bool, the outputs that are read.
+        low, high: (ny,) between what an experiment may bring them, in their units.
     """
 
     rivals: tuple[Settled, ...]
@@ -55,6 +56,8 @@ class Hand:
     known: tuple[Known, ...]
     s: tuple[Array, ...]
     measured: np.ndarray
+    low: Array
+    high: Array
 
     @cached_property
     def logs(self) -> Array:
@@ -102,11 +105,18 @@ def at_hand(rivals: Sequence[Settled], names: Sequence[str], ground: Ground) -> 
     """
     tracks, ny = rivals[0].problem.tracks, len(ground.noise.white)
     measured = np.ones(ny, dtype=bool)
+    outputs = rivals[0].problem.machine.simulator.outputs
+    low, high = (np.array([v.low - v.scale for v in outputs]), np.array([v.high + v.scale for v in outputs]))
     if tracks:
-        measured = np.array([any(np.isfinite(t.means[:, c]).any() for t in tracks) for c in range(ny)])
+        means = np.concatenate([t.means for t in tracks])
+        measured = np.isfinite(means).any(axis=0)
+        # Bounds are declared by guess; where the machine was it may go again.
+        low[measured] = np.minimum(low[measured], np.nanmin(means[:, measured], axis=0))
+        high[measured] = np.maximum(high[measured], np.nanmax(means[:, measured], axis=0))
     functions = functions_of(View.around(rivals[0].problem, rivals[0].z), ground)
     known = tuple(_known(h, ground, functions) for h in rivals)
-    return Hand(tuple(rivals), tuple(names), ground, known, tuple(_sizes(h, ground) for h in rivals), measured)
+    s = tuple(_sizes(h, ground) for h in rivals)
+    return Hand(tuple(rivals), tuple(names), ground, known, s, measured, low, high)
 
 
 def functions_of(view: View, ground: Ground) -> list[Array]:

@@ -88,7 +88,7 @@ def read_limits(path: Path, simulator: Simulator) -> Limits:
     return Limits(low, high, rate, duration_s, sampling_s, _noise(content, simulator, path), runs, candidates)
 
 
-def check_runs(limits: Limits, name: str, u: Array, simulator: Simulator) -> None:
+def check_run(limits: Limits, name: str, u: Array, simulator: Simulator) -> None:
     """Refuse a run of the user's that leaves the limits.
 
     Args:

@@ -112,7 +112,7 @@ def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
     for k, rival in enumerate(hand.rivals):
         view, common = View.around(*_begun(rival, track)), shared(rival)
         readings = -view.residuals[0]
-        if not _allowed(readings[:, hand.measured], rival, hand.measured):
+        if not _allowed(readings, hand):
             return None
         parts = [*own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])]
         if not k:
@@ -139,7 +139,8 @@ def _begun(rival: Settled, track: Track) -> tuple[Problem, Array]:
     learnt, common = rival.problem, shared(rival)
     unknowns = (*(learnt.unknowns[k] for k in common), *own_of(rival, track))
     z = np.concatenate((rival.z[common], [u.mean for u in unknowns[len(common) :]]))
-    problem = Problem(learnt.machine, [track], unknowns, learnt.sd, theta=learnt.theta)
+    start = learnt.machine.start(replace(track, y=np.full_like(track.y, np.nan)))
+    problem = Problem(learnt.machine, [track], unknowns, learnt.sd, [start], learnt.theta)
     return replace(problem, starts=[_rested(problem, z)]), z
 
 
@@ -153,15 +154,11 @@ def _rested(problem: Problem, z: Array) -> Array:
     return np.where(clocks, start, end) if np.isfinite(end).all() else start
 
 
-def _allowed(readings: Array, rival: Settled, measured: np.ndarray) -> bool:
-    """Are they numbers within the bounds of the outputs?"""
-    if not np.isfinite(readings).all():
-        return False
-    outputs = [v for v, there in zip(rival.problem.machine.simulator.outputs, measured, strict=True) if there]
-    return all(
-        v.low - v.scale <= column.min() and column.max() <= v.high + v.scale
-        for v, column in zip(outputs, readings.T, strict=True)
-    )
+def _allowed(readings: Array, hand: Hand) -> bool:
+    """Are they numbers, within the bounds of the outputs?"""
+    seen = readings[:, hand.measured]
+    low, high = hand.low[hand.measured], hand.high[hand.measured]
+    return bool(np.isfinite(seen).all() and (seen >= low).all() and (seen <= high).all())
 
 
 def _whitened(view: View, columns: Array, ground: Ground, noise: SensorNoise) -> Array:

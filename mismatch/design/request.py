@@ -1,0 +1,148 @@
+"""From what a user asks to a proposal: everything read and checked first, then the engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from twinbench.common.errors import BadInput
+from twinbench.data.recording import Recording
+from twinbench.mismatch.asked import Asked, Progress, silent
+from twinbench.mismatch.design.candidates import Candidate, drawn, of_recordings
+from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
+from twinbench.mismatch.design.found import Found, read_found, rivals_of
+from twinbench.mismatch.design.gather import by_recordings, only
+from twinbench.mismatch.design.hand import Hand
+from twinbench.mismatch.design.limits import Limits, check_run, read_limits
+from twinbench.mismatch.design.separation import Expected, expected
+from twinbench.mismatch.design.trials import Clock, tried
+from twinbench.mismatch.joining import HELD, LINEAR
+from twinbench.mismatch.model import Model, load_catalogue, load_model, whole_catalogue
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.recordings import read_recordings
+from twinbench.mismatch.sensors import SensorNoise
+from twinbench.mismatch.told import read_told
+from twinbench.mismatch.tracks import Track
+from twinbench.physics.simulator import Simulator
+
+
+@dataclass(frozen=True)
+class DesignRequest:
+    """What a user wants designed, as given.
+
+    Attributes:
+        spec: the simulator, as ``load_simulator`` takes it.
+        rivals: names of effects; those that the verdict contests if left out.
+        limits: the file of limits.
+        verdict: the file of an earlier verdict, or None.
+        catalogue: the file of a user's own mechanisms, or nothing.
+        trust: run the Python that a ``model.toml`` names wherever it lies.
+    """
+
+    spec: str
+    rivals: Sequence[str]
+    limits: Path
+    verdict: Path | None = None
+    catalogue: str = ""
+    trust: bool = False
+
+
+class Designed(NamedTuple):
+    """A proposal with all that it rests on.
+
+    Attributes:
+        beside: names of what is there besides the rivals.
+        old: what each recording at hand promises if its inputs are made again.
+    """
+
+    proposal: Proposal
+    hand: Hand
+    limits: Limits
+    beside: tuple[str, ...]
+    old: tuple[tuple[str, Expected], ...]
+
+
+def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
+    """The experiment to make next.
+
+    Raises:
+        BadInput: the simulator, the limits, the verdict or a recording cannot be used.
+    """
+    given = load_model(asked.spec, asked.trust)
+    limits = read_limits(asked.limits, given.simulator)
+    candidates = candidates_of(limits, given.simulator)
+    found = read_found(asked.verdict) if asked.verdict else None
+    if found is None:
+        raise BadInput("no verdict")
+    basis = _by_recordings(asked, given, limits, found, progress)
+    order = np.argsort([-h.log for h in basis.rivals], kind="stable")
+    settled, names = [basis.rivals[i] for i in order], [basis.names[i] for i in order]
+    hand = hand_of(settled, names, basis.ground, candidates, basis.clock)
+    best = proposed(hand, candidates, basis.clock, lambda share: progress("design", share))
+    again = of_recordings(basis.recordings, given.simulator) if len(settled) > 1 else []
+    old = [(one.says, trial) for one in again if (trial := tried(one, hand, basis.clock)) is not None]
+    return Designed(best, hand, limits, basis.beside, tuple((says, expected(hand, trial)) for says, trial in old))
+
+
+def candidates_of(limits: Limits, simulator: Simulator) -> list[Candidate]:
+    """Those that limits allow: the user's own, or drawn ones.
+
+    Raises:
+        BadInput: a run of the user's cannot be read, or leaves the limits.
+    """
+    if not limits.runs:
+        return drawn(simulator, limits)
+    listed = of_recordings(read_recordings(limits.runs, simulator), simulator)
+    for one in listed:
+        check_run(limits, one.says, one.u, simulator)
+    return listed
+
+
+class _Basis(NamedTuple):
+    """What a design rests on: rivals with their names, what is there besides, the noise, and recordings if any."""
+
+    rivals: list[Settled]
+    names: list[str]
+    beside: tuple[str, ...]
+    ground: Ground
+    clock: Clock
+    recordings: list[Recording]
+
+
+def _by_recordings(
+    asked: DesignRequest, given: Model, limits: Limits, found: Found, progress: Progress
+) -> _Basis:
+    simulator, settings = given.simulator, found.settings
+    (names, beside), catalogue = rivals_of(asked.rivals, found), asked.catalogue or settings["catalogue"]
+    own = load_catalogue(catalogue, simulator) if catalogue else ()
+    recordings = read_recordings([*found.recordings, *found.hold_out], simulator, settings["map"])
+    learnt, held = recordings[: len(found.recordings)], recordings[len(found.recordings) :]
+    period_s = float(np.median(np.concatenate([np.diff(r.time_s) for r in learnt])))
+    listed = only(whole_catalogue(simulator, own, period_s), [*names, *beside])
+    prior = [odds for odds in settings["prior"] if odds.rpartition("=")[0] in names]
+    told = read_told((), prior, settings["measured"], simulator)
+    engine = Asked(simulator, learnt, held, listed, given.faults, LINEAR if found.linear else HELD, told)
+    rivals, ground, seen = by_recordings(
+        engine, [(*beside, name) for name in names] or [beside], found.since_s, progress
+    )
+    clock = clock_of(seen.tracks, ground.noise, limits.sampling_s, found.linear)
+    return _Basis(rivals, list(names) or [""], beside, ground, clock, learnt)
+
+
+def clock_of(tracks: Sequence[Track], noise: SensorNoise, sampling_s: float, linear: bool) -> Clock:
+    """How an experiment is read: in blocks as long as the recordings', with the noise that theirs have.
+
+    Args:
+        sampling_s: between the experiment's samples; of fewer samples in a block the white noise is larger.
+    """
+    track = tracks[0]
+    samples = int(track.starts[1]) if len(track.starts) > 1 else 1
+    block = max(1, round(track.block_s / sampling_s))
+    longer = block * sampling_s / track.block_s
+    scaled = SensorNoise(noise.white * samples / block, noise.coloured, noise.memory / longer)
+    return Clock(max(float(t.time_s[-1]) for t in tracks) + track.block_s, block, linear, scaled)

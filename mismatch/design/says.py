@@ -1,0 +1,66 @@
+"""A proposal in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from twinbench.mismatch.design.choice import TIMES, Proposal
+from twinbench.mismatch.design.precision import gained
+from twinbench.mismatch.design.request import Designed
+from twinbench.mismatch.findings import probable
+from twinbench.mismatch.words import count, counted, listed, number, sentence, with_unit
+
+
+def headline(d: Designed) -> str:
+    """What to do, in one sentence."""
+    trial = d.proposal.trial
+    lasts = float(trial.candidate.time_s[-1] + d.limits.sampling_s)
+    how = f"{trial.candidate.says}, for {with_unit(lasts, 's')} with a sample every {with_unit(d.limits.sampling_s, 's')}"
+    if d.proposal.expected is None:
+        return sentence(f"nothing is contested, so make the experiment that tells most of the parameters: {how}")
+    return sentence(f"to tell {listed(d.hand.names)} apart, make {how}")
+
+
+def points(d: Designed) -> Iterator[str]:
+    """What it promises, one thing a point."""
+    p = d.proposal
+    if p.expected is None:
+        yield _precision(d)
+    else:
+        yield from _promises(p)
+        if p.enough_s < float(p.trial.track.time_s[-1] - p.trial.track.time_s[0]):
+            yield sentence(f"its first {with_unit(p.enough_s, 's')} promise as much")
+        yield from _again(d)
+    made = len(p.worth)
+    left_out = f"; {counted(p.left_out, 'other')} would leave the outputs' bounds" if p.left_out else ""
+    yield sentence(f"it is the best of {counted(made, 'experiment')} within the limits{left_out}")
+
+
+def _promises(p: Proposal) -> Iterator[str]:
+    assert p.expected is not None
+    right, wrong = p.expected.names
+    if p.scattered:
+        yield sentence(
+            f"no experiment within these limits settles it: the best adds {number(max(p.expected.worst, 0.0), 2)} nats for "
+            "the closest pair, and chance moves them further than that"
+        )
+    once = f"made once, it leaves the right name alone with probability {probable(right)}"
+    yield sentence(f"{once}, and a wrong one with probability {probable(wrong)}")
+    if p.times > 1:
+        yield sentence(f"make it {count(p.times)} times: the probability is then {probable(p.repeated)}")
+    elif p.times == 0:
+        yield sentence(f"even made {count(TIMES[-1])} times it would do so with probability {probable(p.repeated)} only")
+
+
+def _again(d: Designed) -> Iterator[str]:
+    if d.old:
+        says, best = max(d.old, key=lambda one: one[1].names[0])
+        yield sentence(f"with {says} made again the probability would be {probable(best.names[0])}")
+
+
+def _precision(d: Designed) -> str:
+    rival = d.hand.rivals[0]
+    names = [u.name for u in rival.problem.unknowns if u.recording == -1]
+    left = gained(d.hand, d.proposal.trial).shares
+    each = listed([f"{name} {number(100.0 * share, 2)} %" for name, share in zip(names, left, strict=True)])
+    return sentence(f"of the standard deviations it leaves: {each}")
