@@ -10,10 +10,11 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.design.candidates import Candidate
+from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Hand, at_hand
 from twinbench.mismatch.design.precision import gained
 from twinbench.mismatch.design.separation import Expected, expected, nats
-from twinbench.mismatch.design.trials import Clock, Trial, course_of, tried
+from twinbench.mismatch.design.trials import Trial, course_of, tried
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.name import common_fluxes
@@ -77,46 +78,73 @@ def hand_of(
     return at_hand(rivals, names, replace(ground, discrepancy=whole))
 
 
+@dataclass(frozen=True)
+class Ranked:
+    """Candidates that can be made, the best first.
+
+    Attributes:
+        made: these.
+        worth: (C,) of each, nats.
+        left_out: candidates that cannot be made.
+    """
+
+    hand: Hand
+    clock: Clock
+    made: tuple[Candidate, ...]
+    worth: Array
+    left_out: int
+
+    def finalists(self, many: int) -> list[Trial]:
+        """The best, tried once more: all of them at once would fill the memory."""
+        again = (tried(one, self.hand, self.clock) for one in self.made[:many])
+        return [trial for trial in again if trial is not None]
+
+
+def ranked(
+    hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
+) -> Ranked:
+    """Candidates by what they add for the closest pair of rivals; by what parameters gain where nothing is contested.
+
+    Raises:
+        BadInput: none of them can be made: the simulator leaves its outputs' bounds in all.
+    """
+    contested, found = len(hand.rivals) > 1, list[tuple[float, Candidate]]()
+    for k, one in enumerate(candidates):
+        trial = tried(one, hand, clock)
+        if trial is not None:
+            worth = Expected(nats(hand, trial), (0.0, 0.0)).worst if contested else gained(hand, trial).nats
+            found.append((worth, one))
+        progress((k + 1) / len(candidates))
+    if not found:
+        raise BadInput(
+            f"none of {len(candidates)} experiments can be made: the simulator leaves the bounds of its outputs in "
+            "all of them; narrow the limits of the inputs, or mend the bounds"
+        )
+    found.sort(key=lambda pair: -pair[0])
+    worth = np.array([worth for worth, _ in found])
+    return Ranked(hand, clock, tuple(one for _, one in found), worth, len(candidates) - len(found))
+
+
 def proposed(
     hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
 ) -> Proposal:
     """The best of candidates.
 
     Raises:
-        BadInput: none of them can be made: the simulator leaves its outputs' bounds in all.
+        BadInput: none of them can be made.
     """
-    contested = len(hand.rivals) > 1
-    worth, made = [], []
-    for k, one in enumerate(candidates):
-        trial = tried(one, hand, clock)
-        if trial is not None:
-            made.append(one)
-            worth.append(Expected(nats(hand, trial), (0.0, 0.0)).worst if contested else gained(hand, trial).nats)
-        progress(0.9 * (k + 1) / len(candidates))
-    if not made:
-        raise BadInput(
-            f"none of {len(candidates)} experiments can be made: the simulator leaves the bounds of its outputs in "
-            "all of them; narrow the limits of the inputs, or mend the bounds"
-        )
-    order = np.argsort(-np.array(worth), kind="stable")
-    left_out = len(candidates) - len(made)
-    if not contested:
-        best = _again(made[order[0]], hand, clock)
-        return Proposal(best, None, 1, np.nan, float(np.ptp(best.track.time_s)), np.array(worth), left_out)
-    finalists = [_again(made[i], hand, clock) for i in order[:FINALISTS]]
+    order = ranked(hand, candidates, clock, lambda share: progress(0.9 * share))
+    if len(hand.rivals) < 2:
+        (best,) = order.finalists(1)
+        return Proposal(best, None, 1, np.nan, float(np.ptp(best.track.time_s)), order.worth, order.left_out)
+    finalists = order.finalists(FINALISTS)
     looked_at = [expected(hand, trial) for trial in finalists]
+    # Chance decides between probabilities as near as this.
     k = max(range(len(finalists)), key=lambda i: (round(looked_at[i].names[0], 2), looked_at[i].worst))
     times, repeated = _how_often(hand, finalists[k], looked_at[k])
     enough_s = _how_long(hand, finalists[k], looked_at[k])
     progress(1.0)
-    return Proposal(finalists[k], looked_at[k], times, repeated, enough_s, np.array(worth), left_out)
-
-
-def _again(candidate: Candidate, hand: Hand, clock: Clock) -> Trial:
-    """A candidate that can be made, tried once more: all of them at once would fill the memory."""
-    trial = tried(candidate, hand, clock)
-    assert trial is not None
-    return trial
+    return Proposal(finalists[k], looked_at[k], times, repeated, enough_s, order.worth, order.left_out)
 
 
 def _how_often(hand: Hand, trial: Trial, once: Expected) -> tuple[int, float]:

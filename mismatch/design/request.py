@@ -14,20 +14,19 @@ from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked, Progress, silent
 from twinbench.mismatch.design.candidates import Candidate, drawn, of_recordings
 from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
+from twinbench.mismatch.design.clock import Clock, clock_of
 from twinbench.mismatch.design.found import Found, read_found, rivals_of
 from twinbench.mismatch.design.gather import by_recordings, only
 from twinbench.mismatch.design.hand import Hand
 from twinbench.mismatch.design.limits import Limits, check_run, read_limits
 from twinbench.mismatch.design.separation import Expected, expected
-from twinbench.mismatch.design.trials import Clock, tried
+from twinbench.mismatch.design.trials import tried
 from twinbench.mismatch.joining import HELD, LINEAR
 from twinbench.mismatch.model import Model, load_catalogue, load_model, whole_catalogue
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.recordings import read_recordings
-from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.told import read_told
-from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Simulator
 
 
@@ -132,17 +131,3 @@ def _by_recordings(
     )
     clock = clock_of(seen.tracks, ground.noise, limits.sampling_s, found.linear)
     return _Basis(rivals, list(names) or [""], beside, ground, clock, learnt)
-
-
-def clock_of(tracks: Sequence[Track], noise: SensorNoise, sampling_s: float, linear: bool) -> Clock:
-    """How an experiment is read: in blocks as long as the recordings', with the noise that theirs have.
-
-    Args:
-        sampling_s: between the experiment's samples; of fewer samples in a block the white noise is larger.
-    """
-    track = tracks[0]
-    samples = int(track.starts[1]) if len(track.starts) > 1 else 1
-    block = max(1, round(track.block_s / sampling_s))
-    longer = block * sampling_s / track.block_s
-    scaled = SensorNoise(noise.white * samples / block, noise.coloured, noise.memory / longer)
-    return Clock(max(float(t.time_s[-1]) for t in tracks) + track.block_s, block, linear, scaled)

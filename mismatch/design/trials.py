@@ -9,6 +9,7 @@ import numpy as np
 
 from twinbench.mismatch.course import Course
 from twinbench.mismatch.design.candidates import Candidate
+from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Folded, Hand, folded_out, functions_of, own_columns, own_of, shared
 from twinbench.mismatch.fit import ENDLESS, Problem
 from twinbench.mismatch.naming.ground import Ground
@@ -20,23 +21,6 @@ from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
-
-
-@dataclass(frozen=True)
-class Clock:
-    """How an experiment is sampled and read.
-
-    Attributes:
-        begin_s: when it begins, on the recordings' clock.
-        block: samples in a block, whose mean counts.
-        linear: do inputs go in lines from sample to sample?
-        noise: of those means.
-    """
-
-    begin_s: float
-    block: int
-    linear: bool
-    noise: SensorNoise
 
 
 class Shown(NamedTuple):

@@ -13,7 +13,8 @@ from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.choice import proposed
 from twinbench.mismatch.design.hand import Hand, at_hand
 from twinbench.mismatch.design.separation import nats
-from twinbench.mismatch.design.trials import Clock, tried
+from twinbench.mismatch.design.clock import Clock
+from twinbench.mismatch.design.trials import tried
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
@@ -138,4 +139,4 @@ def test_the_proposed_experiment_tells_apart_what_the_old_recordings_cannot():
     assert best.expected.names[0] > 0.95
     assert best.times == 1
     assert max(hand().probabilities) < 0.95
-    assert best.worth[0] < 0.5 < best.worth[1] < best.worth[2]
+    assert best.worth[2] < 0.5 < best.worth[1] < best.worth[0]
