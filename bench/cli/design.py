@@ -13,9 +13,9 @@ EXAMPLE = (
     "limits.toml says what may be done to the machine:\n"
     "  [experiment]\n  duration_s = 1200\n  sampling_s = 0.5\n"
     "  [inputs.pump_V]\n  low = 2.0\n  high = 6.5\n  rate_per_s = 0.5\n\n"
-    "DIR gets inputs.csv, the experiment's inputs, and design.json, which says what it promises."
+    "DIR gets inputs.csv, the experiment's inputs, a figure of it, and design.json, which says what it promises."
 )
-FILES = {"inputs.csv": "inputs", "design.json": "for programs"}
+FILES = {"inputs.csv": "inputs", "figures/experiment.png": "drawn", "design.json": "for programs"}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

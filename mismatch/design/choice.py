@@ -74,7 +74,11 @@ def hand_of(
     view = View.around(best.problem, best.z)
     some = candidates[:: max(1, len(candidates) // ANCHORED)]
     courses = [c for c in (course_of(best, one, clock, measured) for one in some) if np.isfinite(c.means).all()]
-    whole = discrepancy([*view.courses, *courses], typical_rates(moved(best.problem, best.z)), common_fluxes(view))
+    if view.courses:
+        rates, fluxes = typical_rates(moved(best.problem, best.z)), common_fluxes(view)
+    else:
+        rates, fluxes = typical_rates(best.problem.machine.simulator), common_fluxes(replace(view, courses=courses[:1]))
+    whole = discrepancy([*view.courses, *courses], rates, fluxes)
     return at_hand(rivals, names, replace(ground, discrepancy=whole))
 
 

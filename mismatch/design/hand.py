@@ -78,9 +78,15 @@ class Hand:
 
     @cached_property
     def truths(self) -> list[tuple[Array, Array]]:
-        """Of each rival the posterior of its L unknowns: mean (L,) from where they stand, and a root (L, L), in sds."""
+        """Of each rival the posterior of its L unknowns: mean (L,) from where they stand, and a root (L, k), in sds.
+
+        Without recordings a rival is what it stands at: far from there its linearised run says nothing.
+        """
         found = []
         for known, s in zip(self.known, self.s, strict=True):
+            if not self.rivals[0].problem.tracks:
+                found.append((np.zeros(len(known.b)), np.zeros((len(known.b), 1))))
+                continue
             precision = self.precision(known, s)
             A = known.G + np.diag(precision)
             right = known.b + np.concatenate((known.mean, np.zeros(len(self.group))))

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from twinbench.common.errors import BadInput
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked, Progress, silent
+from twinbench.mismatch.design.added import Added, sensors
 from twinbench.mismatch.design.candidates import Candidate, drawn, of_recordings
 from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
 from twinbench.mismatch.design.clock import Clock, clock_of
@@ -21,6 +21,7 @@ from twinbench.mismatch.design.hand import Hand
 from twinbench.mismatch.design.limits import Limits, check_run, read_limits
 from twinbench.mismatch.design.separation import Expected, expected
 from twinbench.mismatch.design.trials import tried
+from twinbench.mismatch.design.unseen import without_recordings
 from twinbench.mismatch.joining import HELD, LINEAR
 from twinbench.mismatch.model import Model, load_catalogue, load_model, whole_catalogue
 from twinbench.mismatch.naming.ground import Ground
@@ -51,19 +52,28 @@ class DesignRequest:
     trust: bool = False
 
 
+class Again(NamedTuple):
+    """What an old recording promises if its inputs are made again, and with which sensor added."""
+
+    says: str
+    expected: Expected
+    added: tuple[Added, ...]
+
+
 class Designed(NamedTuple):
     """A proposal with all that it rests on.
 
     Attributes:
         beside: names of what is there besides the rivals.
-        old: what each recording at hand promises if its inputs are made again.
+        old: what the recordings at hand promise if their inputs are made again, the best first.
     """
 
     proposal: Proposal
     hand: Hand
+    clock: Clock
     limits: Limits
     beside: tuple[str, ...]
-    old: tuple[tuple[str, Expected], ...]
+    old: tuple[Again, ...]
 
 
 def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
@@ -75,17 +85,32 @@ def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
     given = load_model(asked.spec, asked.trust)
     limits = read_limits(asked.limits, given.simulator)
     candidates = candidates_of(limits, given.simulator)
-    found = read_found(asked.verdict) if asked.verdict else None
-    if found is None:
-        raise BadInput("no verdict")
-    basis = _by_recordings(asked, given, limits, found, progress)
+    if asked.verdict is None:
+        basis = _without(asked, given, limits, candidates)
+    else:
+        basis = _by_recordings(asked, given, limits, read_found(asked.verdict), progress)
     order = np.argsort([-h.log for h in basis.rivals], kind="stable")
     settled, names = [basis.rivals[i] for i in order], [basis.names[i] for i in order]
     hand = hand_of(settled, names, basis.ground, candidates, basis.clock)
     best = proposed(hand, candidates, basis.clock, lambda share: progress("design", share))
-    again = of_recordings(basis.recordings, given.simulator) if len(settled) > 1 else []
-    old = [(one.says, trial) for one in again if (trial := tried(one, hand, basis.clock)) is not None]
-    return Designed(best, hand, limits, basis.beside, tuple((says, expected(hand, trial)) for says, trial in old))
+    old = tuple(_again(hand, basis)) if len(settled) > 1 else ()
+    return Designed(best, hand, basis.clock, limits, basis.beside, old)
+
+
+def _again(hand: Hand, basis: _Basis) -> Iterator[Again]:
+    """What the recordings at hand promise if their inputs are made again, the best one with added sensors too."""
+    made = []
+    for one, clock in zip(of_recordings(basis.recordings, _simulator(hand)), basis.clocks, strict=True):
+        trial = tried(one, hand, clock)
+        if trial is not None:
+            made.append((expected(hand, trial), one, clock))
+    made.sort(key=lambda of: -of[0].names[0])
+    for k, (promised, one, clock) in enumerate(made):
+        yield Again(one.says, promised, tuple(sensors(one, hand, clock)) if not k else ())
+
+
+def _simulator(hand: Hand) -> Simulator:
+    return hand.rivals[0].problem.machine.simulator
 
 
 def candidates_of(limits: Limits, simulator: Simulator) -> list[Candidate]:
@@ -103,7 +128,7 @@ def candidates_of(limits: Limits, simulator: Simulator) -> list[Candidate]:
 
 
 class _Basis(NamedTuple):
-    """What a design rests on: rivals with their names, what is there besides, the noise, and recordings if any."""
+    """What a design rests on: rivals with their names, what is there besides, the noise, and recordings with clocks."""
 
     rivals: list[Settled]
     names: list[str]
@@ -111,6 +136,7 @@ class _Basis(NamedTuple):
     ground: Ground
     clock: Clock
     recordings: list[Recording]
+    clocks: list[Clock]
 
 
 def _by_recordings(
@@ -129,5 +155,17 @@ def _by_recordings(
     rivals, ground, seen = by_recordings(
         engine, [(*beside, name) for name in names] or [beside], found.since_s, progress
     )
-    clock = clock_of(seen.tracks, ground.noise, limits.sampling_s, found.linear)
-    return _Basis(rivals, list(names) or [""], beside, ground, clock, learnt)
+    clock, *clocks = (
+        clock_of(seen.tracks, ground.noise, sampling_s, found.linear)
+        for sampling_s in (limits.sampling_s, *(float(np.median(np.diff(r.time_s))) for r in learnt))
+    )
+    return _Basis(rivals, list(names) or [""], beside, ground, clock, learnt, clocks)
+
+
+def _without(asked: DesignRequest, given: Model, limits: Limits, candidates: Sequence[Candidate]) -> _Basis:
+    own = load_catalogue(asked.catalogue, given.simulator) if asked.catalogue else ()
+    names = tuple(dict.fromkeys(asked.rivals))
+    listed = only(whole_catalogue(given.simulator, own, limits.sampling_s), names)
+    linear = given.inputs == LINEAR
+    rivals, ground, clock = without_recordings(given.simulator, given.faults, listed, limits, candidates, linear)
+    return _Basis(rivals, list(names) or [""], (), ground, clock, [], [])

@@ -53,9 +53,15 @@ def _promises(p: Proposal) -> Iterator[str]:
 
 
 def _again(d: Designed) -> Iterator[str]:
-    if d.old:
-        says, best = max(d.old, key=lambda one: one[1].names[0])
-        yield sentence(f"with {says} made again the probability would be {probable(best.names[0])}")
+    if not d.old:
+        return
+    best = d.old[0]
+    yield sentence(f"with {best.says} made again the probability would be {probable(best.expected.names[0])}")
+    if best.added:
+        one = best.added[0]
+        yield sentence(
+            f"with these inputs and a sensor of {one.state} added it would be {probable(one.expected.names[0])}"
+        )
 
 
 def _precision(d: Designed) -> str:

@@ -103,7 +103,7 @@ def expected(hand: Hand, trial: Trial, times: int = 1) -> Expected:
     base, right, wrong = truths(hand, trial), 0.0, 0.0
     for true, probability in enumerate(hand.probabilities):
         _, root = hand.truths[true]
-        unknown = trial.kept(true) @ (root @ rng.standard_normal((len(root), DRAWS)))
+        unknown = trial.kept(true) @ (root @ rng.standard_normal((root.shape[1], DRAWS)))
         noise = rng.standard_normal(unknown.shape) / np.sqrt(times)  # their mean says all that they say together
         readings = base[:, [true]] + unknown + noise
         logs = np.stack([hand.logs[k] + gain(hand, k, Part(*trial.folded(k, readings)), times) for k in range(m)])

@@ -12,7 +12,6 @@ from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Folded, Hand, folded_out, functions_of, own_columns, own_of, shared
 from twinbench.mismatch.fit import ENDLESS, Problem
-from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.input_noise import InputNoise, Moves
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View
@@ -94,22 +93,77 @@ def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
     track = track_of(candidate, clock, hand.measured)
     shown, functions = [], np.empty((0, 0))
     for k, rival in enumerate(hand.rivals):
-        view, common = View.around(*_begun(rival, track)), shared(rival)
-        readings = -view.residuals[0]
+        problem, z = _begun(rival, track)
+        readings = problem.machine.run(problem.setting(0, z, problem.machine.grid(track)), blocks=True)
         if not _allowed(readings, hand):
             return None
-        parts = [*own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])]
-        if not k:
-            parts += functions_of(view, hand.ground)
-        columns = np.concatenate(parts, axis=2)
-        if not np.abs(columns).max(initial=0.0) < ENDLESS:
+        made = _shown(problem, z, hand, k, clock.noise)
+        if made is None:
             return None
-        white = _whitened(view, columns, hand.ground, clock.noise)
-        alone = np.flatnonzero([u.recording == 0 for u in view.problem.unknowns])
-        many = parts[0].shape[2]
-        shown.append(Shown(white[:, :many], alone, -white[:, -1], readings))
-        functions = functions if k else white[:, many:-1]
+        shown.append(made[0])
+        functions = functions if k else made[1]
     return Trial(candidate, tuple(shown), functions, track)
+
+
+def _shown(
+    problem: Problem, z: Array, hand: Hand, k: int, noise: SensorNoise
+) -> tuple[Shown, Array] | None:
+    """What a problem shows under rival k, and whitened columns of the discrepancy under the first; None beyond numbers."""
+    view, rival = View.around(problem, z), hand.rivals[k]
+    common = shared(rival)
+    parts = own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])
+    many = parts[0].shape[2]
+    if not k:
+        parts += functions_of(view, hand.ground)
+    columns = np.concatenate(parts, axis=2)
+    if not np.abs(columns).max(initial=0.0) < ENDLESS:
+        return None
+    white = _whitened(view, columns, noise)
+    alone = np.flatnonzero([u.recording == 0 for u in problem.unknowns])
+    return Shown(white[:, :many], alone, -white[:, -1], -view.residuals[0]), white[:, many:-1]
+
+
+class Foretold(NamedTuple):
+    """What a rival foretells of an experiment: block means (B, ny) and their sds, noise apart, in the outputs' units."""
+
+    means: Array
+    sds: Array
+
+
+def foretold(candidate: Candidate, hand: Hand, clock: Clock) -> list[Foretold]:
+    """The readings that each rival foretells, with what the recordings leave open of it."""
+    track, found, functions = track_of(candidate, clock, hand.measured), [], np.empty(0)
+    for k, rival in enumerate(hand.rivals):
+        view, common = View.around(*_begun(rival, track)), shared(rival)
+        (own,) = own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])
+        functions = functions if k else functions_of(view, hand.ground)[0]
+        alone = np.flatnonzero([u.recording == 0 for u in view.problem.unknowns])
+        kept = np.delete(np.concatenate((own, functions), axis=2), alone, axis=2)
+        mean, root = hand.truths[k]
+        found.append(Foretold(kept @ mean - view.residuals[0], np.sqrt(np.sum((kept @ root) ** 2, axis=2))))
+    return found
+
+
+def with_sensor(trial: Trial, hand: Hand, clock: Clock, state: int, sd: float) -> Trial | None:
+    """An experiment on paper with one sensor more, of a state.
+
+    Args:
+        sd: of the sensor's noise in block means, in the state's unit.
+    """
+    shown, functions = [], np.empty((0, 0))
+    for k, (rival, before) in enumerate(zip(hand.rivals, trial.shown, strict=True)):
+        machine = rival.problem.machine.reading_states()
+        track = track_of(trial.candidate, clock, np.arange(len(machine.states)) == state)
+        problem, z = _begun(rival, track)
+        white = SensorNoise(*(np.full(len(machine.states), v) for v in (sd**2, 1e-6 * sd**2, 1.0)))
+        made = _shown(replace(problem, machine=machine), z, hand, k, white)
+        if made is None:
+            return None
+        more = made[0]
+        own, readings = np.concatenate((before.own, more.own)), np.concatenate((before.white, more.white))
+        shown.append(before._replace(own=own, white=readings))
+        functions = functions if k else np.concatenate((trial.functions, made[1]))
+    return Trial(trial.candidate, tuple(shown), functions, trial.track)
 
 
 def course_of(rival: Settled, candidate: Candidate, clock: Clock, measured: np.ndarray) -> Course:
@@ -118,12 +172,19 @@ def course_of(rival: Settled, candidate: Candidate, clock: Clock, measured: np.n
     return problem.course(0, z)
 
 
+def states_of(rival: Settled, candidate: Candidate, clock: Clock) -> Array:
+    """(B, nx) states along a rival's run of an experiment, in their units; effects' own last."""
+    problem, z = _begun(rival, track_of(candidate, clock, np.ones(len(rival.problem.machine.simulator.outputs), bool)))
+    return problem.states(0, z)
+
+
 def _begun(rival: Settled, track: Track) -> tuple[Problem, Array]:
     """An experiment that begins at rest as a problem of its own, and where its unknowns stand under a rival."""
     learnt, common = rival.problem, shared(rival)
     unknowns = (*(learnt.unknowns[k] for k in common), *own_of(rival, track))
     z = np.concatenate((rival.z[common], [u.mean for u in unknowns[len(common) :]]))
-    start = learnt.machine.start(replace(track, y=np.full_like(track.y, np.nan)))
+    unread = np.full((len(track.time_s), len(learnt.machine.simulator.outputs)), np.nan)
+    start = learnt.machine.start(replace(track, y=unread))
     problem = Problem(learnt.machine, [track], unknowns, learnt.sd, [start], learnt.theta)
     return replace(problem, starts=[_rested(problem, z)]), z
 
@@ -145,7 +206,7 @@ def _allowed(readings: Array, hand: Hand) -> bool:
     return bool(np.isfinite(seen).all() and (seen >= low).all() and (seen <= high).all())
 
 
-def _whitened(view: View, columns: Array, ground: Ground, noise: SensorNoise) -> Array:
+def _whitened(view: View, columns: Array, noise: SensorNoise) -> Array:
     """Columns and last the residuals, whitened; with what a measured input's noise does, if one is measured."""
     (residual,), sds = view.residuals, view.problem.machine.input_sds
     white = noise.beside(columns, residual)

@@ -9,13 +9,16 @@ from typing import Any
 import pandas as pd
 
 from twinbench.common.documents import made_from, read_file, to_json
+from twinbench.common.page import Drawing, write_figures
 from twinbench.common.store import write_text
 from twinbench.data.recording import TIME
 from twinbench.mismatch.design import says
+from twinbench.mismatch.design.figure import experiment
 from twinbench.mismatch.design.request import Designed, DesignRequest
 from twinbench.mismatch.model import made_of
 from twinbench.mismatch.seed import ENGINE_SEED
 
+CAPTION = "The proposed inputs, and what each rival foretells of the output that tells most."
 DESIGN_VERSION = 1
 """Of the form of ``design.json``. It rises when a field goes, or changes its type or what it means."""
 
@@ -53,7 +56,17 @@ def document_of(d: Designed, asked: DesignRequest) -> dict[str, Any]:
             "right_name_repeated": p.repeated,
             "settles": not p.scattered,
         },
-        "again": [{"says": told, "right_name": old.names[0], "worst_nats": old.worst} for told, old in d.old],
+        "again": [
+            {
+                "says": old.says,
+                "right_name": old.expected.names[0],
+                "worst_nats": old.expected.worst,
+                "sensors": [
+                    {"state": a.state, "noise_sd": a.sd, "right_name": a.expected.names[0]} for a in old.added
+                ],
+            }
+            for old in d.old
+        ],
         "candidates": {"made": len(p.worth), "left_out": p.left_out, "nats": sorted(p.worth, reverse=True)},
         "provenance": _provenance(asked),
     }
@@ -74,8 +87,8 @@ def _provenance(asked: DesignRequest) -> dict[str, Any]:
     return made_from(settings, files)
 
 
-def write_design(d: Designed, document: dict[str, Any], out: Path) -> list[Path]:
-    """Write ``inputs.csv`` and ``design.json`` into a folder; the files.
+def write_design(d: Designed, document: dict[str, Any], out: Path) -> None:
+    """Write ``inputs.csv``, ``design.json`` and ``figures/`` into a folder.
 
     Raises:
         CannotWrite: the folder cannot be written to.
@@ -86,7 +99,8 @@ def write_design(d: Designed, document: dict[str, Any], out: Path) -> list[Path]
         table[v.name] = candidate.u[:, k]
     write_text(out / "inputs.csv", table.to_csv(index=False, float_format="%.8g"))
     write_text(out / "design.json", to_json(document) + "\n")
-    return [out / "inputs.csv", out / "design.json"]
+    drawing = Drawing("experiment", CAPTION, experiment(d), "")
+    write_figures(out / "figures", [drawing])
 
 
 def to_text(d: Designed, width: int = 80) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from twinbench.proof.concealed.record import recorded
 from twinbench.proof.concealed.severity import Take, readings
 from twinbench.proof.twins import simulator_of
 
-NARROW = 0.1, 0.5
+NARROW = 0.15, 0.6
 """Share of the usual movement of the inputs that a narrow recording has; drawn evenly."""
 RECORDED = 2
 """Narrow recordings that are learnt from at most; one is held back."""
@@ -31,7 +31,7 @@ class Concealed:
     """A machine with one effect that its twin lacks.
 
     Attributes:
-        truth: as the generator seals it, with what the ideal observer says of ordinary recordings.
+        truth: as the generator seals it, but for what the ideal observer says.
         parameters: (np,) of the law, the effect's amplitude among them, each in its unit.
         narrow: inputs (N, nu) of the recordings at hand, the last one held back.
         limits: what ordinary recordings do.
@@ -83,14 +83,14 @@ def concealed(item: Item, seed: int) -> Concealed:
     Raises:
         FloatingPointError: it diverges.
     """
-    machine, case = machine_of(item.machine, seed), draw(item, seed)
+    machine, case = machine_of(item.machine, seed), draw(item, seed, observed=False)
     (effect,) = case.truth["effects"]
     named = machine.effect(effect["name"])
     p = machine.p(**case.truth["parameters"])
     p[machine.at(named.slot)] = effect["amplitude"]
     public = case.public
     twin = simulator_of(public["simulator"], public.get("network", {})).with_values(**public["values"])
-    twin = _calibrated(twin, public["calibrate"])
+    twin = replace(twin, calibrate=tuple(public["calibrate"]), drifts=())
     rng = stream(seed, "narrow", item.case, item.machine)
     seconds = machine.seconds["train"][0]
     wide = [machine.operate(rng, seconds, "train") for _ in range(3)]
@@ -104,7 +104,6 @@ def concealed(item: Item, seed: int) -> Concealed:
     return Concealed(machine, twin, case.truth, p, narrow, limits, seed)
 
 
-def _calibrated(twin: Simulator, names: list[str]) -> Simulator:
-    from dataclasses import replace
-
-    return replace(twin, calibrate=tuple(names), drifts=())
+def observed_truth(item: Item, seed: int) -> dict[str, Any]:
+    """The truth of a machine, with what the ideal observer makes of ordinary recordings of it."""
+    return dict(draw(item, seed).truth)

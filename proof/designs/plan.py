@@ -11,7 +11,7 @@ from twinbench.data.scenario import stream
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.machines import machines
 
-SEVERITIES = 0.5, 3.0
+PLAIN_SEVERITIES = 1.0, 10.0
 """Range that severities on ordinary recordings are drawn from, evenly in their logarithm: what is left of it in narrow
 ones has to be seen."""
 AT_RANDOM = 8
@@ -24,7 +24,7 @@ def drawn_items(draws: int, seed: int) -> list[Item]:
     effects = {name: _endless(name, [e.name for e in m.effects], seed) for name, m in known.items()}
     rng, found = stream(seed, "designs"), []
     for i, name in zip(range(draws), itertools.cycle(known), strict=False):
-        severity = float(np.round(np.exp(rng.uniform(*np.log(SEVERITIES))), 4))
+        severity = float(np.round(np.exp(rng.uniform(*np.log(PLAIN_SEVERITIES))), 4))
         found.append(Item(f"{i:04d}", "mechanism", name, (next(effects[name]),), severity))
     return found
 

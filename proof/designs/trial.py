@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,13 @@ from twinbench.data.scenario import stream
 from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.design.candidates import drawn
 from twinbench.mismatch.design.choice import Proposal
+from twinbench.mismatch.design.contested import contested
 from twinbench.mismatch.design.within import within
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import claims
 from twinbench.proof.concealed.outcome import outcome
-from twinbench.proof.designs.concealed import Concealed, concealed
+from twinbench.proof.designs.concealed import Concealed, concealed, observed_truth
 
 ARMS = ("proposed", "random", "repeated")
 """The proposed experiment, one of the feasible ones by chance, and the inputs of the recordings at hand once more."""
@@ -60,13 +62,18 @@ def kept(path: Path, key: str = "") -> dict[str, Any] | None:
 def _tried(item: Item, seed: int) -> dict[str, Any]:
     machine = concealed(item, seed)
     about = {"machine": item.machine, "effect": item.effects[0], "severity": item.severity}
-    if not machine.truth["detectable"]:
-        return {"status": "not separable", **about}
     at_hand = machine.at_hand()
     first = diagnose(machine.twin, at_hand[:-1], hold_out=at_hand[-1:])
+    if contested(first.diagnosis.claims) is None:
+        return {"status": "no set", **about}
+    # The ideal observer takes long, and most verdicts are no sets.
+    machine = replace(machine, truth=observed_truth(item, seed))
     before = judged(machine.truth, first)
-    if before != "set" or not _is_contested(first):
-        return {"status": "no set", "before": before, **about}
+    about = {"before": before, "names": [list(f.names) for f in first.findings], **about}
+    if before != "set":
+        return {"status": "another set", **about}
+    if not machine.truth["detectable"]:
+        return {"status": "not separable", **about}
     found = within(first.diagnosis, machine.limits)
     if found is None:
         return {"status": "no proposal", **about}
@@ -88,10 +95,6 @@ def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:
     """What a verdict comes to, in a word of ``outcome``."""
     found = claims(verdict.to_dict())
     return outcome(truth, [c.names for c in found], [c.ports for c in found])
-
-
-def _is_contested(verdict: Verdict) -> bool:
-    return any(len(f.names) > 1 for f in verdict.findings)
 
 
 def _in_turn(machine: Concealed, at_hand: Sequence[Recording], first: Proposal) -> tuple[list[str], int]:
