@@ -22,6 +22,8 @@ MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
 ONE_PERIOD = 1.2
 """Longest over shortest period of a band that is told as one period: periods of a machine lie further apart."""
+HARDLY_EVER = 0.05
+"""Probability of a name below which an experiment is not told."""
 NAMED_IN_ONE = 3
 """Recordings that a sentence names one by one."""
 
@@ -200,7 +202,18 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
         if d.simulator.inputs
         else "from other starts than these recordings', and for longer"
     )
-    return f"To tell {first} from {second}, record where their effects differ: {how}."
+    return f"To tell {first} from {second}, record where their effects differ: {how}.{_experiment(d, sets[0].names)}"
+
+
+def _experiment(d: Diagnosis, names: Sequence[str]) -> str:
+    """The best experiment where the inputs were already, if one was looked for."""
+    best = d.experiment
+    if best is None or not set(best.rivals) <= set(names):
+        return ""
+    if best.probability < HARDLY_EVER:
+        return " No experiment where the inputs were already would do it."
+    says = f"where the inputs were already, the best is {best.says}, which leaves the right name alone with probability"
+    return f" {sentence(f'{says} {probable(best.probability)}')}"
 
 
 def _self_check(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:

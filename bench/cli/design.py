@@ -60,8 +60,10 @@ def run(a: argparse.Namespace) -> int:
         designed = design(asked, progress.report)
     document = document_of(designed, asked)
     write_design(designed, document, a.out)
-    print(to_json(document) if a.json else to_text(designed, get_terminal_size().columns), file=a.stdout if a.json else None)
-    if not a.json:
-        for name, told in FILES.items():
-            print(f"{told}: {(a.out / name).resolve()}")
+    if a.json:
+        print(to_json(document), file=a.stdout)
+        return 0
+    print(to_text(designed, get_terminal_size().columns))
+    for name, told in FILES.items():
+        print(f"{told}: {(a.out / name).resolve()}")
     return 0

@@ -17,7 +17,7 @@ from twinbench.physics.simulator import Array, Simulator
 
 LEAST_MOVE = 0.3
 """Share of an input's range that a candidate moves it by, at least."""
-SLOWEST, FASTEST, SAMPLES_OF_A_PERIOD = 2.0, 100.0, 10.0
+FEWEST_PERIODS, MOST_PERIODS, SAMPLES_OF_A_PERIOD = 2.0, 100.0, 10.0
 """Periods in an experiment of the slowest and the fastest oscillation, and samples that a period has at least."""
 
 
@@ -125,8 +125,10 @@ def _ramp(time_s: Array, rng: np.random.Generator) -> _Course:
 
 def _periods(time_s: Array, rng: np.random.Generator) -> tuple[float, float]:
     """The slowest and the fastest oscillation of an experiment, in periods of it."""
-    most = min(FASTEST, len(time_s) / SAMPLES_OF_A_PERIOD)
-    return SLOWEST, float(np.exp(rng.uniform(np.log(2.0 * SLOWEST), np.log(max(most, 3.0 * SLOWEST)))))
+    most = min(MOST_PERIODS, len(time_s) / SAMPLES_OF_A_PERIOD)
+    return FEWEST_PERIODS, float(
+        np.exp(rng.uniform(np.log(2.0 * FEWEST_PERIODS), np.log(max(most, 3.0 * FEWEST_PERIODS))))
+    )
 
 
 def _multisine(time_s: Array, rng: np.random.Generator) -> _Course:

@@ -15,7 +15,7 @@ from twinbench.physics.simulator import Array
 
 LOOKS = ((BLUE, "-"), (VERMILION, (0, (3.5, 1.2))), ("#009E73", (0, (1.2, 1.2))))
 """Colour and line of each rival."""
-ROW_MM = 34.0
+PANEL_MM = 34.0
 
 
 @styled
@@ -23,7 +23,7 @@ def experiment(d: Designed) -> Figure:
     """Inputs that move, then the output that tells most: what rivals foretell, and how far that is from the first's."""
     candidate, simulator = d.proposal.trial.candidate, d.hand.rivals[0].problem.machine.simulator
     moving = [k for k in range(len(simulator.inputs)) if np.ptp(candidate.u[:, k]) > 0.0]
-    figure = canvas(PAGE_MM, ROW_MM * (len(moving) + 2))
+    figure = canvas(PAGE_MM, PANEL_MM * (len(moving) + 2))
     rows = figure.subplots(len(moving) + 2, 1, sharex=True, squeeze=False)[:, 0]
     some = thin(len(candidate.time_s), MOST_POINTS)
     for axes, k in zip(rows, moving, strict=False):

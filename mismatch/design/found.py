@@ -61,7 +61,8 @@ def read_found(path: Path) -> Found:
         sure = tuple(f["mechanism"] for f in single if not f["mechanism"].startswith((ROUNDS, STANDS_STILL)))
         paths = [(_unchanged(f, path), bool(f["held_out"])) for f in files]
     except (KeyError, TypeError, AttributeError) as error:
-        raise BadInput(f"{path}: is no verdict.json of this version: {shown(str(error))}; run mismatch again") from error
+        missing = shown(str(error))
+        raise BadInput(f"{path}: is no verdict.json of this version: {missing}; run mismatch again") from error
     joined = {join.resolve() for one, _ in paths for join in sidecar_of(one).join}
     own = [(one, held) for one, held in paths if one.resolve() not in joined]
     return Found(
@@ -86,7 +87,8 @@ def _document(path: Path) -> dict[str, Any]:
     try:
         read = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error.strerror}; give the verdict.json that mismatch wrote") from error
+        why = error.strerror
+        raise BadInput(f"{path}: cannot be read: {why}; give the verdict.json that mismatch wrote") from error
     except (ValueError, RecursionError) as error:
         raise BadInput(f"{path}: is not JSON; give the verdict.json that mismatch wrote") from error
     if not isinstance(read, dict):

@@ -72,7 +72,7 @@ def read_limits(path: Path, simulator: Simulator) -> Limits:
     ranges = [_range(inputs, name, path) for name in names]
     duration_s, sampling_s = (_number(experiment, key, f"{path}: [experiment]") for key in ("duration_s", "sampling_s"))
     if not 0.0 < sampling_s < duration_s < math.inf:
-        raise BadInput(f"{path}: [experiment]: sampling_s must be above 0 and less than duration_s; mend one of the two")
+        raise BadInput(f"{path}: [experiment]: sampling_s must be above 0 and less than duration_s; mend one of them")
     samples = round(duration_s / sampling_s)
     if not FEWEST_SAMPLES <= samples <= MOST_SAMPLES:
         raise BadInput(

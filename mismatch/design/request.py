@@ -139,9 +139,7 @@ class _Basis(NamedTuple):
     clocks: list[Clock]
 
 
-def _by_recordings(
-    asked: DesignRequest, given: Model, limits: Limits, found: Found, progress: Progress
-) -> _Basis:
+def _by_recordings(asked: DesignRequest, given: Model, limits: Limits, found: Found, progress: Progress) -> _Basis:
     simulator, settings = given.simulator, found.settings
     (names, beside), catalogue = rivals_of(asked.rivals, found), asked.catalogue or settings["catalogue"]
     own = load_catalogue(catalogue, simulator) if catalogue else ()

@@ -14,8 +14,9 @@ from twinbench.mismatch.words import count, counted, listed, number, sentence, w
 def headline(d: Designed) -> str:
     """What to do, in one sentence."""
     trial = d.proposal.trial
-    lasts = float(trial.candidate.time_s[-1] + d.limits.sampling_s)
-    how = f"{trial.candidate.says}, for {with_unit(lasts, 's')} with a sample every {with_unit(d.limits.sampling_s, 's')}"
+    every = d.limits.sampling_s
+    lasts = float(trial.candidate.time_s[-1] + every)
+    how = f"{trial.candidate.says}, for {with_unit(lasts, 's')} with a sample every {with_unit(every, 's')}"
     if d.proposal.expected is None:
         return sentence(f"nothing is contested, so make the experiment that tells most of the parameters: {how}")
     return sentence(f"to tell {listed(d.hand.names)} apart, make {how}")
@@ -38,18 +39,19 @@ def points(d: Designed) -> Iterator[str]:
 
 def _promises(p: Proposal) -> Iterator[str]:
     assert p.expected is not None
-    right, wrong = p.expected.names
+    (right, wrong), added = p.expected.names, number(max(p.expected.worst, 0.0), 2)
     if p.scattered:
         yield sentence(
-            f"no experiment within these limits settles it: the best adds {number(max(p.expected.worst, 0.0), 2)} nats for "
-            "the closest pair, and chance moves them further than that"
+            f"no experiment within these limits settles it: the best adds {added} nats for the closest pair, and "
+            "chance moves them further than that"
         )
     once = f"made once, it leaves the right name alone with probability {probable(right)}"
     yield sentence(f"{once}, and a wrong one with probability {probable(wrong)}")
     if p.times > 1:
         yield sentence(f"make it {count(p.times)} times: the probability is then {probable(p.repeated)}")
     elif p.times == 0:
-        yield sentence(f"even made {count(TIMES[-1])} times it would do so with probability {probable(p.repeated)} only")
+        most = count(TIMES[-1])
+        yield sentence(f"even made {most} times it would do so with probability {probable(p.repeated)} only")
 
 
 def _again(d: Designed) -> Iterator[str]:
@@ -64,9 +66,13 @@ def _again(d: Designed) -> Iterator[str]:
         )
 
 
-def _precision(d: Designed) -> str:
-    rival = d.hand.rivals[0]
-    names = [u.name for u in rival.problem.unknowns if u.recording == -1]
+def left_over(d: Designed) -> list[tuple[str, float]]:
+    """Each parameter of the first rival, and the share of its standard deviation that the experiment leaves."""
+    names = [u.name for u in d.hand.rivals[0].problem.unknowns if u.recording == -1]
     left = gained(d.hand, d.proposal.trial).shares
-    each = listed([f"{name} {number(100.0 * share, 2)} %" for name, share in zip(names, left, strict=True)])
-    return sentence(f"of the standard deviations it leaves: {each}")
+    return [(name, float(share)) for name, share in zip(names, left, strict=True)]
+
+
+def _precision(d: Designed) -> str:
+    each = listed([f"{name} {number(100.0 * share, 2)} %" for name, share in left_over(d)])
+    return sentence(f"of the parameters' standard deviations it leaves: {each}")

@@ -22,9 +22,9 @@ from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.physics.simulator import Array
 
 GROWN_PCT = (0.0, 0.1, 0.3, 0.7)
-"""Sizes, in per cent, that the discrepancy may at least have beside a rival, up to its prior's sd: the likeliest counts.
-So the engine learns it anew when the experiment was made."""
-DRAWS = 100
+"""Sizes, in per cent, that the discrepancy may at least have beside a rival, up to its prior's sd: the likeliest one
+counts, since the engine learns it anew when the experiment was made."""
+EXPERIMENTS = 100
 """Simulated experiments: a probability of .9 is known to 3 points."""
 
 
@@ -62,7 +62,7 @@ def truths(hand: Hand, trial: Trial) -> Array:
 
 
 def nats(hand: Hand, trial: Trial, times: int = 1) -> Array:
-    """(m, m) nats that the experiment, made so often, adds for a true rival (row) over another (column), noise apart."""
+    """(m, m) nats that the experiment, made so often, adds for a true rival (row) over another (column)."""
     readings = truths(hand, trial)
     gained = np.stack([gain(hand, k, Part(*trial.folded(k, readings)), times) for k in range(len(hand.rivals))], axis=1)
     return gained.diagonal()[:, None] - gained
@@ -103,7 +103,7 @@ def expected(hand: Hand, trial: Trial, times: int = 1) -> Expected:
     base, right, wrong = truths(hand, trial), 0.0, 0.0
     for true, probability in enumerate(hand.probabilities):
         _, root = hand.truths[true]
-        unknown = trial.kept(true) @ (root @ rng.standard_normal((root.shape[1], DRAWS)))
+        unknown = trial.kept(true) @ (root @ rng.standard_normal((root.shape[1], EXPERIMENTS)))
         noise = rng.standard_normal(unknown.shape) / np.sqrt(times)  # their mean says all that they say together
         readings = base[:, [true]] + unknown + noise
         logs = np.stack([hand.logs[k] + gain(hand, k, Part(*trial.folded(k, readings)), times) for k in range(m)])

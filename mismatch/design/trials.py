@@ -21,7 +21,6 @@ from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
 
-
 class Shown(NamedTuple):
     """What an experiment shows under one rival.
 
@@ -83,9 +82,7 @@ def track_of(candidate: Candidate, clock: Clock, measured: np.ndarray) -> Track:
     """An experiment's blocks; its readings are nothing, and missing where no sensor is."""
     y = np.where(measured, 0.0, np.nan) * np.ones((len(candidate.time_s), 1))
     starts = np.arange(0, len(y), clock.block)
-    return Track(
-        "experiment", candidate.time_s + clock.begin_s, candidate.u, y, starts, y[starts], linear=clock.linear
-    )
+    return Track("experiment", candidate.time_s + clock.begin_s, candidate.u, y, starts, y[starts], linear=clock.linear)
 
 
 def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
@@ -105,10 +102,8 @@ def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
     return Trial(candidate, tuple(shown), functions, track)
 
 
-def _shown(
-    problem: Problem, z: Array, hand: Hand, k: int, noise: SensorNoise
-) -> tuple[Shown, Array] | None:
-    """What a problem shows under rival k, and whitened columns of the discrepancy under the first; None beyond numbers."""
+def _shown(problem: Problem, z: Array, hand: Hand, k: int, noise: SensorNoise) -> tuple[Shown, Array] | None:
+    """What a problem shows under rival k, and under the first the discrepancy's columns; None beyond all numbers."""
     view, rival = View.around(problem, z), hand.rivals[k]
     common = shared(rival)
     parts = own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])
@@ -124,7 +119,7 @@ def _shown(
 
 
 class Foretold(NamedTuple):
-    """What a rival foretells of an experiment: block means (B, ny) and their sds, noise apart, in the outputs' units."""
+    """What a rival foretells: block means (B, ny) and their sds, noise apart, in the outputs' units."""
 
     means: Array
     sds: Array

@@ -13,12 +13,15 @@ from twinbench.common.page import Drawing, write_figures
 from twinbench.common.store import write_text
 from twinbench.data.recording import TIME
 from twinbench.mismatch.design import says
+from twinbench.mismatch.design.choice import Proposal
 from twinbench.mismatch.design.figure import experiment
 from twinbench.mismatch.design.request import Designed, DesignRequest
 from twinbench.mismatch.model import made_of
 from twinbench.mismatch.seed import ENGINE_SEED
 
 CAPTION = "The proposed inputs, and what each rival foretells of the output that tells most."
+OUTLOOKS = SETTLES, HELPS, NOTHING, CALM = "settles", "helps", "settles nothing", "nothing contested"
+"""All that ``verdict`` may say."""
 DESIGN_VERSION = 1
 """Of the form of ``design.json``. It rises when a field goes, or changes its type or what it means."""
 
@@ -29,6 +32,7 @@ def document_of(d: Designed, asked: DesignRequest) -> dict[str, Any]:
     e = p.expected
     return {
         "schema_version": DESIGN_VERSION,
+        "verdict": _outlook(p),
         "says": says.headline(d),
         "points": list(says.points(d)),
         "rivals": [
@@ -54,22 +58,28 @@ def document_of(d: Designed, asked: DesignRequest) -> dict[str, Any]:
             "right_name": e.names[0],
             "wrong_name": e.names[1],
             "right_name_repeated": p.repeated,
-            "settles": not p.scattered,
         },
+        "parameters": [] if e else [{"name": n, "sd_left": v} for n, v in says.left_over(d)],
         "again": [
             {
                 "says": old.says,
                 "right_name": old.expected.names[0],
                 "worst_nats": old.expected.worst,
-                "sensors": [
-                    {"state": a.state, "noise_sd": a.sd, "right_name": a.expected.names[0]} for a in old.added
-                ],
+                "sensors": [{"state": a.state, "noise_sd": a.sd, "right_name": a.expected.names[0]} for a in old.added],
             }
             for old in d.old
         ],
         "candidates": {"made": len(p.worth), "left_out": p.left_out, "nats": sorted(p.worth, reverse=True)},
         "provenance": _provenance(asked),
     }
+
+
+def _outlook(p: Proposal) -> str:
+    if p.expected is None:
+        return CALM
+    if p.times:
+        return SETTLES
+    return NOTHING if p.scattered else HELPS
 
 
 def _provenance(asked: DesignRequest) -> dict[str, Any]:

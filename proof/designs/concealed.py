@@ -23,7 +23,7 @@ NARROW = 0.15, 0.6
 """Share of the usual movement of the inputs that a narrow recording has; drawn evenly."""
 RECORDED = 2
 """Narrow recordings that are learnt from at most; one is held back."""
-CANDIDATES = 100
+PROOF_CANDIDATES = 100
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def concealed(item: Item, seed: int) -> Concealed:
     centre = low + rng.uniform(0.5 * share, 1.0 - 0.5 * share, len(low)) * (high - low)
     narrow = tuple(np.clip(centre + share * (u - 0.5 * (low + high)), low, high) for u in wide[: many + 1])
     fastest = np.max([np.abs(np.diff(u, axis=0)).max(axis=0) for u in wide], axis=0) / machine.period_s
-    limits = Limits(low, high, fastest, seconds, machine.period_s, candidates=CANDIDATES)
+    limits = Limits(low, high, fastest, seconds, machine.period_s, candidates=PROOF_CANDIDATES)
     return Concealed(machine, twin, case.truth, p, narrow, limits, seed)
 
 

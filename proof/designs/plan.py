@@ -14,13 +14,13 @@ from twinbench.proof.concealed.machines import machines
 PLAIN_SEVERITIES = 1.0, 10.0
 """Range that severities on ordinary recordings are drawn from, evenly in their logarithm: what is left of it in narrow
 ones has to be seen."""
-AT_RANDOM = 8
+RANDOM_MACHINES = 8
 """Random machines, two of each domain, beside those written by hand."""
 
 
 def drawn_items(draws: int, seed: int) -> list[Item]:
     """So many items: the machines in turn, each through its effects in mixed order."""
-    known = machines(seed, AT_RANDOM)
+    known = machines(seed, RANDOM_MACHINES)
     effects = {name: _endless(name, [e.name for e in m.effects], seed) for name, m in known.items()}
     rng, found = stream(seed, "designs"), []
     for i, name in zip(range(draws), itertools.cycle(known), strict=False):

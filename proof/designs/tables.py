@@ -9,7 +9,7 @@ import pandas as pd
 
 from twinbench.proof.concealed.gates import wilson
 from twinbench.proof.concealed.generate import Item
-from twinbench.proof.designs.trial import ARMS, RIGHT, ROUNDS, kept
+from twinbench.proof.designs.trial import ARMS, IN_TURN, RIGHT, kept
 
 
 def rows_of(item: Item, out: Path) -> dict[str, Any]:
@@ -40,7 +40,7 @@ def as_markdown(table: pd.DataFrame, rows: pd.DataFrame) -> str:
         cells = [f"{100 * r[w]:.0f} [{100 * r[f'{w}_low']:.0f}–{100 * r[f'{w}_high']:.0f}]" for w in ("right", "wrong")]
         lines.append(f"| {r['experiment']} | {r['cases']} | {cells[0]} | {cells[1]} |")
     sets = rows[rows["status"] == "set"]
-    each = [f"{n}: {int((sets['experiments'] == n).sum())}" for n in range(1, ROUNDS + 1)]
+    each = [f"{n}: {int((sets['experiments'] == n).sum())}" for n in range(1, IN_TURN + 1)]
     lines.append(f"\nRight name after so many proposed experiments, in cases: {', '.join(each)}.")
     counts = rows["status"].value_counts().to_dict()
     lines.append(f"Of {len(rows)} machines drawn: {', '.join(f'{status} {n}' for status, n in counts.items())}.")

@@ -9,9 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from twinbench.common.errors import BadInput
 from twinbench.common.store import key_of, write_text
 from twinbench.common.versions import code_version
 from twinbench.data.recording import Recording
@@ -29,7 +26,7 @@ from twinbench.proof.designs.concealed import Concealed, concealed, observed_tru
 
 ARMS = ("proposed", "random", "repeated")
 """The proposed experiment, one of the feasible ones by chance, and the inputs of the recordings at hand once more."""
-ROUNDS = 3
+IN_TURN = 3
 """Proposed experiments one after the other, as long as the verdict is a set."""
 RIGHT = ("name", "class")
 _CODE = ("twinbench.proof.designs.trial", "twinbench.mismatch")
@@ -100,7 +97,7 @@ def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:
 def _in_turn(machine: Concealed, at_hand: Sequence[Recording], first: Proposal) -> tuple[list[str], int]:
     """Outcomes after one proposed experiment, two, ...; and after how many it was the right name, 0 if never."""
     recordings, proposal, outcomes = list(at_hand), first, list[str]()
-    for k in range(ROUNDS):
+    for k in range(IN_TURN):
         made = machine.recorded(f"proposed_{k + 1}", machine.later(recordings), proposal.trial.candidate.u)
         recordings = [*recordings[:-1], made, recordings[-1]]
         verdict = diagnose(machine.twin, recordings[:-1], hold_out=recordings[-1:])

@@ -11,9 +11,9 @@ from scipy.signal import lsim
 
 from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.choice import proposed
+from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Hand, at_hand
 from twinbench.mismatch.design.separation import nats
-from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.trials import tried
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
@@ -115,7 +115,7 @@ def by_hand(u: np.ndarray) -> float:
     draughts = [response(one, np.full(len(u), SIZE)) - response(one, np.zeros(len(u))) for one in (still, u)]
     # B's column is taken where B stands: at the size that explains the old readings.
     size, step = -SIZE / GIVEN, 1e-5
-    leaks = [(response(one, 0.0 * one, size + step) - response(one, 0.0 * one, size - step)) / step for one in (still, u)]
+    leaks = [(response(v, 0.0 * v, size + step) - response(v, 0.0 * v, size - step)) / step for v in (still, u)]
     stands = np.concatenate([response(one, 0.0 * one, size) - response(one, 0.0 * one) for one in (still, u)])
     nothing = np.zeros(len(u))
     faded = np.exp(-TIME_S * (1.0 / TAU_S + size))
