@@ -32,8 +32,12 @@ class Added(NamedTuple):
     expected: Expected
 
 
-def sensors(candidate: Candidate, hand: Hand, clock: Clock) -> list[Added]:
-    """Each sensor that could be added to an experiment, the best first; none where all states are measured."""
+def sensors(candidate: Candidate, hand: Hand, clock: Clock, groups: np.ndarray) -> list[Added]:
+    """Each sensor that could be added to an experiment, the best first; none where all states are measured.
+
+    Args:
+        groups: (m,) labels of rivals, as ``expected`` takes them.
+    """
     trial = tried(candidate, hand, clock)
     if trial is None:
         return []
@@ -46,8 +50,8 @@ def sensors(candidate: Candidate, hand: Hand, clock: Clock) -> list[Added]:
         sd = _like(hand, clock, k)
         more = with_sensor(trial, hand, clock, k, sd)
         if more is not None:
-            found.append(Added(v.name, sd, expected(hand, more)))
-    return sorted(found, key=lambda a: (-round(a.expected.names[0], 2), -a.expected.worst))
+            found.append(Added(v.name, sd, expected(hand, more, groups)))
+    return sorted(found, key=lambda a: (-round(a.expected.right, 2), -a.expected.worst))
 
 
 def _is_read(course: Array, readings: Array) -> bool:

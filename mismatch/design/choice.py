@@ -13,7 +13,7 @@ from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Hand, at_hand
 from twinbench.mismatch.design.precision import gained
-from twinbench.mismatch.design.separation import Expected, expected, nats
+from twinbench.mismatch.design.separation import SCATTER, Expected, expected, groups_of, nats, worst
 from twinbench.mismatch.design.trials import Trial, course_of, tried
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
@@ -41,6 +41,7 @@ class Proposal:
 
     Attributes:
         trial: it.
+        groups: (m,) labels of rivals, one label for those that no experiment here tells apart.
         expected: what it promises, made once; None where nothing is contested.
         times: how often it has to be made for a name with probability ``WANTED``; 0 if no number tried is enough.
         repeated: probability of the right name if it is made so often, or as often as was tried.
@@ -50,6 +51,7 @@ class Proposal:
     """
 
     trial: Trial
+    groups: np.ndarray
     expected: Expected | None
     times: int
     repeated: float
@@ -60,8 +62,7 @@ class Proposal:
     @property
     def scattered(self) -> bool:
         """Does chance move the evidence further than the experiment does? Then it settles nothing."""
-        # Evidence of d nats has a variance of 2 d: both are half of one squared distance.
-        return self.expected is not None and self.expected.worst < np.sqrt(2.0 * max(self.expected.worst, 0.0))
+        return self.expected is not None and self.expected.worst < SCATTER
 
 
 def hand_of(
@@ -89,11 +90,13 @@ class Ranked:
     Attributes:
         made: these.
         worth: (C,) of each, nats.
+        groups: (m,) labels of rivals, one label for those that none of the candidates tells apart.
         left_out: candidates that cannot be made.
     """
 
     hand: Hand
     clock: Clock
+    groups: np.ndarray
     made: tuple[Candidate, ...]
     worth: Array
     left_out: int
@@ -112,21 +115,26 @@ def ranked(
     Raises:
         BadInput: none of them can be made: the simulator leaves its outputs' bounds in all.
     """
-    contested, found = len(hand.rivals) > 1, list[tuple[float, Candidate]]()
+    contested, made, worth, added = len(hand.rivals) > 1, list[Candidate](), list[float](), list[Array]()
     for k, one in enumerate(candidates):
         trial = tried(one, hand, clock)
         if trial is not None:
-            worth = Expected(nats(hand, trial), (0.0, 0.0)).worst if contested else gained(hand, trial).nats
-            found.append((worth, one))
+            made.append(one)
+            if contested:
+                added.append(nats(hand, trial))
+            else:
+                worth.append(gained(hand, trial).nats)
         progress((k + 1) / len(candidates))
-    if not found:
+    if not made:
         raise BadInput(
             f"none of {len(candidates)} experiments can be made: the simulator leaves the bounds of its outputs in "
             "all of them; narrow the limits of the inputs, or mend the bounds"
         )
-    found.sort(key=lambda pair: -pair[0])
-    worth = np.array([worth for worth, _ in found])
-    return Ranked(hand, clock, tuple(one for _, one in found), worth, len(candidates) - len(found))
+    groups = groups_of(added) if contested else np.zeros(1, dtype=int)
+    worth = [worst(n, groups) for n in added] if contested else worth
+    order = np.argsort(-np.array(worth), kind="stable")
+    left_out = len(candidates) - len(made)
+    return Ranked(hand, clock, groups, tuple(made[i] for i in order), np.array(worth)[order], left_out)
 
 
 def proposed(
@@ -140,29 +148,31 @@ def proposed(
     order = ranked(hand, candidates, clock, lambda share: progress(0.9 * share))
     if len(hand.rivals) < 2:
         (best,) = order.finalists(1)
-        return Proposal(best, None, 1, np.nan, float(np.ptp(best.track.time_s)), order.worth, order.left_out)
+        return Proposal(
+            best, order.groups, None, 1, np.nan, float(np.ptp(best.track.time_s)), order.worth, order.left_out
+        )
     finalists = order.finalists(FINALISTS)
-    looked_at = [expected(hand, trial) for trial in finalists]
+    looked_at = [expected(hand, trial, order.groups) for trial in finalists]
     # Chance decides between probabilities as near as this.
-    k = max(range(len(finalists)), key=lambda i: (round(looked_at[i].names[0], 2), looked_at[i].worst))
-    times, repeated = _how_often(hand, finalists[k], looked_at[k])
-    enough_s = _how_long(hand, finalists[k], looked_at[k])
+    k = max(range(len(finalists)), key=lambda i: (round(looked_at[i].right, 2), looked_at[i].worst))
+    times, repeated = _how_often(hand, finalists[k], looked_at[k], order.groups)
+    enough_s = _how_long(hand, finalists[k], looked_at[k], order.groups)
     progress(1.0)
-    return Proposal(finalists[k], looked_at[k], times, repeated, enough_s, order.worth, order.left_out)
+    return Proposal(finalists[k], order.groups, looked_at[k], times, repeated, enough_s, order.worth, order.left_out)
 
 
-def _how_often(hand: Hand, trial: Trial, once: Expected) -> tuple[int, float]:
-    found = once.names[0]
+def _how_often(hand: Hand, trial: Trial, once: Expected, groups: np.ndarray) -> tuple[int, float]:
+    found = once.right
     for times in TIMES:
-        found = once.names[0] if times == 1 else expected(hand, trial, times).names[0]
+        found = once.right if times == 1 else expected(hand, trial, groups, times).right
         if found >= WANTED:
             return times, found
     return 0, found
 
 
-def _how_long(hand: Hand, trial: Trial, whole: Expected) -> float:
+def _how_long(hand: Hand, trial: Trial, whole: Expected, groups: np.ndarray) -> float:
     length_s = float(np.ptp(trial.track.time_s))
     for share in PARTS:
-        if expected(hand, trial.until(share)).names[0] >= whole.names[0] - AS_GOOD:
+        if expected(hand, trial.until(share), groups).right >= whole.right - AS_GOOD:
             return share * length_s
     return length_s

@@ -93,20 +93,24 @@ def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
     settled, names = [basis.rivals[i] for i in order], [basis.names[i] for i in order]
     hand = hand_of(settled, names, basis.ground, candidates, basis.clock)
     best = proposed(hand, candidates, basis.clock, lambda share: progress("design", share))
-    old = tuple(_again(hand, basis)) if len(settled) > 1 else ()
+    old = tuple(_again(hand, basis, best.groups)) if len(settled) > 1 else ()
     return Designed(best, hand, basis.clock, limits, basis.beside, old)
 
 
-def _again(hand: Hand, basis: _Basis) -> Iterator[Again]:
-    """What the recordings at hand promise if their inputs are made again, the best one with added sensors too."""
+def _again(hand: Hand, basis: _Basis, groups: np.ndarray) -> Iterator[Again]:
+    """What the recordings at hand promise if their inputs are made again, the best one with added sensors too.
+
+    Args:
+        groups: (m,) labels of rivals, as ``expected`` takes them.
+    """
     made = []
     for one, clock in zip(of_recordings(basis.recordings, _simulator(hand)), basis.clocks, strict=True):
         trial = tried(one, hand, clock)
         if trial is not None:
-            made.append((expected(hand, trial), one, clock))
-    made.sort(key=lambda of: -of[0].names[0])
+            made.append((expected(hand, trial, groups), one, clock))
+    made.sort(key=lambda of: -of[0].right)
     for k, (promised, one, clock) in enumerate(made):
-        yield Again(one.says, promised, tuple(sensors(one, hand, clock)) if not k else ())
+        yield Again(one.says, promised, tuple(sensors(one, hand, clock, groups)) if not k else ())
 
 
 def _simulator(hand: Hand) -> Simulator:

@@ -28,6 +28,7 @@ def points(d: Designed) -> Iterator[str]:
     if p.expected is None:
         yield _precision(d)
     else:
+        yield from _alike(d)
         yield from _promises(p)
         if p.enough_s < float(p.trial.track.time_s[-1] - p.trial.track.time_s[0]):
             yield sentence(f"its first {with_unit(p.enough_s, 's')} promise as much")
@@ -37,16 +38,25 @@ def points(d: Designed) -> Iterator[str]:
     yield sentence(f"it is the best of {counted(made, 'experiment')} within the limits{left_out}")
 
 
+def _alike(d: Designed) -> Iterator[str]:
+    """Rivals that no experiment tells apart, where others are told from them."""
+    groups = d.proposal.groups.tolist()
+    for g in sorted(set(groups)) if len(set(groups)) > 1 else ():
+        names = [name for name, own in zip(d.hand.names, groups, strict=True) if own == g]
+        if len(names) > 1:
+            yield sentence(f"no experiment within these limits tells {listed(names)} apart, so they count as one")
+
+
 def _promises(p: Proposal) -> Iterator[str]:
     assert p.expected is not None
-    (right, wrong), added = p.expected.names, number(max(p.expected.worst, 0.0), 2)
+    added = number(max(p.expected.worst, 0.0), 2)
     if p.scattered:
         yield sentence(
             f"no experiment within these limits settles it: the best adds {added} nats for the closest pair, and "
             "chance moves them further than that"
         )
-    once = f"made once, it leaves the right name alone with probability {probable(right)}"
-    yield sentence(f"{once}, and a wrong one with probability {probable(wrong)}")
+    once = f"made once, it leaves the right name alone with probability {probable(p.expected.right)}"
+    yield sentence(f"{once}, and a wrong one with probability {probable(p.expected.wrong)}")
     if p.times > 1:
         yield sentence(f"make it {count(p.times)} times: the probability is then {probable(p.repeated)}")
     elif p.times == 0:
@@ -58,11 +68,11 @@ def _again(d: Designed) -> Iterator[str]:
     if not d.old:
         return
     best = d.old[0]
-    yield sentence(f"with {best.says} made again the probability would be {probable(best.expected.names[0])}")
+    yield sentence(f"with {best.says} made again the probability would be {probable(best.expected.right)}")
     if best.added:
         one = best.added[0]
         yield sentence(
-            f"with these inputs and a sensor of {one.state} added it would be {probable(one.expected.names[0])}"
+            f"with these inputs and a sensor of {one.state} added it would be {probable(one.expected.right)}"
         )
 
 

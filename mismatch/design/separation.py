@@ -8,10 +8,13 @@ size of the one that is true.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.special import logsumexp
 
 from twinbench.mismatch.design.hand import Folded, Hand, Known
@@ -24,6 +27,9 @@ from twinbench.physics.simulator import Array
 GROWN_PCT = (0.0, 0.1, 0.3, 0.7)
 """Sizes, in per cent, that the discrepancy may at least have beside a rival, up to its prior's sd: the likeliest one
 counts, since the engine learns it anew when the experiment was made."""
+SCATTER = 2.0
+"""Nats that chance moves as far as the experiment: evidence of d nats has a variance of 2 d, as both are half of one
+squared distance (Buzzi-Ferraris and Forzatti 1984)."""
 EXPERIMENTS = 100
 """Simulated experiments: a probability of .9 is known to 3 points."""
 
@@ -33,17 +39,38 @@ class Expected(NamedTuple):
 
     Attributes:
         nats: (m, m) by which a true rival (row) is then ahead of another (column), beyond what it is now.
-        names: probability that the right name stands alone afterwards, and of a wrong one.
+        worst: the least of these, of rivals that can be told apart at all.
+        right, wrong: probability that the right name stands alone afterwards, or with what cannot be told from it; and
+            of a wrong one.
     """
 
     nats: Array
-    names: tuple[float, float]
+    worst: float
+    right: float
+    wrong: float
 
-    @property
-    def worst(self) -> float:
-        """The least of what any true rival gains on any other, nats."""
-        apart = self.nats + np.where(np.eye(len(self.nats), dtype=bool), np.inf, 0.0)
-        return float(apart.min())
+
+def groups_of(nats: Sequence[Array]) -> np.ndarray:
+    """(m,) labels of rivals, one label for those that no experiment tells apart: chance moves more than it adds.
+
+    Args:
+        nats: (m, m) of each experiment.
+    """
+    told = np.max([np.minimum(n, n.T) for n in nats], axis=0)
+    _, labels = connected_components(csr_array(told < SCATTER))
+    return labels
+
+
+def worst(nats: Array, groups: np.ndarray) -> float:
+    """The least of what any true rival gains on any other that can be told from it; on any at all if none can.
+
+    Args:
+        nats: (m, m) of an experiment.
+        groups: (m,) labels of rivals.
+    """
+    apart = groups[:, None] != groups
+    apart = apart if apart.any() else ~np.eye(len(nats), dtype=bool)
+    return float(nats[apart].min())
 
 
 class Part(NamedTuple):
@@ -97,8 +124,12 @@ def _evidence(hand: Hand, known: Known, G: Array, b: Array, s: Array) -> Array:
     return np.asarray(0.5 * np.sum(right**2, axis=0) + constant - 0.5 * np.sum((s / DISCREPANCY_PCT) ** 2))
 
 
-def expected(hand: Hand, trial: Trial, times: int = 1) -> Expected:
-    """What to expect, by simulated experiments: machines as likely as each rival has them, noise, and all evidence."""
+def expected(hand: Hand, trial: Trial, groups: np.ndarray, times: int = 1) -> Expected:
+    """What to expect, by simulated experiments: machines as likely as each rival has them, noise, and all evidence.
+
+    Args:
+        groups: (m,) labels of rivals, one label for those that no experiment tells apart.
+    """
     rng, m = np.random.default_rng(ENGINE_SEED), len(hand.rivals)
     base, right, wrong = truths(hand, trial), 0.0, 0.0
     for true, probability in enumerate(hand.probabilities):
@@ -107,7 +138,10 @@ def expected(hand: Hand, trial: Trial, times: int = 1) -> Expected:
         noise = rng.standard_normal(unknown.shape) / np.sqrt(times)  # their mean says all that they say together
         readings = base[:, [true]] + unknown + noise
         logs = np.stack([hand.logs[k] + gain(hand, k, Part(*trial.folded(k, readings)), times) for k in range(m)])
-        sure = np.exp(logs - logsumexp(logs, axis=0)) >= CREDIBLE
-        right += probability * float(sure[true].mean())
-        wrong += probability * float(np.delete(sure, true, axis=0).any(axis=0).mean())
-    return Expected(nats(hand, trial, times), (right, wrong))
+        posterior = np.exp(logs - logsumexp(logs, axis=0))
+        mine = groups == groups[true]
+        right += probability * float(np.mean(posterior[mine].sum(axis=0) >= CREDIBLE))
+        others = [posterior[groups == g].sum(axis=0) for g in set(groups.tolist()) - {groups[true]}]
+        wrong += probability * float(np.mean(np.any([p >= CREDIBLE for p in others], axis=0))) if others else 0.0
+    added = nats(hand, trial, times)
+    return Expected(added, worst(added, groups), right, wrong)

@@ -54,11 +54,12 @@ def suggested(answer: Answer, claims: Sequence[Claim]) -> Suggested | None:
     candidates = drawn(problem.machine.simulator, limits)
     hand = hand_of(rivals, names, ground, candidates, clock)
     try:
-        best = ranked(hand, candidates, clock).finalists(1)[0]
+        order = ranked(hand, candidates, clock)
     except BadInput:  # no run of them stays within the outputs' bounds
         return None
-    promised = expected(hand, best)
-    return Suggested(tuple(names), best.candidate.says, promised.names[0], promised.worst)
+    (best,) = order.finalists(1)
+    promised = expected(hand, best, order.groups)
+    return Suggested(tuple(names), best.candidate.says, promised.right, promised.worst)
 
 
 def visited_limits(tracks: Sequence[Track]) -> Limits:

@@ -36,8 +36,8 @@ def document_of(d: Designed, asked: DesignRequest) -> dict[str, Any]:
         "says": says.headline(d),
         "points": list(says.points(d)),
         "rivals": [
-            {"name": name, "probability": probability}
-            for name, probability in zip(d.hand.names, d.hand.probabilities, strict=True)
+            {"name": name, "probability": probability, "group": int(group)}
+            for name, probability, group in zip(d.hand.names, d.hand.probabilities, p.groups, strict=True)
             if name
         ],
         "beside": list(d.beside),
@@ -55,17 +55,17 @@ def document_of(d: Designed, asked: DesignRequest) -> dict[str, Any]:
         else {
             "nats": e.nats,
             "worst_nats": e.worst,
-            "right_name": e.names[0],
-            "wrong_name": e.names[1],
+            "right_name": e.right,
+            "wrong_name": e.wrong,
             "right_name_repeated": p.repeated,
         },
         "parameters": [] if e else [{"name": n, "sd_left": v} for n, v in says.left_over(d)],
         "again": [
             {
                 "says": old.says,
-                "right_name": old.expected.names[0],
+                "right_name": old.expected.right,
                 "worst_nats": old.expected.worst,
-                "sensors": [{"state": a.state, "noise_sd": a.sd, "right_name": a.expected.names[0]} for a in old.added],
+                "sensors": [{"state": a.state, "noise_sd": a.sd, "right_name": a.expected.right} for a in old.added],
             }
             for old in d.old
         ],

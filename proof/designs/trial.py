@@ -80,7 +80,7 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
     }
     after, rounds = _in_turn(machine, at_hand, found)
     assert found.expected is not None
-    promised = {"right": found.expected.names[0], "nats": found.expected.worst, "settles": not found.scattered}
+    promised = {"right": found.expected.right, "nats": found.expected.worst, "settles": not found.scattered}
     says = found.trial.candidate.says
     return {
         "status": "set", **about, "promised": promised, "says": says, "proposed": after[0], "in_turn": after, **arms,

@@ -136,7 +136,7 @@ def test_the_proposed_experiment_tells_apart_what_the_old_recordings_cannot():
     best = proposed(hand(), [STILL, STEP, STAIRCASE], CLOCK)
     assert best.trial.candidate.kind == "staircase"
     assert best.expected is not None
-    assert best.expected.names[0] > 0.95
+    assert best.expected.right > 0.95
     assert best.times == 1
     assert max(hand().probabilities) < 0.95
     assert best.worth[2] < 0.5 < best.worth[1] < best.worth[0]
