@@ -36,7 +36,7 @@ def sensors(candidate: Candidate, hand: Hand, clock: Clock, groups: np.ndarray) 
     """Each sensor that could be added to an experiment, the best first; none where all states are measured.
 
     Args:
-        groups: (m,) labels of rivals, as ``expected`` takes them.
+        groups: (m,) dimensionless labels of rivals, as ``expected`` takes them.
     """
     trial = tried(candidate, hand, clock)
     if trial is None:

@@ -27,7 +27,7 @@ class Candidate(NamedTuple):
     Attributes:
         kind: how its inputs go, in a word.
         says: the same in words that can be followed.
-        time_s: (N,) from nothing on.
+        time_s: (N,) seconds from nothing on.
         u: (N, nu) inputs in their units.
     """
 
@@ -78,7 +78,11 @@ def of_recordings(recordings: Sequence[Recording], simulator: Simulator) -> list
 
 @njit(types.Array(types.float64, 1, "C")(VECTOR, types.float64), cache=True)
 def within_rate(values: Array, most: float) -> Array:
-    """A series (N,) followed as fast as it may be, by so much from sample to sample."""
+    """A series followed as fast as it may be, by so much from sample to sample.
+
+    Args:
+        values: (N,) the series, in any unit.
+    """
     out = values.copy()
     for k in range(1, len(values)):
         out[k] = min(max(values[k], out[k - 1] - most), out[k - 1] + most)

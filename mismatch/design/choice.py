@@ -41,12 +41,12 @@ class Proposal:
 
     Attributes:
         trial: it.
-        groups: (m,) labels of rivals, one label for those that no experiment here tells apart.
+        groups: (m,) dimensionless labels of rivals, one for those that no experiment here tells apart.
         expected: what it promises, made once; None where nothing is contested.
         times: how often it has to be made for a name with probability ``WANTED``; 0 if no number tried is enough.
         repeated: probability of the right name if it is made so often, or as often as was tried.
         enough_s: the shortest part of it, from its beginning on, that promises as much.
-        worth: (C,) of each candidate that can be made, nats: the worst pair's, or what parameters gain.
+        worth: (C,) dimensionless, nats of each candidate that can be made: the worst pair's, or what parameters gain.
         left_out: candidates that could not be made.
     """
 
@@ -78,7 +78,10 @@ def hand_of(
     if view.courses:
         rates, fluxes = typical_rates(moved(best.problem, best.z)), common_fluxes(view)
     else:
-        rates, fluxes = typical_rates(best.problem.machine.simulator), common_fluxes(replace(view, courses=courses[:1]))
+        rates, fluxes = (
+            typical_rates(best.problem.machine.simulator),
+            common_fluxes(replace(view, courses=tuple(courses[:1]))),
+        )
     whole = discrepancy([*view.courses, *courses], rates, fluxes)
     return at_hand(rivals, names, replace(ground, discrepancy=whole))
 
@@ -89,8 +92,8 @@ class Ranked:
 
     Attributes:
         made: these.
-        worth: (C,) of each, nats.
-        groups: (m,) labels of rivals, one label for those that none of the candidates tells apart.
+        worth: (C,) dimensionless, nats of each.
+        groups: (m,) dimensionless labels of rivals, one for those that none of the candidates tells apart.
         left_out: candidates that cannot be made.
     """
 
@@ -131,10 +134,10 @@ def ranked(
             "all of them; narrow the limits of the inputs, or mend the bounds"
         )
     groups = groups_of(added) if contested else np.zeros(1, dtype=int)
-    worth = [worst(n, groups) for n in added] if contested else worth
-    order = np.argsort(-np.array(worth), kind="stable")
+    values = np.array([worst(n, groups) for n in added] if contested else worth)
+    order = np.argsort(-values, kind="stable")
     left_out = len(candidates) - len(made)
-    return Ranked(hand, clock, groups, tuple(made[i] for i in order), np.array(worth)[order], left_out)
+    return Ranked(hand, clock, groups, tuple(made[i] for i in order), values[order], left_out)
 
 
 def proposed(

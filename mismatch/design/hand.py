@@ -28,7 +28,7 @@ class Known(NamedTuple):
     Attributes:
         G: (L, L) products of whitened columns, what each recording has for itself integrated out.
         b: (L,) products of these with the whitened residuals.
-        mean: (L - F,) prior mean of those that are not the discrepancy's, from where they stand, in prior sds.
+        mean: (L - F,) dimensionless: prior mean of those that are not the discrepancy's, in prior sds from where they stand.
     """
 
     G: Array
@@ -47,7 +47,8 @@ class Hand:
         known: of each rival.
         s: (P,) of each rival, the discrepancy beside it, per cent.
         measured: (ny,) bool, the outputs that are read.
-        low, high: (ny,) between what an experiment may bring them, in their units.
+        low: (ny,) the least that an experiment may bring them to, in their units.
+        high: (ny,) the most, likewise.
     """
 
     rivals: tuple[Settled, ...]
@@ -78,12 +79,14 @@ class Hand:
 
     @cached_property
     def truths(self) -> list[tuple[Array, Array]]:
-        """Of each rival the posterior of its L unknowns: mean (L,) from where they stand, and a root (L, k), in sds.
+        """Of each rival's L unknowns the posterior mean (L,) from where they stand, and a root (L, k), in prior sds.
 
-        Without recordings a rival is what it stands at: far from there its linearised run says nothing.
+        The root is that of its effects' sizes and forms and of the discrepancy, the parameters as they are: all rivals
+        would follow these alike, but far off their linearised runs would not. Without recordings a rival is what it
+        stands at.
         """
         found = []
-        for known, s in zip(self.known, self.s, strict=True):
+        for rival, known, s in zip(self.rivals, self.known, self.s, strict=True):
             if not self.rivals[0].problem.tracks:
                 found.append((np.zeros(len(known.b)), np.zeros((len(known.b), 1))))
                 continue
@@ -91,7 +94,10 @@ class Hand:
             A = known.G + np.diag(precision)
             right = known.b + np.concatenate((known.mean, np.zeros(len(self.group))))
             scale, L = factored(A)
-            found.append((scale * cho_solve((L, True), scale * right), scale[:, None] * np.linalg.inv(L).T))
+            mean = scale * cho_solve((L, True), scale * right)
+            fixed = sum(u.kind == "parameter" for u in rival.problem.unknowns)
+            scale, L = factored(A[fixed:, fixed:])
+            found.append((mean, np.vstack((np.zeros((fixed, len(L))), scale[:, None] * np.linalg.inv(L).T))))
         return found
 
     def precision(self, known: Known, s: Array) -> Array:
@@ -174,9 +180,9 @@ class Folded(NamedTuple):
     """Unknowns with a prior sd of one integrated out, for M readings at once.
 
     Attributes:
-        G: (L, L) of those that are left.
+        G: (L, L) products of the whitened columns that are left.
         b: (L, M) likewise.
-        log: (M,) what those that went contributed, nats.
+        log: (M,) dimensionless, what those that went contributed in nats.
     """
 
     G: Array
@@ -191,7 +197,7 @@ def folded_out(G: Array, b: Array, out: np.ndarray, mean: Array) -> Folded:
         G: (K, K) products of whitened columns.
         b: (K, M) products of these with M whitened readings.
         out: (k,) positions of the unknowns.
-        mean: (k,) of their prior, in prior sds.
+        mean: (k,) of their prior, dimensionless: in prior sds.
     """
     if not len(out):
         return Folded(G, b, np.zeros(b.shape[1]))

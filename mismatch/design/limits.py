@@ -29,7 +29,8 @@ class Limits:
     """Limits of an experiment.
 
     Attributes:
-        low, high: (nu,) of each input, in its unit.
+        low: (nu,) the least of each input, in its unit.
+        high: (nu,) the most of each, likewise.
         rate_per_s: (nu,) how fast each may go, in its unit per second; infinite if it may jump.
         duration_s: of the experiment.
         sampling_s: between samples.
@@ -50,7 +51,7 @@ class Limits:
     @property
     def time_s(self) -> Array:
         """(N,) from nothing on."""
-        return np.arange(round(self.duration_s / self.sampling_s)) * self.sampling_s
+        return np.asarray(np.arange(round(self.duration_s / self.sampling_s)) * self.sampling_s, dtype=float)
 
 
 def read_limits(path: Path, simulator: Simulator) -> Limits:

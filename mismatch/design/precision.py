@@ -17,7 +17,7 @@ class Gained(NamedTuple):
 
     Attributes:
         nats: by which the logarithm of their posterior's volume falls.
-        shares: (S,) of each parameter's standard deviation that is left.
+        shares: (S,) shares of each parameter's standard deviation that are left.
     """
 
     nats: float

@@ -101,7 +101,7 @@ def _again(hand: Hand, basis: _Basis, groups: np.ndarray) -> Iterator[Again]:
     """What the recordings at hand promise if their inputs are made again, the best one with added sensors too.
 
     Args:
-        groups: (m,) labels of rivals, as ``expected`` takes them.
+        groups: (m,) dimensionless labels of rivals, as ``expected`` takes them.
     """
     made = []
     for one, clock in zip(of_recordings(basis.recordings, _simulator(hand)), basis.clocks, strict=True):

@@ -38,7 +38,7 @@ class Expected(NamedTuple):
     """What is to be expected of an experiment that is made a number of times.
 
     Attributes:
-        nats: (m, m) by which a true rival (row) is then ahead of another (column), beyond what it is now.
+        nats: (m, m) dimensionless, by how many a true rival (row) gains on another (column).
         worst: the least of these, of rivals that can be told apart at all.
         right, wrong: probability that the right name stands alone afterwards, or with what cannot be told from it; and
             of a wrong one.
@@ -54,7 +54,7 @@ def groups_of(nats: Sequence[Array]) -> np.ndarray:
     """(m,) labels of rivals, one label for those that no experiment tells apart: chance moves more than it adds.
 
     Args:
-        nats: (m, m) of each experiment.
+        nats: (m, m) dimensionless, of each experiment.
     """
     told = np.max([np.minimum(n, n.T) for n in nats], axis=0)
     _, labels = connected_components(csr_array(told < SCATTER))
@@ -65,8 +65,8 @@ def worst(nats: Array, groups: np.ndarray) -> float:
     """The least of what any true rival gains on any other that can be told from it; on any at all if none can.
 
     Args:
-        nats: (m, m) of an experiment.
-        groups: (m,) labels of rivals.
+        nats: (m, m) dimensionless, of an experiment.
+        groups: (m,) dimensionless labels of rivals.
     """
     apart = groups[:, None] != groups
     apart = apart if apart.any() else ~np.eye(len(nats), dtype=bool)
@@ -74,7 +74,12 @@ def worst(nats: Array, groups: np.ndarray) -> float:
 
 
 class Part(NamedTuple):
-    """What an experiment adds to one rival: readings of each truth as products, and their squares."""
+    """What an experiment adds to one rival.
+
+    Attributes:
+        folded: products of M readings with the columns of what is shared.
+        squares: (M,) of the whitened readings less what the rival foretells.
+    """
 
     folded: Folded
     squares: Array
@@ -128,7 +133,7 @@ def expected(hand: Hand, trial: Trial, groups: np.ndarray, times: int = 1) -> Ex
     """What to expect, by simulated experiments: machines as likely as each rival has them, noise, and all evidence.
 
     Args:
-        groups: (m,) labels of rivals, one label for those that no experiment tells apart.
+        groups: (m,) dimensionless labels of rivals, one for those that no experiment tells apart.
     """
     rng, m = np.random.default_rng(ENGINE_SEED), len(hand.rivals)
     base, right, wrong = truths(hand, trial), 0.0, 0.0

@@ -26,7 +26,7 @@ class Shown(NamedTuple):
 
     Attributes:
         own: (n, K) whitened columns of its unknowns, the experiment's own among them.
-        alone: positions of those that are the experiment's own.
+        alone: (k,) positions of those that are the experiment's own.
         white: (n,) whitened readings that it foretells.
         means: (B, ny) the same in the outputs' units.
     """
@@ -79,7 +79,11 @@ class Trial:
 
 
 def track_of(candidate: Candidate, clock: Clock, measured: np.ndarray) -> Track:
-    """An experiment's blocks; its readings are nothing, and missing where no sensor is."""
+    """An experiment's blocks; its readings are nothing, and missing where no sensor is.
+
+    Args:
+        measured: (ny,) bool, is there a sensor?
+    """
     y = np.where(measured, 0.0, np.nan) * np.ones((len(candidate.time_s), 1))
     starts = np.arange(0, len(y), clock.block)
     return Track("experiment", candidate.time_s + clock.begin_s, candidate.u, y, starts, y[starts], linear=clock.linear)
@@ -119,7 +123,12 @@ def _shown(problem: Problem, z: Array, hand: Hand, k: int, noise: SensorNoise) -
 
 
 class Foretold(NamedTuple):
-    """What a rival foretells: block means (B, ny) and their sds, noise apart, in the outputs' units."""
+    """What a rival foretells.
+
+    Attributes:
+        means: (B, ny) block means, in the outputs' units.
+        sds: (B, ny) of what the recordings leave open of them, the noise apart, likewise.
+    """
 
     means: Array
     sds: Array
@@ -162,7 +171,11 @@ def with_sensor(trial: Trial, hand: Hand, clock: Clock, state: int, sd: float) -
 
 
 def course_of(rival: Settled, candidate: Candidate, clock: Clock, measured: np.ndarray) -> Course:
-    """A rival's run of an experiment, linearised."""
+    """A rival's run of an experiment, linearised.
+
+    Args:
+        measured: (ny,) bool, is there a sensor?
+    """
     problem, z = _begun(rival, track_of(candidate, clock, measured))
     return problem.course(0, z)
 

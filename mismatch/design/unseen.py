@@ -26,6 +26,7 @@ from twinbench.mismatch.naming.name import common_fluxes
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import WANDERS, View
 from twinbench.mismatch.sensors import SensorNoise
+from twinbench.mismatch.stage_audit import is_fitted
 from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.variants import Variant, is_amplitude, typical
 from twinbench.physics.simulator import Array, Mechanism, Series, Simulator
@@ -55,7 +56,7 @@ def without_recordings(
     Raises:
         BadInput: the limits do not say the noise of an output, or the simulator diverges.
     """
-    machine = Machine(simulator, effects, faults)
+    machine = Machine(simulator, [m for m in effects if is_fitted(simulator, m)], faults)
     check_fitted(machine, [[m.name] for m in effects])
     clock = _clock(simulator, limits, linear)
     blocks = track_of(candidates[0], clock, np.ones(len(simulator.outputs), dtype=bool))
@@ -75,8 +76,8 @@ def without_recordings(
         np.full(ports, DISCREPANCY_PCT), d, tuple((p, np.eye(many)) for p in range(ports)),
     )  # fmt: skip
     empty = Problem(machine, [], problem.unknowns, problem.sd)
-    sets = [(_typical(machine, k),) for k in range(len(machine.candidates))] or [()]
-    return Unseen([_as_it_is(empty, one, ground) for one in sets], ground, clock)
+    effects_of = [[_typical(machine, k)] for k in range(len(machine.candidates))] or [[]]
+    return Unseen([_as_it_is(empty, one, ground) for one in effects_of], ground, clock)
 
 
 def _clock(simulator: Simulator, limits: Limits, linear: bool) -> Clock:

@@ -33,7 +33,7 @@ class Concealed:
     Attributes:
         truth: as the generator seals it, but for what the ideal observer says.
         parameters: (np,) of the law, the effect's amplitude among them, each in its unit.
-        narrow: inputs (N, nu) of the recordings at hand, the last one held back.
+        narrow: inputs (N, nu) of the recordings at hand in their units, the last one held back.
         limits: what ordinary recordings do.
     """
 
@@ -46,7 +46,10 @@ class Concealed:
     seed: int
 
     def recorded(self, name: str, start_s: float, u: Array) -> Recording:
-        """A recording of it under inputs (N, nu), from rest under the first ones.
+        """A recording of it under some inputs, from rest under the first ones.
+
+        Args:
+            u: (N, nu) these, in their units.
 
         Raises:
             FloatingPointError: the machine diverges.
