@@ -78,10 +78,8 @@ def hand_of(
     if view.courses:
         rates, fluxes = typical_rates(moved(best.problem, best.z)), common_fluxes(view)
     else:
-        rates, fluxes = (
-            typical_rates(best.problem.machine.simulator),
-            common_fluxes(replace(view, courses=tuple(courses[:1]))),
-        )
+        run = replace(view, courses=tuple(courses))
+        rates, fluxes = typical_rates(best.problem.machine.simulator), common_fluxes(run)
     whole = discrepancy([*view.courses, *courses], rates, fluxes)
     return at_hand(rivals, names, replace(ground, discrepancy=whole))
 

@@ -28,7 +28,7 @@ class Known(NamedTuple):
     Attributes:
         G: (L, L) products of whitened columns, what each recording has for itself integrated out.
         b: (L,) products of these with the whitened residuals.
-        mean: (L - F,) dimensionless: prior mean of those that are not the discrepancy's, in prior sds from where they stand.
+        mean: (L - F,) dimensionless prior mean of those that are not the discrepancy's, from where they stand.
     """
 
     G: Array
