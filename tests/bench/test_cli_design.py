@@ -6,11 +6,14 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from helpers.lag import LAG
 from helpers.refusals import refused
 from helpers.tiny_run import twinbench
+
+from twinbench.common.store import sha256_of
 
 LIMITS = """
 [experiment]
@@ -80,6 +83,37 @@ def test_nothing_contested_is_designed_for_the_parameters(workplace: Path, capsy
 def test_an_input_of_the_proposal_drives_the_simulator(workplace: Path) -> None:
     assert design() == 0
     assert twinbench("simulate", "--simulator", "lag.py", "--inputs", "next/inputs.csv", "--out", "replayed") == 0
+
+
+def test_recordings_at_hand_count_and_are_told_too(workplace: Path) -> None:
+    """A lag that loses heat was recorded around one temperature: an offset would do the same there."""
+    rng, time_s, x = np.random.default_rng(4), 0.5 * np.arange(200), 298.0
+    u, y = 300.0 + 1.0 * (time_s > 40.0), np.empty(200)
+    for k in range(200):
+        y[k] = x + 0.3 * rng.normal()
+        x += 0.5 * ((u[k] - x) / 20.0 + 0.01 * (290.0 - x))
+    for name in ("day", "held"):
+        pd.DataFrame({"time_s": time_s, "T_in": u, "T_out": y}).to_csv(f"{name}.csv", index=False)
+    files = [
+        {
+            "role": "recording",
+            "path": f"{name}.csv",
+            "held_out": name == "held",
+            "sha256": sha256_of(Path(f"{name}.csv")),
+        }
+        for name in ("day", "held")
+    ]
+    rivals = ["loss_to_ambient@T", "offset@T"]
+    finding = {"mechanism": rivals[0], "indistinguishable_from": rivals[1:], "since_s": None}
+    verdict = {**FOUND, "findings": [finding], "provenance": {**FOUND["provenance"], "files": files}}
+    Path("verdict.json").write_text(json.dumps(verdict))
+    assert design("--verdict", "verdict.json") == 0
+    document = json.loads(Path("next/design.json").read_text())
+    assert sorted(rival["name"] for rival in document["rivals"]) == rivals
+    (again,) = document["again"]
+    assert again["says"] == "the inputs of day"
+    assert again["worst_nats"] <= document["expected"]["worst_nats"]
+    assert again["sensors"] == [], "its only state is read"
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from twinbench.mismatch.design.candidates import Candidate
+from twinbench.mismatch.design.added import sensors
+from twinbench.mismatch.design.candidates import KINDS, Candidate, drawn
 from twinbench.mismatch.design.choice import proposed
 from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Hand, at_hand
-from twinbench.mismatch.design.separation import nats
-from twinbench.mismatch.design.trials import tried
+from twinbench.mismatch.design.limits import Limits
+from twinbench.mismatch.design.separation import groups_of, nats, worst
+from twinbench.mismatch.design.trials import tried, with_sensor
 from twinbench.mismatch.fit import Problem, Unknown
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
@@ -140,3 +142,36 @@ def test_the_proposed_experiment_tells_apart_what_the_old_recordings_cannot():
     assert best.times == 1
     assert max(hand().probabilities) < 0.95
     assert best.worth[2] < 0.5 < best.worth[1] < best.worth[0]
+
+
+def test_a_sensor_of_what_is_read_already_is_none_to_add():
+    assert sensors(STEP, hand(), CLOCK, np.arange(2)) == []
+
+
+def test_one_sensor_more_is_one_row_more_of_evidence():
+    """A second sensor like the first has the same readings: it halves the noise, and doubles what is told."""
+    trial = tried(STEP, hand(), CLOCK)
+    assert trial is not None
+    more = with_sensor(trial, hand(), CLOCK, 0, SD)
+    assert more is not None
+    assert nats(hand(), more)[0, 1] == pytest.approx(nats(hand(), trial, times=2)[0, 1], rel=0.05)
+
+
+def test_rivals_that_no_experiment_parts_are_one_group():
+    apart, same = np.array([[0.0, 9.0], [9.0, 0.0]]), np.array([[0.0, 0.1], [9.0, 0.0]])
+    assert len(set(groups_of([apart, same]))) == 2
+    assert len(set(groups_of([same, same.T]))) == 1
+    whole = np.array([[0.0, 1.0, 8.0], [1.0, 0.0, 6.0], [7.0, 5.0, 0.0]])
+    assert worst(whole, groups_of([whole])) == 5.0
+
+
+def test_candidates_keep_their_limits_and_come_again_from_the_same_seed():
+    limits = Limits(np.array([2.0]), np.array([6.0]), np.array([0.5]), 100.0, 0.5, candidates=20)
+    made = drawn(LINEAR, limits)
+    assert {one.kind for one in made} == set(KINDS)
+    for one, again in zip(made, drawn(LINEAR, limits), strict=True):
+        assert np.array_equal(one.u, again.u)
+        assert one.u.min() >= 2.0
+        assert one.u.max() <= 6.0
+        assert np.abs(np.diff(one.u[:, 0])).max() <= 0.25 + 1e-12
+        assert np.ptp(one.u) > 0.5
