@@ -30,6 +30,7 @@ class Found:
         linear: do inputs go in lines from sample to sample?
         contested: names of the first finding that has several.
         sure: names of the other findings that have one.
+        weights: the verdict's probability of each name of that finding.
         since_s: from when the effects are there, on the recordings' clock.
     """
 
@@ -39,6 +40,7 @@ class Found:
     linear: bool
     contested: tuple[str, ...]
     sure: tuple[str, ...]
+    weights: Mapping[str, float]
     since_s: float
 
 
@@ -59,8 +61,9 @@ def read_found(path: Path) -> Found:
         names = (sets[0]["mechanism"], *sets[0]["indistinguishable_from"]) if sets else ()
         since = [f["since_s"] for f in (*sets, *single) if f["since_s"] is not None]
         sure = tuple(f["mechanism"] for f in single if not f["mechanism"].startswith((ROUNDS, STANDS_STILL)))
+        weights = {name: float(p) for name, p in sets[0]["weights"].items()} if sets else {}
         paths = [(_unchanged(f, path), bool(f["held_out"])) for f in files]
-    except (KeyError, TypeError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         missing = shown(str(error))
         raise BadInput(f"{path}: is no verdict.json of this version: {missing}; run mismatch again") from error
     joined = {join.resolve() for one, _ in paths for join in sidecar_of(one).join}
@@ -72,6 +75,7 @@ def read_found(path: Path) -> Found:
         linear,
         names,
         sure,
+        weights,
         float(since[0]) if since else -np.inf,
     )
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -47,6 +47,7 @@ class Hand:
         known: of each rival.
         s: (P,) of each rival, the discrepancy beside it, per cent.
         measured: (ny,) bool, the outputs that are read.
+        logs: (m,) dimensionless, evidence of each rival by the recordings at hand in nats, constants apart.
         low: (ny,) the least that an experiment may bring them to, in their units.
         high: (ny,) the most, likewise.
     """
@@ -57,13 +58,9 @@ class Hand:
     known: tuple[Known, ...]
     s: tuple[Array, ...]
     measured: np.ndarray
+    logs: Array
     low: Array
     high: Array
-
-    @cached_property
-    def logs(self) -> Array:
-        """(m,) evidence of each rival by the recordings at hand, nats."""
-        return np.array([h.log for h in self.rivals])
 
     @property
     def probabilities(self) -> list[float]:
@@ -128,7 +125,18 @@ def at_hand(rivals: Sequence[Settled], names: Sequence[str], ground: Ground) -> 
     functions = functions_of(View.around(rivals[0].problem, rivals[0].z), ground)
     known = tuple(_known(h, ground, functions) for h in rivals)
     s = tuple(_sizes(h, ground) for h in rivals)
-    return Hand(tuple(rivals), tuple(names), ground, known, s, measured, low, high)
+    logs = np.array([h.log for h in rivals])
+    return Hand(tuple(rivals), tuple(names), ground, known, s, measured, logs, low, high)
+
+
+def weighed_as(hand: Hand, weights: Mapping[str, float]) -> Hand:
+    """The same with the probabilities that a verdict gives its names, where it gives one to each.
+
+    What does the same in the recordings may stand elsewhere once it is fitted by itself, and the verdict knows better.
+    """
+    if not all(weights.get(name, 0.0) > 0.0 for name in hand.names):
+        return hand
+    return replace(hand, logs=np.log([weights[name] for name in hand.names]))
 
 
 def functions_of(view: View, ground: Ground) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +17,7 @@ from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
 from twinbench.mismatch.design.clock import Clock, clock_of
 from twinbench.mismatch.design.found import Found, read_found, rivals_of
 from twinbench.mismatch.design.gather import by_recordings, only
-from twinbench.mismatch.design.hand import Hand
+from twinbench.mismatch.design.hand import Hand, weighed_as
 from twinbench.mismatch.design.limits import Limits, check_run, read_limits
 from twinbench.mismatch.design.separation import Expected, expected
 from twinbench.mismatch.design.trials import tried
@@ -89,9 +89,11 @@ def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
         basis = _without(asked, given, limits, candidates)
     else:
         basis = _by_recordings(asked, given, limits, read_found(asked.verdict), progress)
-    order = np.argsort([-h.log for h in basis.rivals], kind="stable")
+    weighed = all(name in basis.weights for name in basis.names)
+    likely = [basis.weights[n] if weighed else h.log for n, h in zip(basis.names, basis.rivals, strict=True)]
+    order = np.argsort(-np.array(likely), kind="stable")
     settled, names = [basis.rivals[i] for i in order], [basis.names[i] for i in order]
-    hand = hand_of(settled, names, basis.ground, candidates, basis.clock)
+    hand = weighed_as(hand_of(settled, names, basis.ground, candidates, basis.clock), basis.weights)
     best = proposed(hand, candidates, basis.clock, lambda share: progress("design", share))
     old = tuple(_again(hand, basis, best.groups)) if len(settled) > 1 else ()
     return Designed(best, hand, basis.clock, limits, basis.beside, old)
@@ -137,6 +139,7 @@ class _Basis(NamedTuple):
     rivals: list[Settled]
     names: list[str]
     beside: tuple[str, ...]
+    weights: Mapping[str, float]
     ground: Ground
     clock: Clock
     recordings: list[Recording]
@@ -161,7 +164,7 @@ def _by_recordings(asked: DesignRequest, given: Model, limits: Limits, found: Fo
         clock_of(seen.tracks, ground.noise, sampling_s, found.linear)
         for sampling_s in (limits.sampling_s, *(float(np.median(np.diff(r.time_s))) for r in learnt))
     )
-    return _Basis(rivals, list(names) or [""], beside, ground, clock, learnt, clocks)
+    return _Basis(rivals, list(names) or [""], beside, found.weights, ground, clock, learnt, clocks)
 
 
 def _without(asked: DesignRequest, given: Model, limits: Limits, candidates: Sequence[Candidate]) -> _Basis:
@@ -170,4 +173,4 @@ def _without(asked: DesignRequest, given: Model, limits: Limits, candidates: Seq
     listed = only(whole_catalogue(given.simulator, own, limits.sampling_s), names)
     linear = given.inputs == LINEAR
     rivals, ground, clock = without_recordings(given.simulator, given.faults, listed, limits, candidates, linear)
-    return _Basis(rivals, list(names) or [""], (), ground, clock, [], [])
+    return _Basis(rivals, list(names) or [""], (), {}, ground, clock, [], [])

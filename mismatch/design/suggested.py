@@ -12,6 +12,7 @@ from twinbench.mismatch.design.candidates import drawn
 from twinbench.mismatch.design.choice import hand_of, ranked
 from twinbench.mismatch.design.clock import clock_of
 from twinbench.mismatch.design.contested import contested, rivals_at
+from twinbench.mismatch.design.hand import weighed_as
 from twinbench.mismatch.design.limits import Limits
 from twinbench.mismatch.design.separation import expected
 from twinbench.mismatch.naming.answer import Answer
@@ -52,7 +53,7 @@ def suggested(answer: Answer, claims: Sequence[Claim]) -> Suggested | None:
     ground = answer.naming.ground
     clock = clock_of(problem.tracks, ground.noise, limits.sampling_s, problem.tracks[0].linear)
     candidates = drawn(problem.machine.simulator, limits)
-    hand = hand_of(rivals, names, ground, candidates, clock)
+    hand = weighed_as(hand_of(rivals, names, ground, candidates, clock), claim.found.weights if claim.found else {})
     try:
         order = ranked(hand, candidates, clock)
     except BadInput:  # no run of them stays within the outputs' bounds

@@ -7,6 +7,7 @@ from twinbench.mismatch.design.candidates import drawn
 from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
 from twinbench.mismatch.design.clock import clock_of
 from twinbench.mismatch.design.contested import contested, rivals_at
+from twinbench.mismatch.design.hand import weighed_as
 from twinbench.mismatch.design.limits import Limits
 from twinbench.mismatch.diagnosis import Diagnosis
 
@@ -22,7 +23,7 @@ def within(d: Diagnosis, limits: Limits) -> Proposal | None:
     tracks, ground = answer.chosen.problem.tracks, answer.naming.ground
     clock = clock_of(tracks, ground.noise, limits.sampling_s, tracks[0].linear)
     candidates = drawn(d.simulator, limits)
-    hand = hand_of(rivals, names, ground, candidates, clock)
+    hand = weighed_as(hand_of(rivals, names, ground, candidates, clock), claim.found.weights if claim.found else {})
     try:
         return proposed(hand, candidates, clock)
     except BadInput:

@@ -104,12 +104,14 @@ def test_recordings_at_hand_count_and_are_told_too(workplace: Path) -> None:
         for name in ("day", "held")
     ]
     rivals = ["loss_to_ambient@T", "offset@T"]
-    finding = {"mechanism": rivals[0], "indistinguishable_from": rivals[1:], "since_s": None}
+    weights = dict.fromkeys(rivals, 0.5)
+    finding = {"mechanism": rivals[0], "indistinguishable_from": rivals[1:], "since_s": None, "weights": weights}
     verdict = {**FOUND, "findings": [finding], "provenance": {**FOUND["provenance"], "files": files}}
     Path("verdict.json").write_text(json.dumps(verdict))
     assert design("--verdict", "verdict.json") == 0
     document = json.loads(Path("next/design.json").read_text())
     assert sorted(rival["name"] for rival in document["rivals"]) == rivals
+    assert [rival["probability"] for rival in document["rivals"]] == pytest.approx([0.5, 0.5])
     (again,) = document["again"]
     assert again["says"] == "the inputs of day"
     assert again["worst_nats"] <= document["expected"]["worst_nats"]
