@@ -193,7 +193,7 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
     sets = [f for f in found if len(f.names) > 1 and not f.alike]
     if not sets:
         if found or not (hidden := _hidden(d)):
-            return ""
+            return _experiment(d)
         how = "move the inputs more, or record longer" if d.simulator.inputs else "record longer"
         return f"To see {hidden[0]}, {how}."
     first, second = sets[0].names[:2]
@@ -202,18 +202,18 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
         if d.simulator.inputs
         else "from other starts than these recordings', and for longer"
     )
-    return f"To tell {first} from {second}, record where their effects differ: {how}.{_experiment(d, sets[0].names)}"
+    return f"To tell {first} from {second}, record where their effects differ: {how}. {_experiment(d)}".rstrip()
 
 
-def _experiment(d: Diagnosis, names: Sequence[str]) -> str:
-    """The best experiment where the inputs were already, if one was looked for."""
+def _experiment(d: Diagnosis) -> str:
+    """The best experiment where the inputs were already; empty if none of them would do it."""
     best = d.experiment
-    if best is None or not set(best.rivals) <= set(names):
+    if best is None or best.probability < HARDLY_EVER:
         return ""
-    if best.probability < HARDLY_EVER:
-        return " No experiment where the inputs were already would do it."
-    says = f"where the inputs were already, the best is {best.says}, which leaves the right name alone with probability"
-    return f" {sentence(f'{says} {probable(best.probability)}')}"
+    return sentence(
+        f"where the inputs were already, the best experiment to tell {listed(best.rivals)} apart is {best.says}: it "
+        f"leaves the right name alone with probability {probable(best.probability)}"
+    )
 
 
 def _self_check(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:

@@ -53,12 +53,14 @@ class Expected(NamedTuple):
 def groups_of(nats: Sequence[Array]) -> np.ndarray:
     """(m,) labels of rivals, one label for those that no experiment tells apart: chance moves more than it adds.
 
+    Where that is all of them, each has a label of its own: none may then be taken for right.
+
     Args:
         nats: (m, m) dimensionless, of each experiment.
     """
     told = np.max([np.minimum(n, n.T) for n in nats], axis=0)
-    _, labels = connected_components(csr_array(told < SCATTER))
-    return labels
+    many, labels = connected_components(csr_array(told < SCATTER))
+    return labels if many > 1 else np.arange(len(labels))
 
 
 def worst(nats: Array, groups: np.ndarray) -> float:
@@ -69,7 +71,6 @@ def worst(nats: Array, groups: np.ndarray) -> float:
         groups: (m,) dimensionless labels of rivals.
     """
     apart = groups[:, None] != groups
-    apart = apart if apart.any() else ~np.eye(len(nats), dtype=bool)
     return float(nats[apart].min())
 
 

@@ -160,7 +160,7 @@ def test_one_sensor_more_is_one_row_more_of_evidence():
 def test_rivals_that_no_experiment_parts_are_one_group():
     apart, same = np.array([[0.0, 9.0], [9.0, 0.0]]), np.array([[0.0, 0.1], [9.0, 0.0]])
     assert len(set(groups_of([apart, same]))) == 2
-    assert len(set(groups_of([same, same.T]))) == 1
+    assert len(set(groups_of([same, same.T]))) == 2, "none of them may be taken for right"
     whole = np.array([[0.0, 1.0, 8.0], [1.0, 0.0, 6.0], [7.0, 5.0, 0.0]])
     assert worst(whole, groups_of([whole])) == 5.0
 
