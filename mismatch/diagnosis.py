@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from twinbench.mismatch.design.suggested import Suggested
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.history.history import History
@@ -61,6 +62,8 @@ class Diagnosis:
             show that they mend it.
         worse: held-out outputs that the chosen effects spoil beyond chance; then nothing is mended.
         refused: why the chosen effects have no name: they spoil an output, or leave one unfollowed. Empty if not so.
+        experiment: what would tell apart what a claim cannot, where the recordings' inputs went; None where nothing is
+            contested, or nothing would.
         followed: how much of each output the mended simulator explains, or the calibrated one.
         strange: why errors on held-out recordings are other than those where it learnt, output by output.
         histories: sizes over time of the chosen effects, each by its place.
@@ -91,6 +94,7 @@ class Diagnosis:
     held_after: Held | None
     worse: tuple[Worse, ...]
     refused: str
+    experiment: Suggested | None
     followed: tuple[Followed, ...]
     strange: tuple[str, ...]
     histories: tuple[History, ...]

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -162,6 +163,15 @@ class Machine:
         """A fault of a sensor or an input is there from now on, at its nominal size."""
         sizes = np.array([v.nominal for v in fault.parameters])
         self._known.append((sizes, fault, *channel_of(self.simulator, fault)))
+
+    def reading_states(self) -> Machine:
+        """The same with a sound sensor of every state in the place of its sensors."""
+        made = copy(self)
+        made.simulator = replace(self.simulator, outputs=self.states, reads=())
+        made.equations = self.equations[0], as_argument(_state) if self._native else _state
+        made._faults = [fault for fault in self._faults if fault[2] == "input"]
+        made._known = [fault for fault in self._known if fault[2] == "input"]
+        return made
 
     def loop(self, compiled_loop: Any) -> Any:
         """A loop over the equations: itself, or its plain Python where numba could not compile those."""

@@ -21,7 +21,7 @@ from twinbench.mismatch.stuck import STANDS_STILL
 from twinbench.mismatch.tracks import FEWEST_SAMPLES, Track, prepare
 from twinbench.mismatch.unbroken import unbroken
 from twinbench.physics.compose import ONLY_STEPPED
-from twinbench.physics.simulator import Array, Mechanism
+from twinbench.physics.simulator import Array, Mechanism, Simulator
 
 WITHOUT_SIZE = ("input_quantisation@", "input_stuck@")
 """Faults that have no small size which a fit could begin from, and are not found in another way."""
@@ -104,8 +104,7 @@ def _listed(asked: Asked, period_s: float) -> tuple[Mechanism, ...]:
 def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
     """The simulator with all candidates. What calibration moves anyway, or is found by itself, is none."""
     simulator, known = asked.simulator, {m.name for m in asked.faults}
-    none = (STANDS_STILL, ROUNDS, *WITHOUT_SIZE)
-    listed = tuple(m for m in listed if not (is_parameter(simulator, m) or m.name.startswith(none)))
+    listed = tuple(m for m in listed if is_fitted(simulator, m))
     machine = machine_of(simulator, [m for m in listed if m.name not in known], asked.faults)
     machine.candidates = [replace(c, odds=asked.told.prior.get(c.name)) for c in machine.candidates]
     if asked.told.measured and simulator.stepped is not None:
@@ -113,6 +112,11 @@ def _machine(asked: Asked, listed: Sequence[Mechanism]) -> Machine:
         raise BadInput(f"measured {name!r}: simulator {simulator.name!r} {ONLY_STEPPED}; leave it out")
     machine.input_sds = np.array([asked.told.measured.get(v.name, 0.0) for v in simulator.inputs])
     return machine
+
+
+def is_fitted(simulator: Simulator, mechanism: Mechanism) -> bool:
+    """Has it a size of its own that a fit finds? What calibration moves anyway, or is found by itself, has none."""
+    return not (is_parameter(simulator, mechanism) or mechanism.name.startswith((STANDS_STILL, ROUNDS, *WITHOUT_SIZE)))
 
 
 def _check_length(tracks: Sequence[Track]) -> None:

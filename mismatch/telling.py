@@ -23,6 +23,8 @@ MOST_NAMED = 6
 """Names in a sentence that a table has all of."""
 ONE_PERIOD = 1.2
 """Longest over shortest period of a band that is told as one period: periods of a machine lie further apart."""
+HARDLY_EVER = 0.05
+"""Probability of a name below which an experiment is not told."""
 NAMED_IN_ONE = 3
 """Recordings that a sentence names one by one."""
 
@@ -199,7 +201,7 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
     sets = [f for f in found if len(f.names) > 1 and not f.alike]
     if not sets:
         if found or not (hidden := _hidden(d)):
-            return ""
+            return _experiment(d)
         how = "move the inputs more, or record longer" if d.simulator.inputs else "record longer"
         return f"To see {hidden[0]}, {how}."
     first, second = sets[0].names[:2]
@@ -208,7 +210,18 @@ def more_data(d: Diagnosis, found: Sequence[Finding]) -> str:
         if d.simulator.inputs
         else "from other starts than these recordings', and for longer"
     )
-    return f"To tell {first} from {second}, record where their effects differ: {how}."
+    return f"To tell {first} from {second}, record where their effects differ: {how}. {_experiment(d)}".rstrip()
+
+
+def _experiment(d: Diagnosis) -> str:
+    """The best experiment where the inputs were already; empty if none of them would do it."""
+    best = d.experiment
+    if best is None or best.probability < HARDLY_EVER:
+        return ""
+    return sentence(
+        f"where the inputs were already, the best experiment to tell {listed(best.rivals)} apart is {best.says}: it "
+        f"leaves the right name alone with probability {probable(best.probability)}"
+    )
 
 
 def _self_check(d: Diagnosis, found: Sequence[Finding]) -> Iterator[str]:

@@ -55,10 +55,10 @@ class Told:
         names = [m.name for m in catalogue]
         for pattern in self.leave_out:
             if not any(fnmatchcase(name, pattern) for name in names):
-                raise BadInput(f"leave out {shown(pattern)}: no candidate has that name{_nearest(pattern, names)}")
+                raise BadInput(f"leave out {shown(pattern)}: no candidate has that name{nearest(pattern, names)}")
         for name, odds in self.prior.items():
             if name not in names:
-                raise BadInput(f"prior of {shown(name)}: no candidate has that name{_nearest(name, names)}")
+                raise BadInput(f"prior of {shown(name)}: no candidate has that name{nearest(name, names)}")
             if self._is_out(name):
                 raise BadInput(f"prior of {shown(name)}: it is left out too; take one of the two back")
             if not (_is_number(odds) and odds > 0.0):
@@ -69,7 +69,7 @@ class Told:
             v = next((v for v in simulator.inputs if v.name == name), None)
             if v is None:
                 inputs = [v.name for v in simulator.inputs]
-                raise BadInput(f"measured {shown(name)}: the simulator has no such input{_nearest(name, inputs)}")
+                raise BadInput(f"measured {shown(name)}: the simulator has no such input{nearest(name, inputs)}")
             if not (_is_number(sd) and sd > 0.0):
                 raise BadInput(
                     f"measured {shown(name)}: its noise is {shown(sd)}, must be a number above 0, in {v.unit or '1'}; "
@@ -113,7 +113,7 @@ def _noise(text: str, simulator: Simulator) -> tuple[str, float]:
         raise BadInput(f"{where}: must read INPUT=SD and a unit, as p_suc_bar=0.01bar")
     name, number, given = found[1].strip(), found[2], found[3].strip()
     if name not in units:
-        raise BadInput(f"{where}: the simulator has no input {shown(name)}{_nearest(name, units)}")
+        raise BadInput(f"{where}: the simulator has no input {shown(name)}{nearest(name, units)}")
     unit = units[name]
     if not given and unit not in _PLAIN:
         raise BadInput(f"{where}: has no unit; write {name}={number}{unit} if that is what it is")
@@ -128,7 +128,7 @@ def _noise(text: str, simulator: Simulator) -> tuple[str, float]:
     return name, float(ends[1] - ends[0])
 
 
-def _nearest(name: str, known: Collection[str]) -> str:
+def nearest(name: str, known: Collection[str]) -> str:
     """What may be meant, for the end of a message."""
     near = difflib.get_close_matches(name, known, n=1)
     if near:

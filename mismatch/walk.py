@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from twinbench.mismatch.asked import Asked, Progress, forward, silent
 from twinbench.mismatch.checks import audit
+from twinbench.mismatch.design.suggested import suggested
 from twinbench.mismatch.diagnosis import Diagnosis, Fit
 from twinbench.mismatch.history.history import history_of
 from twinbench.mismatch.naming.decision import Rule, decided
@@ -54,5 +55,6 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
         answer=answer,
         self_check=self_check,
         histories=histories,
+        experiment=suggested(answer, found.claims),
         **found._asdict(),
     )

@@ -10,6 +10,7 @@ from twinbench.bench.cli import (
     check,
     compare,
     complete,
+    design,
     estimate,
     export,
     flagship,
@@ -50,6 +51,7 @@ COMMANDS = {
     "export": export,
     "mismatch": mismatch,
     "fleet": fleet,
+    "design": design,
     "fmu": fmu,
     "prove": prove,
     "flagship": flagship,
@@ -58,7 +60,7 @@ COMMANDS = {
     "schema": schema,
     "completion": complete,
 }
-PARALLEL = ("run", "mismatch", "fleet", "prove", "flagship", "tune", "check", "compare")
+PARALLEL = ("run", "mismatch", "design", "fleet", "prove", "flagship", "tune", "check", "compare")
 SPREAD = ("run", "fleet", "prove", "flagship", "tune", "compare")
 """What a cluster can do, too."""
 EPILOG = """examples:
@@ -79,6 +81,8 @@ EPILOG = """examples:
                                                    what your simulator leaves out, and proof of it
   twinbench fleet tanks.py plant1 plant2 plant3 --out fleet
                                                    what all of them lack, and which are unlike the others
+  twinbench design tanks.py --verdict found/verdict.json --inputs limits.toml --out next
+                                                   the experiment that would settle it
   twinbench simulate --simulator found/model.toml --inputs day4.csv --out replayed
   twinbench fmu found/model.toml --out mended.fmu  the mended simulator for other tools, as an FMU
   twinbench schema verdict                         what verdict.json holds, for programs

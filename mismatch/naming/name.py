@@ -207,17 +207,17 @@ def _late(found: Naming) -> None:
         shares = np.arange(1, TIMES) / TIMES
         times = [float(t.time_s[0] + share * np.ptp(t.time_s)) for t in h.problem.tracks for share in shares]
         since_s = _fitting_best(times, h, misfit(h.problem, found.ground, h.learnt.s))
-        found.settle(_begun(h.bare, since_s), h.own, h.now, h.learnt.s)
+        found.settle(begun(h.bare, since_s), h.own, h.now, h.learnt.s)
 
 
-def _begun(problem: Problem, since_s: float) -> Problem:
+def begun(problem: Problem, since_s: float) -> Problem:
     """A problem with effects that begin at one time in all recordings."""
     return replace(problem, since=(since_s,) * len(problem.tracks))
 
 
 def _fitting_best(times_s: Sequence[float], h: Settled, cost: Callable[[Array, Problem], float]) -> float:
     """The time from which a hypothesis fits best, as it stands."""
-    return times_s[int(np.argmin([cost(h.z, _begun(h.problem, since_s)) for since_s in times_s]))]
+    return times_s[int(np.argmin([cost(h.z, begun(h.problem, since_s)) for since_s in times_s]))]
 
 
 def _sharpened(found: Naming) -> bool:
@@ -234,7 +234,7 @@ def _sharpened(found: Naming) -> bool:
     if abs(since - best.since_s) < gap / SIDES:
         return False
     for h in [h for h in found.hypotheses if h.log > best.log - NEAR and h.since_s == best.since_s]:
-        found.settle(_begun(h.bare, since), h.own, h.now, h.learnt.s)
+        found.settle(begun(h.bare, since), h.own, h.now, h.learnt.s)
     return found.best.log > best.log + SETTLED
 
 
@@ -281,7 +281,7 @@ def all_physics(found: Naming) -> list[Effect]:
 
 def _since(problem: Problem, shown: Picture, scored: Scored) -> Problem:
     since = float(shown.since[scored.key[0]]) if scored.key else -np.inf
-    return _begun(problem, since) if since > -np.inf else problem
+    return begun(problem, since) if since > -np.inf else problem
 
 
 def _contenders(shown: Picture, far: bool) -> list[Scored]:

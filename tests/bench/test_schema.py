@@ -18,10 +18,11 @@ from twinbench.bench.cli.schema import SCHEMAS
 from twinbench.bench.estimate.apply import SUMMARY_VERSION
 from twinbench.bench.estimate.quality import LACKS, PRIOR, SELDOM, UNLIKE, USABLE
 from twinbench.common.store import write_text
+from twinbench.mismatch.design.write import DESIGN_VERSION, OUTLOOKS
 from twinbench.mismatch.verdict import VERDICT_VERSION, VERDICTS
 
-VERSIONS = {"verdict": VERDICT_VERSION, "summary": SUMMARY_VERSION}
-WORDS = {"verdict": VERDICTS, "summary": (USABLE, UNLIKE, PRIOR, SELDOM, LACKS)}
+VERSIONS = {"verdict": VERDICT_VERSION, "design": DESIGN_VERSION, "summary": SUMMARY_VERSION}
+WORDS = {"verdict": VERDICTS, "design": OUTLOOKS, "summary": (USABLE, UNLIKE, PRIOR, SELDOM, LACKS)}
 LONGEST_WORDS = 35
 
 

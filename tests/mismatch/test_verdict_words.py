@@ -13,6 +13,7 @@ from motor_case import record
 
 from twinbench.mismatch import Verdict
 from twinbench.mismatch.catalogue import generic
+from twinbench.mismatch.design.suggested import suggested
 from twinbench.mismatch.faults import faults
 from twinbench.mismatch.naming.answer import Unnamed
 from twinbench.mismatch.naming.decision import Claim, decided, probability
@@ -123,6 +124,17 @@ def test_a_set_lists_its_names_with_probabilities_and_what_to_record(friction):
     assert verdict.more_data.startswith(f"To tell {DRY} from {BIAS}, record where their effects differ")
     assert verdict.says.startswith(f"One of {DRY} and {BIAS} is missing or at fault: on day 3")
     assert dict(finding.ports) == {Port("balance", "omega_rad_s"): 0.5, Port("output", "amps_A"): 0.5}
+
+
+def test_a_set_carries_the_best_experiment_of_a_few(friction):
+    d = claiming(friction, DRY, BIAS).diagnosis
+    found = suggested(d.answer, d.claims)
+    assert found is not None
+    assert set(found.rivals) == {DRY, BIAS}
+    told = conclude(replace(d, experiment=found._replace(probability=0.8))).more_data
+    assert f"apart is {found.says}: it leaves the right name alone with probability 0.8." in told
+    silent = conclude(replace(d, experiment=found._replace(probability=0.0))).more_data
+    assert "experiment" not in silent
 
 
 def test_names_that_are_one_thing_are_said_in_one_sentence(friction):

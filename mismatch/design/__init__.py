@@ -1,0 +1,1 @@
+"""Which experiment would tell rivals apart: candidates within limits, and what each promises by expected evidence."""

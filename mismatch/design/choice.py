@@ -1,0 +1,179 @@
+"""The experiment to make next: all candidates tried on paper, the best of them looked at closely."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twinbench.common.errors import BadInput
+from twinbench.mismatch.catalogue import typical_rates
+from twinbench.mismatch.design.candidates import Candidate
+from twinbench.mismatch.design.clock import Clock
+from twinbench.mismatch.design.hand import Hand, at_hand
+from twinbench.mismatch.design.precision import gained
+from twinbench.mismatch.design.separation import SCATTER, Expected, expected, groups_of, nats, worst
+from twinbench.mismatch.design.trials import Trial, course_of, tried
+from twinbench.mismatch.naming.discrepancy import discrepancy
+from twinbench.mismatch.naming.ground import Ground
+from twinbench.mismatch.naming.name import common_fluxes
+from twinbench.mismatch.naming.power import WANTED
+from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.naming.view import View
+from twinbench.mismatch.visited import moved
+from twinbench.physics.simulator import Array
+
+ANCHORED = 12
+"""Candidates whose runs say, beside the recordings, where the discrepancy has to be described."""
+FINALISTS = 5
+"""Candidates that are simulated, the best of all by their expected evidence."""
+TIMES = (1, 2, 3, 4, 6, 8)
+"""How often an experiment may be made: what eight times do not tell, more hardly will."""
+PARTS = (0.25, 0.5, 0.75)
+AS_GOOD = 0.02
+"""Probability that a shorter experiment may lose and still do."""
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """The experiment to make next.
+
+    Attributes:
+        trial: it.
+        groups: (m,) dimensionless labels of rivals, one for those that no experiment here tells apart.
+        expected: what it promises, made once; None where nothing is contested.
+        times: how often it has to be made for a name with probability ``WANTED``; 0 if no number tried is enough.
+        repeated: probability of the right name if it is made so often, or as often as was tried.
+        enough_s: the shortest part of it, from its beginning on, that promises as much.
+        worth: (C,) dimensionless, nats of each candidate that can be made: the worst pair's, or what parameters gain.
+        left_out: candidates that could not be made.
+    """
+
+    trial: Trial
+    groups: np.ndarray
+    expected: Expected | None
+    times: int
+    repeated: float
+    enough_s: float
+    worth: Array
+    left_out: int
+
+    @property
+    def scattered(self) -> bool:
+        """Does chance move the evidence further than the experiment does? Then it settles nothing."""
+        return self.expected is not None and self.expected.worst < SCATTER
+
+
+def hand_of(
+    rivals: Sequence[Settled], names: Sequence[str], ground: Ground, candidates: Sequence[Candidate], clock: Clock
+) -> Hand:
+    """What is at hand, the discrepancy described wherever recordings and candidates go."""
+    best, measured = rivals[0], np.ones(len(ground.noise.white), dtype=bool)
+    if not ground.ports:
+        return at_hand(rivals, names, ground)
+    view = View.around(best.problem, best.z)
+    some = candidates[:: max(1, len(candidates) // ANCHORED)]
+    courses = [c for c in (course_of(best, one, clock, measured) for one in some) if np.isfinite(c.means).all()]
+    if view.courses:
+        rates, fluxes = typical_rates(moved(best.problem, best.z)), common_fluxes(view)
+    else:
+        run = replace(view, courses=tuple(courses))
+        rates, fluxes = typical_rates(best.problem.machine.simulator), common_fluxes(run)
+    whole = discrepancy([*view.courses, *courses], rates, fluxes)
+    return at_hand(rivals, names, replace(ground, discrepancy=whole))
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """Candidates that can be made, the best first.
+
+    Attributes:
+        made: these.
+        worth: (C,) dimensionless, nats of each.
+        groups: (m,) dimensionless labels of rivals, one for those that none of the candidates tells apart.
+        left_out: candidates that cannot be made.
+    """
+
+    hand: Hand
+    clock: Clock
+    groups: np.ndarray
+    made: tuple[Candidate, ...]
+    worth: Array
+    left_out: int
+
+    def finalists(self, many: int) -> list[Trial]:
+        """The best, tried once more: all of them at once would fill the memory."""
+        again = (tried(one, self.hand, self.clock) for one in self.made[:many])
+        return [trial for trial in again if trial is not None]
+
+
+def ranked(
+    hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
+) -> Ranked:
+    """Candidates by what they add for the closest pair of rivals; by what parameters gain where nothing is contested.
+
+    Raises:
+        BadInput: none of them can be made: the simulator leaves its outputs' bounds in all.
+    """
+    contested, made, worth, added = len(hand.rivals) > 1, list[Candidate](), list[float](), list[Array]()
+    for k, one in enumerate(candidates):
+        trial = tried(one, hand, clock)
+        if trial is not None:
+            made.append(one)
+            if contested:
+                added.append(nats(hand, trial))
+            else:
+                worth.append(gained(hand, trial).nats)
+        progress((k + 1) / len(candidates))
+    if not made:
+        raise BadInput(
+            f"none of {len(candidates)} experiments can be made: the simulator leaves the bounds of its outputs in "
+            "all of them; narrow the limits of the inputs, or mend the bounds"
+        )
+    groups = groups_of(added) if contested else np.zeros(1, dtype=int)
+    values = np.array([worst(n, groups) for n in added] if contested else worth)
+    order = np.argsort(-values, kind="stable")
+    left_out = len(candidates) - len(made)
+    return Ranked(hand, clock, groups, tuple(made[i] for i in order), values[order], left_out)
+
+
+def proposed(
+    hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
+) -> Proposal:
+    """The best of candidates.
+
+    Raises:
+        BadInput: none of them can be made.
+    """
+    order = ranked(hand, candidates, clock, lambda share: progress(0.9 * share))
+    if len(hand.rivals) < 2:
+        (best,) = order.finalists(1)
+        return Proposal(
+            best, order.groups, None, 1, np.nan, float(np.ptp(best.track.time_s)), order.worth, order.left_out
+        )
+    finalists = order.finalists(FINALISTS)
+    looked_at = [expected(hand, trial, order.groups) for trial in finalists]
+    # Chance decides between probabilities as near as this.
+    k = max(range(len(finalists)), key=lambda i: (round(looked_at[i].right, 2), looked_at[i].worst))
+    times, repeated = _how_often(hand, finalists[k], looked_at[k], order.groups)
+    enough_s = _how_long(hand, finalists[k], looked_at[k], order.groups)
+    progress(1.0)
+    return Proposal(finalists[k], order.groups, looked_at[k], times, repeated, enough_s, order.worth, order.left_out)
+
+
+def _how_often(hand: Hand, trial: Trial, once: Expected, groups: np.ndarray) -> tuple[int, float]:
+    found = once.right
+    for times in TIMES:
+        found = once.right if times == 1 else expected(hand, trial, groups, times).right
+        if found >= WANTED:
+            return times, found
+    return 0, found
+
+
+def _how_long(hand: Hand, trial: Trial, whole: Expected, groups: np.ndarray) -> float:
+    length_s = float(np.ptp(trial.track.time_s))
+    for share in PARTS:
+        if expected(hand, trial.until(share), groups).right >= whole.right - AS_GOOD:
+            return share * length_s
+    return length_s
