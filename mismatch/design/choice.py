@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twinbench.common.errors import BadInput
-from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Hand, at_hand
@@ -17,7 +16,7 @@ from twinbench.mismatch.design.separation import SCATTER, Expected, expected, gr
 from twinbench.mismatch.design.trials import Trial, course_of, tried
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.name import common_fluxes
+from twinbench.mismatch.naming.name import common
 from twinbench.mismatch.naming.power import WANTED
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import View
@@ -76,11 +75,10 @@ def hand_of(
     some = candidates[:: max(1, len(candidates) // ANCHORED)]
     courses = [c for c in (course_of(best, one, clock, measured) for one in some) if np.isfinite(c.means).all()]
     if view.courses:
-        rates, fluxes = typical_rates(moved(best.problem, best.z)), common_fluxes(view)
+        there = common(view, moved(best.problem, best.z))
     else:
-        run = replace(view, courses=tuple(courses))
-        rates, fluxes = typical_rates(best.problem.machine.simulator), common_fluxes(run)
-    whole = discrepancy([*view.courses, *courses], rates, fluxes)
+        there = common(replace(view, courses=tuple(courses)), best.problem.machine.simulator)
+    whole = discrepancy([*view.courses, *courses], there)
     return at_hand(rivals, names, replace(ground, discrepancy=whole))
 
 

@@ -10,12 +10,11 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.common.shown import shown as quoted
 from twinbench.mismatch.asked import Asked, Progress, forward, silent
-from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.machine import Machine
 from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.name import FAR_OFF, begun, common_fluxes
+from twinbench.mismatch.naming.name import FAR_OFF, begun, common
 from twinbench.mismatch.naming.picture import Painter, Picture
 from twinbench.mismatch.naming.settle import Settled, settled
 from twinbench.mismatch.naming.view import View
@@ -71,8 +70,8 @@ def by_recordings(
     machine.candidates = [sized.get(c.name, c) for c in machine.candidates]
     progress("calibrate", 1.0)
     view = View.around(problem, fit.z)
-    rates, fluxes = typical_rates(moved(problem, fit.z)), common_fluxes(view)
-    ground = Ground.learnt(view, discrepancy(view.courses, rates, fluxes), seen.floor)
+    there = common(view, moved(problem, fit.z))
+    ground = Ground.learnt(view, discrepancy(view.courses, there), seen.floor)
     painter = Painter(view, ground, variants(machine.candidates))
     late = since_s > -np.inf
     picture = painter.picture([since_s] if late else (), range(len(painter.listed)) if late else ())

@@ -9,7 +9,6 @@ import numpy as np
 
 from twinbench.common.errors import BadInput
 from twinbench.mismatch.calibrate import shared_unknowns
-from twinbench.mismatch.catalogue import typical_rates
 from twinbench.mismatch.design.candidates import Candidate
 from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.gather import check_fitted
@@ -22,7 +21,7 @@ from twinbench.mismatch.naming.discrepancy import discrepancy
 from twinbench.mismatch.naming.effect import Effect, may_wander, unknowns_of, with_effects
 from twinbench.mismatch.naming.ground import Ground, Products
 from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, Learnt
-from twinbench.mismatch.naming.name import common_fluxes
+from twinbench.mismatch.naming.name import common
 from twinbench.mismatch.naming.settle import Settled
 from twinbench.mismatch.naming.view import WANDERS, View
 from twinbench.mismatch.sensors import SensorNoise
@@ -64,12 +63,11 @@ def without_recordings(
     track = blocks.reading(nominal)
     with as_bad_input():
         settle_step(machine, [track], np.sqrt(clock.noise.variance))
-        rates = typical_rates(simulator)
     problem = Problem(machine, [track], shared_unknowns(simulator), np.sqrt(clock.noise.variance))
     view = View.around(problem, problem.z0)
     if not np.isfinite(view.courses[0].means).all():
         raise BadInput(f"simulator {simulator.name!r} diverges in {candidates[0].says}; narrow the limits")
-    d = discrepancy(view.courses, rates, common_fluxes(view))
+    d = discrepancy(view.courses, common(view, simulator))
     ports, many = len(d.ports), len(d.points)
     ground = Ground(
         clock.noise, (), (), np.zeros((0, 0, 0)), np.repeat(np.arange(ports), many), d.ports,

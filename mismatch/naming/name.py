@@ -25,7 +25,7 @@ from twinbench.mismatch.naming.steady import squares_beside
 from twinbench.mismatch.naming.view import View
 from twinbench.mismatch.variants import Variant, typical, variants
 from twinbench.mismatch.visited import moved
-from twinbench.physics.simulator import Array, Port
+from twinbench.physics.simulator import Array, Port, Simulator
 
 SINGLES, SETS = 8, 4
 """Hypotheses of one effect, and of several, that are brought to their own fixed point: at a distance the picture is
@@ -173,7 +173,7 @@ def named(problem: Problem, z: Array, floor: Array, progress: Callable[[float], 
         floor: (ny,) noise of block means by their second differences, in the outputs' units.
     """
     view = View.around(problem, z)
-    ground = Ground.learnt(view, discrepancy(view.courses, common(view)), floor)
+    ground = Ground.learnt(view, discrepancy(view.courses, common(view, moved(problem, view.z))), floor)
     progress(0.2)
     painter = Painter(view, ground, variants(problem.machine.candidates))
     shown = with_late(painter)
@@ -366,10 +366,13 @@ def _settle_another(found: Naming, best: Settled, painter: Painter, out: int | N
         found.settle(best.bare, there[: best.first], effects, best.learnt.s)
 
 
-def common(view: View) -> dict[Port, float]:
-    """Where something without a name may act, with what commonly acts there."""
-    problem, simulator = view.problem, view.problem.machine.simulator
-    there = moved(problem, view.z)
+def common(view: View, there: Simulator) -> dict[Port, float]:
+    """Where something without a name may act, with what commonly acts there.
+
+    Args:
+        there: the view's simulator, its scales those of where the machine was.
+    """
+    simulator = view.problem.machine.simulator
     if simulator.stepped is not None:
         groups = {"output": there.outputs, "input": there.inputs}
         return {Port(place, v.name): v.scale for place, group in groups.items() for v in group}
