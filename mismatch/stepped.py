@@ -20,7 +20,7 @@ from twinbench.physics.simulator import Array, Mechanism, Port, Series, Simulato
 
 NOT_ASKED = (
     "This simulator can only be stepped; it does not tell the rates of its states. So only sensors, inputs and "
-    "parameters were asked. What its equations lack shows at an output or an input too: a place without a name says "
+    "parameters were asked. What its equations lack may look like one of these. Or it has no name: then the place says "
     "where it shows, not where it is."
 )
 """What a verdict has to say of it."""

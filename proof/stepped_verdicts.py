@@ -47,6 +47,8 @@ ROOT = Path(__file__).resolve().parents[1]
 MACHINE = "two_tanks"
 SOUND = {"clean": 4, "parameters": 4}
 """Sound cases: with the twin's parameters, and with others."""
+TWICE = 2
+"""Cases of each effect in a balance: a wrong name in its place is what matters most."""
 FAULTS = ("bias", "gain", "lag", "delay", "drift", "saturation")
 """Those that are drawn. Sensors that stand still or move in steps are found before anything is weighed."""
 SEVERITY = 1.0
@@ -64,9 +66,9 @@ def plan() -> list[Item]:
     """The cases."""
     machine = MACHINES[MACHINE]
     items = [Item(f"{cell}_{k}", cell, MACHINE) for cell, many in SOUND.items() for k in range(many)]
-    wrong = [(e.name, "sensor") for e in faults(machine) if parts(e)[0] in FAULTS]
-    wrong += [(e.name, "mechanism") for e in machine.effects]
-    return [*items, *(Item(name, cell, MACHINE, (name,), SEVERITY) for name, cell in wrong)]
+    wrong = [(e.name, e.name, "sensor") for e in faults(machine) if parts(e)[0] in FAULTS]
+    wrong += [(f"{e.name}_{k}", e.name, "mechanism") for e in machine.effects for k in range(TWICE)]
+    return [*items, *(Item(case, cell, MACHINE, (name,), SEVERITY) for case, name, cell in wrong)]
 
 
 def only_stepped(spec: str, values: Mapping[str, float], calibrate: Sequence[str], folder: Path) -> Simulator:
