@@ -111,13 +111,17 @@ def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> His
 
 
 def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]) -> list[Weighed]:
-    """All patterns: that of a constant size where that stands, the others where one of them does."""
-    near = line.told(ground)
-    far = near if line is first else first.told(ground)
+    """All patterns: that of a constant size where that stands, the others where they are likelier."""
+    there = line.told(ground) if line is not first else []
+    near, far = [weigh(there, p) for p in several] if there else [], first.told(ground)
     # All means count from where the line is.
     shift = (first.view.z[first.size] - line.view.z[line.size]) / first.view.problem.unknowns[first.size].spread
-    found = [weigh(far if p.kind == CONSTANT else near, p) for p in several]
-    return [w._replace(mean=w.mean + shift) if w.pattern.kind == CONSTANT else w for w in found]
+    found = []
+    for k, p in enumerate(several):
+        one = weigh(far, p)
+        one = one._replace(mean=one.mean + shift)
+        found.append(near[k] if near and p.kind != CONSTANT and near[k].log > one.log else one)
+    return found
 
 
 def _read(weighed: Sequence[Weighed], line: Line) -> History:
