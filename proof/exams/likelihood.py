@@ -38,7 +38,7 @@ STOP_AT = 1e-5
 small a one where the sum of squares is exact."""
 REFITS = 3
 """Times that a fit goes on from where it ended, with what its blocks left out corrected there."""
-AS_GOOD = 1e-4
+EQUAL_NLL = 1e-4
 """A fit reaches the best if its negative log-likelihood is nearer than this."""
 QUOTIENT_STEP = 1e-6
 """Step of a difference quotient of the rates, in the share of a value, or of one where that is more."""
@@ -127,7 +127,7 @@ class Likelihood:
         values = dict(zip(moved, found[best][0].tolist(), strict=True))
         if self._noise in free:
             values[str(self._noise)] = self._sigma(found[best][1])
-        reached = sum(bool(one < nllhs[best] + AS_GOOD) for one in nllhs[1:])
+        reached = sum(bool(one < nllhs[best] + EQUAL_NLL) for one in nllhs[1:])
         return Fitted(float(nllhs[best]), values, reached, len(nllhs) - 1)
 
     def _nllh(self, squares: float, free: Sequence[str], fixed: Mapping[str, float]) -> float:

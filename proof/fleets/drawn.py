@@ -23,7 +23,7 @@ KIND = "two_tanks"
 EFFECTS = ("leak@h1_cm", "leak@h2_cm", "quadratic_leak@h1_cm", "offset@h2_cm", "overflow@h1_cm", "dead_zone@pump_V")
 """Of two drawn ones the first is shared, the second is what odd machines have."""
 SECONDS = {"train": (600.0, 600.0), "held": (600.0,)}
-SEVERITY, SCATTER = 1.0, 0.05
+SEVERITY, OWN_SCATTER = 1.0, 0.05
 """Of each effect on its own; sd of the shared size from machine to machine, as a share."""
 BACKGROUND_PCT = 0.2
 """Ripple that no catalogue has; each machine has another."""
@@ -53,7 +53,7 @@ def draw(fleet: int, seed: int, machines: int, odd: int, out: Path) -> Drawn:
         quiet[machine.at("ripple")] = quiet[machine.at("ambient")] = 0.0
         yardstick = Yardstick(machine, takes, quiet)
         for effect in (shared, own) if k in strange else (shared,):
-            share = 1.0 + SCATTER * float(one.normal()) if effect == shared else 1.0
+            share = 1.0 + OWN_SCATTER * float(one.normal()) if effect == shared else 1.0
             p[machine.at(machine.effect(effect).slot)] = share * _amplitude(fleet, seed, machine, yardstick, effect)
         _record(machine, takes, p, one, out / name)
         names += [name] if k in strange else []

@@ -138,4 +138,7 @@ def test_verdicts_on_real_recordings_keep_the_schema() -> None:
     for path in files:
         verdict = json.loads(path.read_text(encoding="utf-8"))
         findings = [{"history": None, **finding} for finding in verdict["findings"]]
-        check("verdict", {"schema_version": VERDICT_VERSION, **verdict, "findings": findings, **BY_NO_COMMAND})
+        check(
+            "verdict",
+            {"schema_version": VERDICT_VERSION, "not_asked": "", **verdict, "findings": findings, **BY_NO_COMMAND},
+        )

@@ -28,7 +28,7 @@ from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.steps import settle_step
 from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.variants import Variant
-from twinbench.physics.simulator import Simulator, Term, Variable
+from twinbench.physics.simulator import Port, Simulator, Term, Variable
 
 TAU_S, SD, SIZE, GIVEN = 5.0, 0.05, 0.2, 4.0
 """The machine's time constant, the sensor's noise, the size of what is missing, and the input that was recorded."""
@@ -92,7 +92,7 @@ def hand() -> Hand:
     problem = Problem(machine, [track], (start,), np.array([SD]))
     view = View.around(problem, problem.z0)
     noise = SensorNoise(np.array([SD**2]), np.array([1e-12]), np.array([1.0]))
-    learnt = Ground.learnt(view, discrepancy(view.courses, np.array([1.0]), np.empty(0)), np.array([SD]))
+    learnt = Ground.learnt(view, discrepancy(view.courses, {Port("balance", "x"): 1.0}), np.array([SD]))
     ground = replace(learnt.exact, noise=noise)
     wide = [Effect(Variant(k, ()), size, 10.0, 0.0) for k, size in enumerate((SIZE, -SIZE / GIVEN))]
     rivals = [settled(problem, problem.z0, (e,), ground, np.empty(0)) for e in wide]
