@@ -79,7 +79,19 @@ def hand_of(
     else:
         there = common(replace(view, courses=tuple(courses)), best.problem.machine.simulator)
     whole = discrepancy([*view.courses, *courses], there)
-    return at_hand(rivals, names, replace(ground, discrepancy=whole))
+    return at_hand(rivals, names, _where_it_counts(replace(ground, discrepancy=whole), rivals))
+
+
+def _where_it_counts(ground: Ground, rivals: Sequence[Settled]) -> Ground:
+    """With the discrepancy at ports where one was found, and where rivals act: there it does most like them.
+
+    A machine may have twenty others, and each costs as much.
+    """
+    d, candidates = ground.discrepancy, rivals[0].problem.machine.candidates
+    acting = {candidates[e.variant.candidate].mechanism.port for h in rivals for e in h.effects}
+    some = [p for p, port in enumerate(d.ports) if port in ground.ports or port in acting]
+    fewer = replace(d, ports=tuple(d.ports[p] for p in some), units=d.units[some])
+    return replace(ground, discrepancy=fewer, kept=tuple((some.index(p), turn) for p, turn in ground.kept))
 
 
 @dataclass(frozen=True)
