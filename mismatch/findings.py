@@ -15,15 +15,11 @@ from twinbench.mismatch.naming.decision import Claim, astray
 from twinbench.mismatch.regime import regime
 from twinbench.mismatch.sizes import Value, force, formula, sizes
 from twinbench.mismatch.stuck import STANDS_STILL
-from twinbench.mismatch.words import listed, number, sentence, with_unit
+from twinbench.mismatch.words import SELDOM, listed, number, probable, sentence, with_unit
 from twinbench.physics.simulator import Port, Simulator
 
 PHYSICS, SENSOR, UNEXPLAINED = "missing physics", "sensor fault", "unexplained"
 """Kinds of findings: of the machine, of a sensor or an input, and what has no name or one of either kind."""
-NEARLY_SURE = 0.99
-"""Probability above which probabilities are not told apart: they are not known so well."""
-SELDOM = 0.01
-"""Probability below which a port or a name is not told, nor how small it is."""
 
 
 @dataclass(frozen=True)
@@ -240,15 +236,6 @@ def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
         said.append(f"it acts mostly where {found.regime}")
     said.append(f"the probability that this is right is {probable(found.probability)}")
     return " ".join(sentence(text, known) for text in said)
-
-
-def probable(p: float | None) -> str:
-    """A probability as it is told."""
-    if p is None:
-        return "not known"
-    if p > NEARLY_SURE:
-        return f"above {number(NEARLY_SURE)}"
-    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
 
 
 def variable_names(simulator: Simulator) -> set[str]:

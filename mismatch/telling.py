@@ -8,14 +8,14 @@ from collections.abc import Iterator, Sequence
 from twinbench.mismatch.began import begins
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError
-from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, acts_at, none_of_them, probable, variable_names
+from twinbench.mismatch.findings import PHYSICS, SENSOR, Finding, acts_at, none_of_them, variable_names
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.naming.answer import PLAIN, Unnamed
 from twinbench.mismatch.noise import BEYOND_DOUBT
 from twinbench.mismatch.noisy_inputs import NoisyInput, SpikyInput
 from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.unbroken import whole
-from twinbench.mismatch.words import count, counted, interval, listed, number, sentence, with_unit
+from twinbench.mismatch.words import count, counted, interval, listed, number, probable, sentence, with_unit
 
 AGREES = "the simulator agrees with the recordings"
 MOST_NAMED = 6

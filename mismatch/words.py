@@ -12,6 +12,10 @@ LEAST_PLAIN, MOST_PLAIN = 1e-3, 1e5
 """Numbers between these are written without a power of ten."""
 FINEST = 6
 """Significant digits at most, however narrow the interval: no fit is known better."""
+NEARLY_SURE = 0.99
+"""Probability above which probabilities are not told apart: they are not known so well."""
+SELDOM = 0.01
+"""Probability below which a port or a name is not told, nor how small it is."""
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -26,6 +30,15 @@ def number(value: float, digits: int = 3) -> str:
     decimals = max(digits - 1 - int(power), 0)
     plain = f"{float(text):,.{decimals}f}"
     return (plain.rstrip("0").rstrip(".") if "." in plain else plain).replace("-", "−")
+
+
+def probable(p: float | None) -> str:
+    """A probability as it is told."""
+    if p is None:
+        return "not known"
+    if p > NEARLY_SURE:
+        return f"above {number(NEARLY_SURE)}"
+    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
 
 
 def with_unit(value: float, unit: str, digits: int = 3) -> str:

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from twinbench.mismatch.design.choice import TIMES, Proposal
 from twinbench.mismatch.design.precision import gained
 from twinbench.mismatch.design.request import Designed
-from twinbench.mismatch.findings import probable
-from twinbench.mismatch.words import count, counted, listed, number, sentence, with_unit
+from twinbench.mismatch.words import count, counted, listed, number, probable, sentence, with_unit
 
 
 def headline(d: Designed) -> str:

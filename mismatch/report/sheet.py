@@ -11,12 +11,13 @@ from matplotlib.figure import Figure, SubFigure
 
 from twinbench.common.page import write_bytes
 from twinbench.common.style import INCH_MM, INK, MUTED, PAGE_MM, pdf, styled
-from twinbench.mismatch.findings import Finding, probable
+from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.report.figure_fit import draw_fit
 from twinbench.mismatch.report.figure_where import draw_over_time
 from twinbench.mismatch.report.figures import failed
 from twinbench.mismatch.report.replays import most_telling, replays
 from twinbench.mismatch.verdict import Verdict
+from twinbench.mismatch.words import probable
 
 A4_MM = (210.0, 297.0)
 TOP_MM, BOTTOM_MM = 12.0, 16.0

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.errors import OutputError
-from twinbench.mismatch.findings import Finding, probable
+from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.report.hypotheses import hypotheses
 from twinbench.mismatch.sizes import Value
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.words import digits_worth, interval, number, spoken, typeset, with_unit
+from twinbench.mismatch.words import digits_worth, interval, number, probable, spoken, typeset, with_unit
 
 SIGNIFICANT = 0.05
 LEAST_P = 1e-6

@@ -11,11 +11,11 @@ from twinbench.common.documents import to_json
 from twinbench.common.errors import BadInput
 from twinbench.common.page import render, write_bytes, write_figures
 from twinbench.common.store import write_text
-from twinbench.mismatch.findings import Finding, probable
+from twinbench.mismatch.findings import Finding
 from twinbench.mismatch.report.figures import draw, failed
 from twinbench.mismatch.report.tables import build_listings, sizes
 from twinbench.mismatch.verdict import Verdict
-from twinbench.mismatch.words import listed, typeset
+from twinbench.mismatch.words import listed, probable, typeset
 
 OPENING = "fit_held_out"
 """The figure that the page begins with: before and after on what was held out."""
