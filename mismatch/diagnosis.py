@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twinbench.mismatch.experiment import Suggested
+from twinbench.mismatch.design.suggested import Suggested
 from twinbench.mismatch.fit import Problem
 from twinbench.mismatch.followed import Followed
 from twinbench.mismatch.history.history import History

@@ -32,6 +32,15 @@ def number(value: float, digits: int = 3) -> str:
     return (plain.rstrip("0").rstrip(".") if "." in plain else plain).replace("-", "−")
 
 
+def probable(p: float | None) -> str:
+    """A probability as it is told."""
+    if p is None:
+        return "not known"
+    if p > NEARLY_SURE:
+        return f"above {number(NEARLY_SURE)}"
+    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
+
+
 def with_unit(value: float, unit: str, digits: int = 3) -> str:
     """A number and its unit, if it has one."""
     return f"{number(value, digits)} {spoken(unit)}".rstrip()
@@ -90,15 +99,6 @@ def sentence(text: str, names: Collection[str] = ()) -> str:
 def typeset(text: str) -> str:
     """True minus and comparison signs, where ASCII stands for them; hyphens in names stay."""
     return re.sub(r"(?<![\w.])-(?=[\d\s])", "−", text).replace("<=", "≤")
-
-
-def probable(p: float | None) -> str:
-    """A probability as it is told."""
-    if p is None:
-        return "not known"
-    if p > NEARLY_SURE:
-        return f"above {number(NEARLY_SURE)}"
-    return number(p, 2) if p >= SELDOM else f"below {number(SELDOM)}"
 
 
 def time_unit(duration_s: float) -> tuple[float, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,13 +15,28 @@ from twinbench.mismatch.design.contested import contested, rivals_at
 from twinbench.mismatch.design.hand import weighed_as
 from twinbench.mismatch.design.limits import Limits
 from twinbench.mismatch.design.separation import expected
-from twinbench.mismatch.experiment import Suggested
 from twinbench.mismatch.naming.answer import Answer
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.tracks import Track
 
 FEW = 15
 """Experiments that are tried for one sentence: it may cost a second, not a minute."""
+
+
+class Suggested(NamedTuple):
+    """The best of a few experiments.
+
+    Attributes:
+        rivals: names of what it would tell apart.
+        says: the experiment in words.
+        probability: that the right name then stands alone.
+        nats: what it adds for the closest pair.
+    """
+
+    rivals: tuple[str, ...]
+    says: str
+    probability: float
+    nats: float
 
 
 def suggested(answer: Answer, claims: Sequence[Claim]) -> Suggested | None:

@@ -71,7 +71,7 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
         return {"status": "another set", **about}
     if not machine.truth["detectable"]:
         return {"status": "not separable", **about}
-    found = within(first.diagnosis, machine.limits)
+    found = within(first.diagnosis.answer, first.diagnosis.claims, machine.limits)
     if found is None:
         return {"status": "no proposal", **about}
     arms = {
@@ -104,7 +104,8 @@ def _in_turn(machine: Concealed, at_hand: Sequence[Recording], first: Proposal) 
         outcomes.append(judged(machine.truth, verdict))
         if outcomes[-1] in RIGHT:
             return outcomes, k + 1
-        again = within(verdict.diagnosis, machine.limits) if outcomes[-1] == "set" else None
+        d = verdict.diagnosis
+        again = within(d.answer, d.claims, machine.limits) if outcomes[-1] == "set" else None
         if again is None:
             break
         proposal = again
