@@ -111,4 +111,5 @@ def bare_verdict(word: str) -> dict[str, Any]:
             "decoys_named": 0, "decoys": 20, "named_again": 10, "each_again": [], "halves": 10, "power": [],
         },
         "more_data": "",
+        "not_asked": "",
     }  # fmt: skip
