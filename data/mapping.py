@@ -69,7 +69,8 @@ def sources(
     mapped: dict[str, str] = {}
     for item in mapping:
         column, equals, channel = (part.strip() for part in item.rpartition("="))
-        if not equals or not column or not channel:
+        only_a_unit = column.startswith("[") and column not in offer.columns
+        if not equals or not column or not channel or only_a_unit:
             raise BadInput(
                 f"--map {shown(item)}: must read COLUMN=channel or COLUMN[unit]=channel, like PT101[psi]=p_dis_bar"
             )

@@ -172,5 +172,8 @@ def _check(about: Any) -> None:
     for name, kind in ABOUT.items():
         if not isinstance(about.get(name), kind):
             raise BadInput(f"{name} in about.json must be {kind.__name__}, is {about.get(name)!r}; record it again")
+    settings, files = (about["provenance"].get(name, empty) for name, empty in (("settings", {}), ("files", [])))
+    if not isinstance(settings, dict) or not isinstance(files, list) or not all(isinstance(f, dict) for f in files):
+        raise BadInput("provenance in about.json does not say settings and files as a record does; record it again")
     if about["every"] < 1:
         raise BadInput(f"every in about.json is {about['every']}, must be at least 1; record it again")
