@@ -8,13 +8,11 @@ from typing import NamedTuple
 import numpy as np
 
 from twinbench.common.errors import BadInput
-from twinbench.mismatch.design.candidates import drawn
-from twinbench.mismatch.design.choice import hand_of, ranked
-from twinbench.mismatch.design.clock import clock_of
-from twinbench.mismatch.design.contested import contested, rivals_at
-from twinbench.mismatch.design.hand import weighed_as
+from twinbench.mismatch.design.choice import ranked
+from twinbench.mismatch.design.contested import contested
 from twinbench.mismatch.design.limits import Limits
 from twinbench.mismatch.design.separation import expected
+from twinbench.mismatch.design.within import question_of
 from twinbench.mismatch.naming.answer import Answer
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.tracks import Track
@@ -41,26 +39,21 @@ class Suggested(NamedTuple):
 
 def suggested(answer: Answer, claims: Sequence[Claim]) -> Suggested | None:
     """The best of a few experiments where the recordings' inputs went; None where nothing is contested."""
-    claim, problem = contested(claims), answer.chosen.problem
-    if claim is None:
+    if contested(claims) is None:
         return None
-    limits = visited_limits(problem.tracks)
+    limits = visited_limits(answer.chosen.problem.tracks)
     if not np.any(limits.high > limits.low):
         return None
-    rivals, names = rivals_at(answer.naming, answer.chosen, claim)
-    if len(rivals) < 2:
+    question = question_of(answer, claims, limits)
+    if question is None:
         return None
-    ground = answer.naming.ground
-    clock = clock_of(problem.tracks, ground.noise, limits.sampling_s, problem.tracks[0].linear)
-    candidates = drawn(problem.machine.simulator, limits)
-    hand = weighed_as(hand_of(rivals, names, ground, candidates, clock), claim.found.weights if claim.found else {})
     try:
-        order = ranked(hand, candidates, clock)
+        order = ranked(question.hand, question.candidates, question.clock)
     except BadInput:  # no run of them stays within the outputs' bounds
         return None
     (best,) = order.finalists(1)
-    promised = expected(hand, best, order.groups)
-    return Suggested(tuple(names), best.candidate.says, promised.right, promised.worst)
+    promised = expected(question.hand, best, order.groups)
+    return Suggested(tuple(question.names), best.candidate.says, promised.right, promised.worst)
 
 
 def visited_limits(tracks: Sequence[Track]) -> Limits:
