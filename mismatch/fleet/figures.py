@@ -27,7 +27,6 @@ def sizes_by_machine(fleet: Fleet, names: Sequence[str]) -> Figure:
     shared = {c.name: c for c in fleet.common}
     odd = {o.machine for o in fleet.odd}
     for axes, name in zip(grid, names, strict=True):
-        unit = next(said.units[name] for said in fleet.machines.values() if name in said.units)
         if name in shared:
             mean, scatter = shared[name].size.mean, shared[name].size.scatter
             axes.axhline(mean, color=MUTED, linewidth=0.8)
@@ -38,10 +37,14 @@ def sizes_by_machine(fleet: Fleet, names: Sequence[str]) -> Figure:
                 color = VERMILION if machine in odd else BLUE
                 axes.errorbar(at, size.mean, Z90 * size.sd, color=color, marker="o", markersize=4, linewidth=1.2)
         axes.set_title(name, loc="left")
-        axes.set_ylabel(labelled("size", unit))
+        axes.set_ylabel(labelled("size", _unit(fleet, name)))
     grid[-1].set_xticks(range(len(fleet.machines)), list(fleet.machines), rotation=90)
     grid[-1].set_xlim(-0.7, len(fleet.machines) - 0.3)
     return figure
+
+
+def _unit(fleet: Fleet, name: str) -> str:
+    return next(said.units[name] for said in fleet.machines.values() if name in said.units)
 
 
 def likeliest(known: Mapping[frozenset[str], Any], name: str) -> Size | None:
@@ -54,10 +57,13 @@ def likeliest(known: Mapping[frozenset[str], Any], name: str) -> Size | None:
 def histories(fleet: Fleet, name: str) -> Figure:
     """Small multiples: an effect's size over time on each machine, in the recordings that were learnt from."""
     many = len(fleet.machines)
-    rows = -(-many // IN_A_ROW)
+    columns = min(many, IN_A_ROW)
+    rows = -(-many // columns)
     figure = canvas(PAGE_MM, 14.0 + 30.0 * rows)
-    grid = figure.subplots(rows, IN_A_ROW, sharey=True, squeeze=False).ravel()
+    grid = figure.subplots(rows, columns, sharey=True, squeeze=False).ravel()
     odd = {o.machine for o in fleet.odd}
+    figure.supxlabel("time, each from its first recording's beginning to its last one's end", fontsize="medium")
+    figure.supylabel(labelled("size", _unit(fleet, name)), fontsize="medium")
     for axes, (machine, said) in zip(grid, fleet.machines.items(), strict=False):
         axes.set_title(machine, loc="left", color=VERMILION if machine in odd else MUTED)
         _history(axes, said.document["findings"], name, VERMILION if machine in odd else BLUE)
@@ -68,7 +74,7 @@ def histories(fleet: Fleet, name: str) -> Figure:
 
 def _history(axes: Axes, findings: Sequence[Mapping[str, Any]], name: str, color: str) -> None:
     told = [f["history"] for f in findings if f["history"] and name in (f["mechanism"], f["best"])]
-    axes.tick_params(labelbottom=False)
+    axes.set_xticks([])
     if not told:
         axes.text(0.5, 0.5, "not found", ha="center", va="center", transform=axes.transAxes, color=MUTED)
         return
