@@ -26,7 +26,7 @@ GOES_WITH = 0.5
 outputs of sound machines, most of them with ripples of 1 % of a flow, a function removes nothing. Of a pressure whose
 law lacks a hatch it removes two thirds."""
 
-RIDGE = 1e-9
+LEAST_NOISE = 1e-9
 """Least share of a series' mean square that is noise: functions that are alike could not be told apart without any."""
 
 
@@ -83,7 +83,7 @@ def goes_with(columns: Sequence[Array], series: Sequence[Array], floor: float) -
         return 0.0, 0.0
     mean = float(squares.sum()) / sum(len(y) for _, y in pieces)
     G, b = sum(X.T @ X for X, _ in pieces), sum(X.T @ y for X, y in pieces)
-    ridge = max(floor**2 / mean, RIDGE) * np.eye(columns[0].shape[1])
+    ridge = max(floor**2 / mean, LEAST_NOISE) * np.eye(columns[0].shape[1])
     left = [float(np.sum((y - X @ np.linalg.solve(G - X.T @ X + ridge, b - X.T @ y)) ** 2)) for X, y in pieces]
     picks = resamples(len(pieces))
     shares = 1.0 - np.array(left)[picks].sum(axis=1) / squares[picks].sum(axis=1)

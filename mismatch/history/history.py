@@ -126,12 +126,12 @@ def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> His
     return _read(weighed, line, _told_in_all(naming, chosen.candidates[place]))
 
 
-def _told_in_all(naming: Naming, candidate: int) -> list[Part]:
-    """A constant size as the verdict tells it: by all hypotheses that have the effect, each by its share."""
+def _told_in_all(naming: Naming, candidate: int) -> list[tuple[float, float, float]]:
+    """A constant size as the verdict tells it, by each hypothesis that has the effect: its share in nats, mean, sd."""
     those = having(naming.hypotheses, candidate)
     numbers = [numbers_of(h, h.candidates.index(candidate))[0] for h in those]
     logs = np.log(np.maximum(shares([h.log for h in those]), np.finfo(float).tiny))
-    return [Part(float(log), np.array(mean), np.array(sd)) for log, (mean, sd) in zip(logs, numbers, strict=True)]
+    return [(float(log), mean, sd) for log, (mean, sd) in zip(logs, numbers, strict=True)]
 
 
 def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]) -> list[Weighed]:
@@ -148,23 +148,24 @@ def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]
     return found
 
 
-def _parts(weighed: Sequence[Weighed], line: Line, constant: Sequence[Part]) -> list[Part]:
+def _parts(weighed: Sequence[Weighed], line: Line, constant: Sequence[tuple[float, float, float]]) -> list[Part]:
     """The size at each knot by each course that is not so far behind that it adds nothing."""
     spread, level = line.view.problem.unknowns[line.size].spread, float(line.view.z[line.size])
     found = []
     for w in _near(weighed):
         if w.pattern.kind == CONSTANT:
-            found += [Part(w.log + c.log, c.mean + 0.0 * w.mean, c.sd + 0.0 * w.sd) for c in constant]
+            same = np.ones_like(w.mean)
+            found += [Part(w.log + log, mean * same, sd * same) for log, mean, sd in constant]
         else:
             found.append(Part(w.log, level + spread * w.mean, spread * w.sd))
     return found
 
 
-def _read(weighed: Sequence[Weighed], line: Line, constant: Sequence[Part]) -> History:
+def _read(weighed: Sequence[Weighed], line: Line, constant: Sequence[tuple[float, float, float]]) -> History:
     """The history of what was weighed.
 
     Args:
-        constant: the size, if it is the same at all times.
+        constant: the size, if it is the same at all times, as ``_told_in_all`` gives it.
     """
     axis, v = line.axis, line.candidate.mechanism.parameters[0]
     spread, likely = line.view.problem.unknowns[line.size].spread, _parts(weighed, line, constant)
@@ -186,8 +187,8 @@ def _read(weighed: Sequence[Weighed], line: Line, constant: Sequence[Part]) -> H
     def in_all(w: Weighed) -> float:
         return float(spread * w.pattern.basis.max())
 
-    constant = max(odds, key=lambda kind: odds[kind]) == CONSTANT
-    trends = ramps[:1] if constant else ramps  # one throughout
+    likeliest = max(odds, key=lambda kind: odds[kind])
+    trends = ramps[:1] if likeliest == CONSTANT else ramps  # one throughout
     begun = ramps if odds[RAMP] >= odds[STEP] else steps
     return History(v, axis, odds, tuple(points), _number(trends, per_s), _number(steps, in_all), _since(begun))
 
