@@ -22,7 +22,7 @@ from twinbench.mismatch.words import number
 from twinbench.physics.simulator import Array
 
 GOES_WITH = 0.5
-"""Share of its squares by which a function of states and inputs has to make smaller what was taken for noise. Of 20
+"""Share of its squares by which a function of states and inputs has to make smaller what was taken for noise. Of 19
 outputs of sound machines, most of them with ripples of 1 % of a flow, a function removes nothing. Of a pressure whose
 law lacks a hatch it removes two thirds."""
 
