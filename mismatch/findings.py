@@ -237,7 +237,9 @@ def _says(d: Diagnosis, found: Finding, claim: Claim) -> str:
     if len(each) > 1:
         said.append(f"the model is mended with {claim.found.name}: {by_name[claim.found.name].says}")
     first, *others = found.parameters
-    told = [f"{first.says or first.name}: {first.words('90 % interval ')}"]
+    # One size that holds at all times is not what the course says.
+    alone = ", if it were constant" if found.history and found.history.likeliest != CONSTANT else ""
+    told = [f"{first.says or first.name}{alone}: {first.words('90 % interval ')}"]
     told += [f"{found.force.says}: {found.force.words()}"] if found.force else []
     told += [f"{v.says or v.name}: {v.words()}" for v in others]
     said.append("; ".join(told))

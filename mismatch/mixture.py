@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from twinbench.mismatch.naming.answer import shares
 from twinbench.mismatch.naming.name import NEAR
 from twinbench.mismatch.naming.settle import Settled
+from twinbench.mismatch.variants import is_amplitude, per_size
 from twinbench.physics.simulator import Array
 
 Z90 = 1.645
@@ -52,3 +53,26 @@ def near(hypotheses: Sequence[Settled]) -> list[Settled]:
     """Those that are not so far behind the likeliest of them that they add nothing."""
     best = max(h.log for h in hypotheses)
     return [h for h in hypotheses if h.log > best - NEAR]
+
+
+def having(hypotheses: Sequence[Settled], candidate: int) -> list[Settled]:
+    """Those near ones that have the effect of a candidate."""
+    return near([h for h in hypotheses if candidate in h.candidates])
+
+
+def numbers_of(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
+    """Mean and standard deviation of each parameter of an effect, as a hypothesis has them.
+
+    Args:
+        place: of the effect in the hypothesis.
+    """
+    candidate = hypothesis.problem.machine.candidates[hypothesis.candidates[place]]
+    at, n = hypothesis.entries(place)[0], len(candidate.at)
+    if not is_amplitude(candidate):
+        return [
+            (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * hypothesis.problem.unknowns[k].spread)
+            for k in range(at, at + n)
+        ]
+    size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
+    moves = per_size(candidate)
+    return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, moves, strict=True)]

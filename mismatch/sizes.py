@@ -10,9 +10,8 @@ import numpy as np
 
 from twinbench.mismatch.diagnosis import Diagnosis
 from twinbench.mismatch.force import as_force, inertia
-from twinbench.mismatch.mixture import Z90, interval_of, near
+from twinbench.mismatch.mixture import Z90, having, interval_of, near, numbers_of
 from twinbench.mismatch.naming.settle import Settled
-from twinbench.mismatch.variants import is_amplitude, per_size
 from twinbench.mismatch.words import digits_worth, interval, number, spoken, with_unit
 from twinbench.physics.simulator import Mechanism, Term
 
@@ -49,11 +48,11 @@ def sizes(d: Diagnosis, place: int) -> tuple[Value, ...]:
     chosen = d.answer.chosen
     which = chosen.effects[place].variant.candidate
     mechanism = d.machine.candidates[which].mechanism
-    having = near([h for h in d.answer.naming.hypotheses if which in h.candidates])
-    numbers = [_numbers(h, h.candidates.index(which)) for h in having]
+    those = having(d.answer.naming.hypotheses, which)
+    numbers = [numbers_of(h, h.candidates.index(which)) for h in those]
     found = []
-    for k, (v, (value, _)) in enumerate(zip(mechanism.parameters, _numbers(chosen, place), strict=True)):
-        low, high = interval_of(having, [n[k] for n in numbers], v.low, v.high)
+    for k, (v, (value, _)) in enumerate(zip(mechanism.parameters, numbers_of(chosen, place), strict=True)):
+        low, high = interval_of(those, [n[k] for n in numbers], v.low, v.high)
         found.append(Value(v.name, value, min(low, value), max(high, value), v.unit, says=v.says))
     return tuple(found)
 
@@ -76,7 +75,7 @@ def parameters(d: Diagnosis) -> tuple[Value, ...]:
 def all_values(hypothesis: Settled, place: int) -> dict[str, float]:
     """An effect's parameters by name, as a hypothesis has them."""
     mechanism = hypothesis.problem.machine.candidates[hypothesis.candidates[place]].mechanism
-    pairs = zip(mechanism.parameters, _numbers(hypothesis, place), strict=True)
+    pairs = zip(mechanism.parameters, numbers_of(hypothesis, place), strict=True)
     return {v.name: value for v, (value, _) in pairs}
 
 
@@ -107,17 +106,3 @@ def formula(mechanism: Mechanism, values: tuple[Value, ...]) -> str:
     """The term with its fitted values."""
     filled = {v.name: with_unit(v.value, v.unit) for v in values}
     return re.sub(r"\{(\w+)\}", lambda m: filled.get(m[1], m[0]), mechanism.formula)
-
-
-def _numbers(hypothesis: Settled, place: int) -> list[tuple[float, float]]:
-    """Mean and standard deviation of each parameter of an effect."""
-    candidate = hypothesis.problem.machine.candidates[hypothesis.candidates[place]]
-    at, n = hypothesis.entries(place)[0], len(candidate.at)
-    if not is_amplitude(candidate):
-        return [
-            (float(hypothesis.at[k]), float(np.sqrt(hypothesis.cov[k, k])) * hypothesis.problem.unknowns[k].spread)
-            for k in range(at, at + n)
-        ]
-    size, sd = float(hypothesis.at[at] - candidate.null[0]), float(hypothesis.sds[place])
-    moves = per_size(candidate)
-    return [(float(a + size * s), abs(float(sd * s))) for a, s in zip(candidate.null, moves, strict=True)]

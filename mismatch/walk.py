@@ -12,6 +12,7 @@ from twinbench.mismatch.naming.selfcheck import checked
 from twinbench.mismatch.naming.weighed import weighed
 from twinbench.mismatch.residual_tests import residual_tests
 from twinbench.mismatch.stage_prove import proved, tested
+from twinbench.mismatch.unread import unread
 
 
 def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None) -> Diagnosis:
@@ -36,6 +37,8 @@ def examine(asked: Asked, progress: Progress = silent, rule: Rule | None = None)
     before = Fit(fit.problem, fit.z)
     chosen = answer.chosen
     histories = tuple(history_of(answer.naming, chosen, k, seen.floor) for k in range(len(chosen.effects)))
+    if not found.claims and simulator.stepped is None:  # what is unnamed in a stepped model is sought at its readings
+        found = found._replace(strange=(*found.strange, *unread(chosen, answer.naming.ground, seen.floor)))
     tests = residual_tests(tracks, before.residuals, answer.naming.ground, seen.floor, simulator)
     progress("prove", 1.0)
     return Diagnosis(

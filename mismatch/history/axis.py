@@ -72,9 +72,8 @@ class Axis:
         return found
 
     def place(self, along_s: float) -> tuple[str, float]:
-        """The recording that a time on the axis falls into, or the one before it, and when on that one's clock, s."""
+        """The recording that a time on the axis falls into, and when on its clock, s; in a pause the one before it."""
         begins = np.array([self.along_s[self.of == r][0] for r in range(len(self.knots))])
         before = np.flatnonzero(begins <= along_s)
         r = int(before[np.argmax(begins[before])]) if len(before) else int(np.argmin(begins))
-        into = min(max(along_s - float(begins[r]), 0.0), float(np.ptp(self.knots[r])))
-        return self.names[r], float(self.knots[r][0]) + into
+        return self.names[r], float(self.knots[r][0]) + max(along_s - float(begins[r]), 0.0)

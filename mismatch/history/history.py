@@ -11,7 +11,7 @@ import numpy as np
 from twinbench.mismatch.history.axis import Axis
 from twinbench.mismatch.history.linear import Line
 from twinbench.mismatch.history.patterns import CONSTANT, PATTERNS, RAMP, STEP, Pattern, Weighed, patterns, weigh
-from twinbench.mismatch.mixture import interval_of
+from twinbench.mismatch.mixture import having, interval_of, numbers_of
 from twinbench.mismatch.naming.answer import shares
 from twinbench.mismatch.naming.ground import Ground
 from twinbench.mismatch.naming.name import NEAR, Naming
@@ -20,6 +20,8 @@ from twinbench.physics.simulator import Array, Variable
 
 MOVES = 2
 """Times that a size which is not constant is linearised anew, where its course has its posterior mean."""
+
+PLACE = ("recording", "time_s")
 
 
 class Point(NamedTuple):
@@ -30,6 +32,20 @@ class Point(NamedTuple):
     size: float
     low: float
     high: float
+
+
+class Part(NamedTuple):
+    """The size by one of several courses.
+
+    Attributes:
+        log: its evidence, nats.
+        mean: (Q,) of the size at each knot, in the effect's unit.
+        sd: (Q,) likewise.
+    """
+
+    log: float
+    mean: Array
+    sd: Array
 
 
 class Interval(NamedTuple):
@@ -76,7 +92,7 @@ class History:
     def plain(self) -> dict[str, Any]:
         """As ``verdict.json`` has it."""
         kind, unit = self.likeliest, self.size.unit
-        recording, time_s = self.axis.place(self.since.value)
+        begun, earliest, latest = (dict(zip(PLACE, self.axis.place(t), strict=True)) for t in self.since)
         return {
             "pattern": kind,
             "probability": dict(self.odds),
@@ -84,7 +100,7 @@ class History:
             "unit": unit,
             "rate_per_s": self.rate._asdict() if kind in (CONSTANT, RAMP) else None,
             "change": self.change._asdict() if kind == STEP else None,
-            "since": {"recording": recording, "time_s": time_s} if kind in (RAMP, STEP) else None,
+            "since": {**begun, "earliest": earliest, "latest": latest} if kind in (RAMP, STEP) else None,
             "points": [p._asdict() for p in self.points],
         }
 
@@ -107,7 +123,15 @@ def history_of(naming: Naming, chosen: Settled, place: int, floor: Array) -> His
             break
         line, ground = ahead, ahead.with_noise(floor)
         weighed = _weighed(first, line, ground, several)
-    return _read(weighed, line)
+    return _read(weighed, line, _told_in_all(naming, chosen.candidates[place]))
+
+
+def _told_in_all(naming: Naming, candidate: int) -> list[tuple[float, float, float]]:
+    """A constant size as the verdict tells it, by each hypothesis that has the effect: its share in nats, mean, sd."""
+    those = having(naming.hypotheses, candidate)
+    numbers = [numbers_of(h, h.candidates.index(candidate))[0] for h in those]
+    logs = np.log(np.maximum(shares([h.log for h in those]), np.finfo(float).tiny))
+    return [(float(log), mean, sd) for log, (mean, sd) in zip(logs, numbers, strict=True)]
 
 
 def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]) -> list[Weighed]:
@@ -124,15 +148,31 @@ def _weighed(first: Line, line: Line, ground: Ground, several: Sequence[Pattern]
     return found
 
 
-def _read(weighed: Sequence[Weighed], line: Line) -> History:
-    """The history of what was weighed."""
-    axis, v = line.axis, line.candidate.mechanism.parameters[0]
+def _parts(weighed: Sequence[Weighed], line: Line, constant: Sequence[tuple[float, float, float]]) -> list[Part]:
+    """The size at each knot by each course that is not so far behind that it adds nothing."""
     spread, level = line.view.problem.unknowns[line.size].spread, float(line.view.z[line.size])
-    likely = _near(weighed)
+    found = []
+    for w in _near(weighed):
+        if w.pattern.kind == CONSTANT:
+            same = np.ones_like(w.mean)
+            found += [Part(w.log + log, mean * same, sd * same) for log, mean, sd in constant]
+        else:
+            found.append(Part(w.log, level + spread * w.mean, spread * w.sd))
+    return found
+
+
+def _read(weighed: Sequence[Weighed], line: Line, constant: Sequence[tuple[float, float, float]]) -> History:
+    """The history of what was weighed.
+
+    Args:
+        constant: the size, if it is the same at all times, as ``_told_in_all`` gives it.
+    """
+    axis, v = line.axis, line.candidate.mechanism.parameters[0]
+    spread, likely = line.view.problem.unknowns[line.size].spread, _parts(weighed, line, constant)
     points = []
     for q, r in enumerate(axis.of):
-        numbers = [(level + float(spread * w.mean[q]), float(spread * w.sd[q])) for w in likely]
-        mean = float(np.average([m for m, _ in numbers], weights=shares([w.log for w in likely])))
+        numbers = [(float(p.mean[q]), float(p.sd[q])) for p in likely]
+        mean = float(np.average([m for m, _ in numbers], weights=shares([p.log for p in likely])))
         low, high = interval_of(likely, numbers, v.low, v.high)
         points.append(Point(axis.names[r], float(np.concatenate(axis.knots)[q]), mean, min(low, mean), max(high, mean)))
     odds = dict.fromkeys(PATTERNS, 0.0)
@@ -147,8 +187,8 @@ def _read(weighed: Sequence[Weighed], line: Line) -> History:
     def in_all(w: Weighed) -> float:
         return float(spread * w.pattern.basis.max())
 
-    constant = max(odds, key=lambda kind: odds[kind]) == CONSTANT
-    trends = ramps[:1] if constant else ramps  # one throughout
+    likeliest = max(odds, key=lambda kind: odds[kind])
+    trends = ramps[:1] if likeliest == CONSTANT else ramps  # one throughout
     begun = ramps if odds[RAMP] >= odds[STEP] else steps
     return History(v, axis, odds, tuple(points), _number(trends, per_s), _number(steps, in_all), _since(begun))
 

@@ -85,14 +85,24 @@ class Line:
 
     @cached_property
     def columns(self) -> list[Array]:
-        """(B, ny, U) of what is kept per recording, in the outputs' units per prior sd."""
-        own = columns_of(self.view, self.ground, self.chosen.wanders)
-        share = np.ones(len(self.chosen.mean))
-        share[len(self.view.z) :] = self.chosen.share / WANDERS
+        """(B, ny, U) of what is kept per recording, in the outputs' units per prior sd.
+
+        A form that is not exact is off by a share of what the size is at each time, not of its constant part alone.
+        """
+        own = columns_of(self.view, self.ground, self.chosen.wanders, added={self.size: self._more})
         # An effect that begins late has a size at all times, too: it is none at first.
         whole = [k.sum(axis=2, keepdims=True) for k in self.knots]
-        several = [(c * share)[:, :, self.kept[:-1]] for c in own]
+        several = [c[:, :, self.kept[:-1]] for c in own]
         return [np.concatenate(pair, axis=2) for pair in zip(several, whole, strict=True)]
+
+    @property
+    def _more(self) -> list[Array]:
+        """(S,) per recording: what the size has there beside its constant part, in its unit."""
+        problem, grids = self.view.problem, [c.grid for c in self.view.courses]
+        if problem.since:  # a form that is not exact is none before the effect begins
+            return [np.zeros(len(g.time_s)) for g in grids]
+        spread = problem.unknowns[self.size].spread
+        return [spread * self.axis.hats(r, g.time_s) @ self.added for r, g in enumerate(grids)]
 
     @cached_property
     def knots(self) -> list[Array]:
@@ -128,8 +138,8 @@ class Line:
     def told(self, ground: Ground) -> list[Told]:
         """What the readings tell beside the discrepancy of a constant size, and beside that of one that wanders.
 
-        Beside each with a form that is nearly exact or off by far more, and with nothing or something that wanders in
-        time at the effect's port: none of that must look like a course. Each is as likely.
+        Beside each with a form that is inexact as forms are or off by far more, and with nothing or something that
+        wanders in time at the effect's port: none of that must look like a course. Each is as likely.
         """
         drift = walk(self.axis, 1.0)
         G, b, squares = self._products(
@@ -141,7 +151,7 @@ class Line:
         block = np.array([*range(own - 1), *range(first, first + drift.shape[1])])
         mean = np.concatenate((self.mean[:-1], np.zeros(drift.shape[1])))
         found = []
-        for wider in (1.0, UNSTEADY / self.chosen.share) if len(at) else (1.0,):
+        for wider in (1.0, UNSTEADY / WANDERS) if len(at) else (1.0,):
             for pct in (0.0, *DRIFTS_PCT) if many else (0.0,):
                 by = np.ones(len(b))
                 by[at], by[first : first + drift.shape[1]] = wider, pct

@@ -62,7 +62,7 @@ def since(history: History) -> str:
     axis, when = history.axis, history.since
     if when.low <= float(axis.along_s.min()) + axis.span_s / KNOTS:
         return f"throughout, or from before {at(axis, when.high)} on"
-    return f"from {at(axis, when.value)} on ({at(axis, when.low)} to {at(axis, when.high)})"
+    return f"from {at(axis, when.value)} on (90 % interval {at(axis, when.low)} to {at(axis, when.high)})"
 
 
 def at(axis: Axis, along_s: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -355,16 +355,23 @@ def misfit_around(
     return misfit(found.problem, ground, found.learnt.s, Wandering.of(found.products, white, found.share))
 
 
-def columns_of(view: View, ground: Ground, wanders: Sequence[int], by_runs: bool = False) -> list[Array]:
+def columns_of(
+    view: View,
+    ground: Ground,
+    wanders: Sequence[int],
+    by_runs: bool = False,
+    added: Mapping[int, Sequence[Array]] | None = None,
+) -> list[Array]:
     """Columns of a view's unknowns, then of the sizes (positions ``wanders``) that differ from place to place.
 
     Args:
         by_runs: as of ``Problem.columns``.
+        added: as of ``View.wandering``.
     """
     own = view.unknowns(by_runs)
     if not wanders:
         return own
-    wandering = view.wandering(ground.discrepancy, wanders, WANDERS)
+    wandering = view.wandering(ground.discrepancy, wanders, WANDERS, added)
     return [np.concatenate((j, w), axis=2) for j, w in zip(own, wandering, strict=True)]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,12 +58,15 @@ class View:
         spreads = self.problem.spreads
         return [c * spreads for c in self.problem.columns(self.z, self.courses, by_runs)]
 
-    def wandering(self, d: Discrepancy, sizes: Sequence[int], share: float) -> list[Array]:
+    def wandering(
+        self, d: Discrepancy, sizes: Sequence[int], share: float, added: Mapping[int, Sequence[Array]] | None = None
+    ) -> list[Array]:
         """Columns of effects whose sizes differ a little from place to place, (B, ny, E M) per recording.
 
         Args:
             sizes: E positions of the sizes among the unknowns.
             share: by which share of themselves they differ (sd).
+            added: by position, what a size has more than it has throughout, (S,) per recording, in its unit.
         """
 
         def of(r: int) -> Array:
@@ -77,6 +80,8 @@ class View:
                 theta[u.at] += step
                 one = course.of_present(theta, step, self.problem.begun_s(r, u))
                 much = share * (self.z[k] - u.mean)
+                if added and k in added:
+                    much = much + share * added[k][r][:, None, None]
                 found.append(course.columns(Acts(one.rates * much, one.reads * much).times(functions)))
             return np.concatenate(found, axis=2)
 

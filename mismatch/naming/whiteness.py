@@ -62,14 +62,22 @@ class Coloured(NamedTuple):
         return self.sure and self.shortest_s <= period_s <= self.longest_s
 
 
-def coloured(chosen: Settled, ground: Ground) -> Coloured:
-    """What tells the innovations of a hypothesis most from white noise."""
+def taken_for_noise(chosen: Settled, ground: Ground) -> tuple[View, list[Array]]:
+    """The view around where a hypothesis stands; and what it leaves, beside the discrepancy, for the sensors' noise.
+
+    That is (B, ny) per recording, in the outputs' units, NaN where nothing was read.
+    """
     view = View.around(chosen.problem, chosen.z)
     columns = columns_of(view, ground, chosen.wanders)
     for one in columns:
         one[:, :, len(chosen.z) :] *= chosen.share / WANDERS
-    G, b, _ = chosen.products.over()
-    noise = ground.noise_drawn(G, b, chosen.prior(ground), view.residuals, columns, np.random.default_rng(ENGINE_SEED))
+    (G, b, _), rng = chosen.products.over(), np.random.default_rng(ENGINE_SEED)
+    return view, ground.noise_drawn(G, b, chosen.prior(ground), view.residuals, columns, rng)
+
+
+def coloured(chosen: Settled, ground: Ground) -> Coloured:
+    """What tells the innovations of a hypothesis most from white noise."""
+    noise = taken_for_noise(chosen, ground)[1]
     learnt = ground.noise.learnt(noise, np.sqrt(ground.variance))
     white = [np.where(np.isfinite(n), learnt.whitened(n[:, :, None])[:, :, 0], np.nan) for n in noise]
     channels = [channel[np.isfinite(channel)] for channel in np.concatenate(white).T]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -72,6 +73,7 @@ class Drawn(NamedTuple):
         size: the effect's at first, in its unit; ``course`` what becomes of it.
         learnt, held: recordings.
         ideal_sd: of the change, as a share of it, for whoever knows the truth's equations, and when it began.
+        ideal_off: by how much that one's estimate from these readings is off, as a share of the change.
     """
 
     machine: Machine
@@ -81,6 +83,7 @@ class Drawn(NamedTuple):
     learnt: list[Recording]
     held: list[Recording]
     ideal_sd: float
+    ideal_off: float
 
 
 def draw(case: int, seed: int) -> Drawn:
@@ -98,15 +101,17 @@ def draw(case: int, seed: int) -> Drawn:
     amplitude = yardstick.scale(change.of, change.start, change.most, SEVERITY)[0]
     course = _course(KINDS[case % len(KINDS)], machine, takes, rng)
     p[machine.at(effect.slot)] = amplitude
-    channels, made = (*machine.inputs, *machine.outputs), []
+    channels, made, noise = (*machine.inputs, *machine.outputs), [], []
     for take in takes:
         y = _clean(machine, take, p, effect.slot, course, machine.fine)
         noisy = recorded(machine, channels, np.concatenate([take.u, y], axis=-1), rng)
         time_s = np.round(take.start_s + np.arange(len(take.u)) * machine.period_s, 6)
         made.append(Recording(take.name, time_s, channels, noisy))
+        noise += [] if take.held_out else [noisy[:, len(machine.inputs) :] - y]
     learnt, held = ([r for r, t in zip(made, takes, strict=True) if t.held_out == out] for out in (False, True))
     size = effect.scale * amplitude
-    return Drawn(machine, effect, size, course, learnt, held, _ideal(machine, takes, p, effect.slot, course))
+    sd, off = _ideal(machine, [t for t in takes if not t.held_out], p, effect.slot, course, noise)
+    return Drawn(machine, effect, size, course, learnt, held, sd, off)
 
 
 def _course(kind: str, machine: Machine, takes: tuple[Take, ...], rng: np.random.Generator) -> Course:
@@ -148,11 +153,19 @@ def _clean(
     return np.concatenate(y)
 
 
-def _ideal(machine: Machine, takes: tuple[Take, ...], p: Array, slot: str, course: Course) -> float:
-    """sd of the change as a share of it: parameters, starts and the size are free, all else is known."""
+def _ideal(
+    machine: Machine, learnt: Sequence[Take], p: Array, slot: str, course: Course, noise: Sequence[Array]
+) -> tuple[float, float]:
+    """sd of the change and how far off its estimate is, as shares of it.
+
+    Parameters, starts and the size are free, all else is known.
+
+    Args:
+        p: (n_parameters,) the law's own at first, each in its unit.
+        noise: of the readings, (N, ny) per take, in the channels' units.
+    """
     if course.kind == "constant":
-        return 0.0
-    learnt = [t for t in takes if not t.held_out]
+        return 0.0, 0.0
     spread = {n: machine.parameters[n] * s for n, s in machine.spread.items()} | dict(machine.offsets)
     columns, share = [], 0.01
     base = [_clean(machine, t, p, slot, course, machine.coarse) for t in learnt]
@@ -176,11 +189,16 @@ def _ideal(machine: Machine, takes: tuple[Take, ...], p: Array, slot: str, cours
             change[r] = (y - base[r]) / share * FREE_STARTS
             columns.append(_white(machine, change))
     J = np.stack(columns, axis=1)
-    cov = np.linalg.inv(J.T @ J + np.eye(J.shape[1]))
-    return float(np.sqrt(cov[len(machine.calibrate) + 1, len(machine.calibrate) + 1]))
+    right = J.T @ _white(machine, noise)
+    # What is known beforehand of the parameters is their nominal value.
+    right[: len(machine.calibrate)] += [
+        (machine.parameters[name] - p[machine.at(name)]) / (UNIFORM * spread[name]) for name in machine.calibrate
+    ]
+    cov, at = np.linalg.inv(J.T @ J + np.eye(J.shape[1])), len(machine.calibrate) + 1
+    return float(np.sqrt(cov[at, at])), float(cov[at] @ right)
 
 
-def _white(machine: Machine, several: list[Array]) -> Array:
+def _white(machine: Machine, several: Sequence[Array]) -> Array:
     """Changes of all readings, (N, ny) per take, in sds of the noise's innovations, in one row."""
     parts = []
     for y in several:

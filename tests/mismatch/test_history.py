@@ -17,6 +17,7 @@ from helpers.plain import diagnosed
 from scipy.stats import multivariate_normal
 
 from twinbench.mismatch import Verdict
+from twinbench.mismatch.findings import findings
 from twinbench.mismatch.history.axis import Axis
 from twinbench.mismatch.history.history import History
 from twinbench.mismatch.history.linear import Line
@@ -128,6 +129,14 @@ def test_a_growing_effect_is_told_with_since_when_and_how_fast() -> None:
     assert "that it is constant has probability below 0.01" in finding.says
     at = verdict.to_dict()["findings"][0]["history"]["since"]
     assert at["recording"] in ("monday", "tuesday")
+    assert at["earliest"]["time_s"] <= FROM_S <= at["latest"]["time_s"]
+
+
+def test_one_size_of_what_grows_is_told_as_what_it_is() -> None:
+    d = growing().diagnosis
+    named = replace(d, claims=tuple(replace(claim, names=(claim.found.name,)) for claim in d.claims if claim.found))
+    (finding,) = findings(named)
+    assert ", if it were constant: " in finding.says
 
 
 def test_a_constant_effect_is_told_as_one() -> None:
@@ -136,6 +145,23 @@ def test_a_constant_effect_is_told_as_one() -> None:
     assert told.rate.low < 0.0 < told.rate.high
     assert "its size is constant with probability 0.9" in says(told)
     check_verdict(loss_found())
+
+
+def test_one_page_tells_one_interval_of_a_constant_size() -> None:
+    (finding,) = loss_found().findings
+    value, told = finding.parameters[0], history(loss_found())
+    for point in told.points:
+        assert (point.low, point.high) == pytest.approx((value.low, value.high), abs=0.05 * (value.high - value.low))
+
+
+def test_a_form_that_is_not_exact_is_off_by_a_share_of_the_size_of_each_time() -> None:
+    naming, chosen = growing().diagnosis.answer.naming, growing().diagnosis.answer.chosen
+    view, d, k = naming.around(chosen), naming.ground.discrepancy, int(chosen.entries(0)[0])
+    size = view.z[k] - view.problem.unknowns[k].mean
+    plain = view.wandering(d, [k], 0.05)
+    twice = view.wandering(d, [k], 0.05, {k: [np.full(len(c.grid.time_s), size) for c in view.courses]})
+    for once, more in zip(plain, twice, strict=True):
+        assert more == pytest.approx(2.0 * once)
 
 
 def oracle(verdict: Verdict, amount: float) -> tuple[Array, Array]:

@@ -78,6 +78,12 @@ def test_the_quadratic_drag_of_a_fan_is_named():
     assert paper.answers[0].ours == "quadratic_friction@omega_in_rad_s"
 
 
+def test_a_hatch_that_the_catalogue_lacks_leaves_a_pressure_unexplained():
+    paper = causal_chambers.sit(Asked(only=("impedance, our catalogue alone",)), quiet)
+    assert [answer.right for answer in paper.answers] == [True]
+    assert paper.answers[0].note == "verdict: unexplained; right is unexplained"
+
+
 def test_what_is_simulated_reads_as_the_authors_files_do(tmp_path):
     rung = causal_chambers.RUNGS["pressure law"]
     causal_chambers.write_experiment(tmp_path / "steps.csv", rung.upper, (0, 1))
