@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -114,6 +115,7 @@ def _by_quantity(group: pd.DataFrame, quantities: list[str], failed: str | None)
         yield quantity, *found[0], *about, *found[1]
 
 
+@lru_cache
 def expected_band(n: int, level: float = INTERVAL_LEVEL) -> tuple[float, float]:
     """Central 95 % band, in per cent, of the coverage that an exact filter shows in n independent trials.
 
