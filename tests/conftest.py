@@ -23,8 +23,9 @@ TOGETHER = (
     ("test_engine", "test_evidence"),
     ("test_mismatch_report", "test_mismatch_page", "test_sheet", "test_layout"),
     ("test_online", "test_export", "test_soak", "test_cycle"),
+    ("test_latency", "test_latency_peers", "test_cli", "test_cli_common"),
 )
-"""Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin."""
+"""Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin, compiled peers."""
 LONGEST = (
     "test_contract", "test_fuzz", "test_engine", "test_evidence", "test_latency", "test_prove", "test_opponents",
     "test_package", "test_real_recordings", "test_tutorial", "test_estimate", "test_cli", "test_additions",
