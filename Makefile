@@ -2,8 +2,6 @@
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3 python,$(if $(shell $(p) -c 'import sys, venv, ensurepip; print(1 if (3, 11) <= sys.version_info < (3, 14) else "")' 2>/dev/null),$(p))))
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off --no-compile -c constraints.txt
-# Byte code of what pip installed, on all cores: pip makes it on one. Some packages hold files that are no Python of today.
-BYTECODE := $(BIN)/python -m compileall -qq -j 0 .venv/lib || true
 
 JOBS ?= 2
 
@@ -64,11 +62,11 @@ clean:
 .venv/.ready: .venv/bin/python pyproject.toml constraints.txt
 	@echo "Setting up .venv (a minute or two, once)"
 	$(PIP) -e '.[export]'
-	@$(BYTECODE)
 	@touch $@
 
+# Byte code is made on all cores: pip makes it on one. What packages hold in the syntax of another Python has none.
 .venv/.ready-dev: .venv/bin/python pyproject.toml constraints.txt
 	@echo "Setting up .venv (some minutes, once)"
 	$(PIP) -e '.[dev]'
-	@$(BYTECODE)
+	@$(BIN)/python -W ignore -m compileall -qq -j 0 .venv/lib || true
 	@touch .venv/.ready $@

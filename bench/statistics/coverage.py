@@ -79,7 +79,7 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
     failed = failed or {}
     table: list[tuple[Any, ...]] = []
     quantities = [*rows["quantity"].unique(), "mean"]
-    groups = {key: group for key, group in _wide(rows).groupby(level=["estimator", "regime"])}
+    groups = dict(iter(_wide(rows).groupby(level=["estimator", "regime"])))
     for estimator, regime in product(ordered(rows["estimator"].unique()), rows["regime"].unique()):
         if (estimator, regime) in groups:
             found = _by_quantity(groups[estimator, regime], quantities, failed.get(estimator))

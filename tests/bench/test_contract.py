@@ -28,7 +28,7 @@ def subject_of(name: str) -> Subject:
 
 
 def tried(name: str, promise: str):
-    """Slow are two promises that train once more, of who is trained by the engine: the nominal filters keep them, too."""
+    """Slow are two promises that train once more, of who is trained by the engine: all nominal filters make them."""
     again = promise.startswith(("where nothing is drawn", "settings that work online"))
     return pytest.param(name, promise, marks=[pytest.mark.slow] * (again and name == "nominal_ekf_mended"))
 
