@@ -222,7 +222,7 @@ def test_a_plan_holds_every_cell_and_machine_and_repeats_from_its_seed() -> None
     assert {i.cell for i in planned} == set(CELLS)
     assert set(MACHINES) < {i.machine for i in planned} <= set(drawn)
     assert planned == cases(300, 1)
-    assert planned != cases(300, 2)
+    assert planned != cases(300, 2, drawn)
     assert {i.cell for i in planned[:15]} == set(CELLS)
     counted = pd.Series([i.cell for i in cases(1080, 1, drawn)]).value_counts()
     assert counted.to_dict() == FULL
