@@ -1,7 +1,7 @@
 # Two commands do everything: `make bench` and `make test`. JOBS says in how many processes tests run.
 PYTHON ?= $(firstword $(foreach p,python3.12 python3.11 python3 python,$(if $(shell $(p) -c 'import sys, venv, ensurepip; print(1 if (3, 11) <= sys.version_info < (3, 14) else "")' 2>/dev/null),$(p))))
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off -c constraints.txt
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --prefer-binary --progress-bar off --no-compile -c constraints.txt
 
 JOBS ?= 2
 
@@ -64,7 +64,9 @@ clean:
 	$(PIP) -e '.[export]'
 	@touch $@
 
+# Byte code is made on all cores: pip makes it on one. What packages hold in the syntax of another Python has none.
 .venv/.ready-dev: .venv/bin/python pyproject.toml constraints.txt
 	@echo "Setting up .venv (some minutes, once)"
 	$(PIP) -e '.[dev]'
+	@$(BIN)/python -W ignore -m compileall -qq -j 0 .venv/lib || true
 	@touch .venv/.ready $@

@@ -8,12 +8,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from twinbench.bench.cells import Cell
-from twinbench.bench.earlier import read_earlier
+from twinbench.bench.manifest import read_manifest
 from twinbench.bench.profile import Profile
 from twinbench.bench.registry import find
+from twinbench.bench.results import cost_of
 from twinbench.bench.roster import ABLATION
 from twinbench.common.cost import in_words
 from twinbench.common.errors import BadInput
@@ -72,12 +71,10 @@ def _rates(folder: Path, todo: Sequence[Cell], machine: str) -> dict[tuple[str, 
     Means over seeds; empty where there is no run of this machine, or it is damaged.
     """
     try:
-        earlier = read_earlier(folder)
-        profile = earlier.manifest["profile"]
+        profile = read_manifest(folder / "manifest.json")["profile"]
         if profile.get("machine", COMPRESSOR.name) != machine:
             return {}
-        table = earlier.rows(COST_TABLE, ())
-        table = table.assign(cpu_s=pd.to_numeric(table["cpu_s"]))
+        table = cost_of(folder)
         took_s = table.groupby(["stage", "estimator"])["cpu_s"].mean().dropna()
         whole = {_whole(cell): cell for cell in todo}
         return {

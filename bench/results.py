@@ -113,6 +113,15 @@ def load_results(out: Path) -> Results:
     return Results(out, scores, failures, latency, cost, robustness, manifest)
 
 
+def cost_of(out: Path) -> pd.DataFrame:
+    """The table of costs alone: scores are many.
+
+    Raises:
+        BadInput: it is missing, unreadable, or not what a run writes.
+    """
+    return _read_csv(out / "cost.csv", COLUMNS["cost.csv"])
+
+
 def _read_csv(path: Path, columns: tuple[str, ...]) -> pd.DataFrame:
     texts = [column for column in columns if column not in NUMBERS]
     try:

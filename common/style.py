@@ -8,7 +8,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import PlaceHolderLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 INCH_MM = 25.4
@@ -16,6 +19,7 @@ COLUMN_MM = 89.0
 PAGE_MM = 183.0
 MOST_POINTS = 800
 """Points of a line: more cannot be told apart at page width."""
+PNG_DPI = 200
 ZERO_C_K = 273.15
 """0 °C on the axes of those who think in °C."""
 
@@ -122,7 +126,13 @@ def settle(figure: Figure) -> None:
 def png(figure: Figure) -> bytes:
     """The figure at 200 dpi; equal figures give equal bytes."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=200)
+    if _settled(figure):
+        before = figure.dpi
+        figure.set_dpi(PNG_DPI)
+        FigureCanvasAgg(figure).print_png(buffer)
+        figure.set_dpi(before)
+    else:
+        figure.savefig(buffer, format="png", dpi=PNG_DPI)
     return buffer.getvalue()
 
 
@@ -130,8 +140,19 @@ def png(figure: Figure) -> bytes:
 def svg(figure: Figure) -> str:
     """The figure as SVG text; equal figures give equal text."""
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    about = {"Date": None, "Creator": None}
+    if _settled(figure):
+        before = figure.dpi
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=about)
+        figure.set_dpi(before)
+    else:
+        figure.savefig(buffer, format="svg", metadata=about)
     return buffer.getvalue()
+
+
+def _settled(figure: Figure) -> bool:
+    """Does it need no layout any more? To print it then takes half of what ``savefig`` takes, which draws twice."""
+    return isinstance(figure.get_layout_engine(), PlaceHolderLayoutEngine)
 
 
 @styled

@@ -23,14 +23,18 @@ TOGETHER = (
     ("test_engine", "test_evidence"),
     ("test_mismatch_report", "test_mismatch_page", "test_sheet", "test_layout"),
     ("test_online", "test_export", "test_soak", "test_cycle"),
+    ("test_latency", "test_latency_peers", "test_cli", "test_cli_common"),
 )
-"""Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin."""
+"""Files that share what takes long to make: a verdict on a motor, one on an oven, a trained twin, compiled peers."""
 LONGEST = (
-    "test_contract", "test_fuzz", "test_engine", "test_evidence", "test_latency", "test_prove", "test_opponents",
-    "test_package", "test_real_recordings", "test_tutorial", "test_estimate", "test_cli", "test_additions",
-    "test_notebooks",
+    "test_contract", "test_engine", "test_evidence", "test_prove", "test_opponents", "test_latency", "test_fuzz",
+    "test_package", "test_real_recordings", "test_tutorial", "test_estimate", "test_additions", "test_notebooks",
+    "test_runner",
 )  # fmt: skip
-"""Files that begin, so that none of them runs on alone at the end."""
+"""Files that begin, so that none of them runs on alone at the end.
+
+What trains DeepONet-Kalman comes after several others: it takes long to compile, and test_contract has done so by then.
+"""
 
 COMPILED_ON_IMPORT = (
     "twinbench.mismatch.machine", "twinbench.mismatch.sensors", "twinbench.mismatch.series",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 
 import numpy as np
 from numba import njit
 
 from twinbench.baselines.unscented import correct, moments, sigma_points, weights
-from twinbench.bench.latency.peers import ALPHA, Model
+from twinbench.bench.latency.peers import ALPHA, Model, model_of
 from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
 from twinbench.methods.kalman import predict_covariance, update
 from twinbench.methods.noise import output_sd_of, sheet_of
 
@@ -73,6 +75,12 @@ def ukf(model: Model) -> Tick:
     return tick
 
 
+@functools.cache
+def _compiled(kind: Callable[[Model], Tick], machine: Machine) -> Tick:
+    """One for each machine: compiling it takes seconds."""
+    return kind(model_of(machine))
+
+
 class CompiledPeer:
     """One of the two, one call an update.
 
@@ -83,7 +91,8 @@ class CompiledPeer:
     """
 
     def __init__(self, first: Array, model: Model, kind: Callable[[Model], Tick]) -> None:
-        self._tick, self._inputs, self._sheet = kind(model), len(model.machine.inputs), sheet_of(model.machine)
+        machine = model.machine
+        self._tick, self._inputs, self._sheet = _compiled(kind, machine), len(machine.inputs), sheet_of(machine)
         self._u = first[: self._inputs].copy()
         self.mean, self.cov = model.start(first)
 

@@ -6,7 +6,7 @@ sequences, the same ones for every estimator, so that differences and ratios sta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -60,49 +60,72 @@ def sequence_scores(scores: pd.DataFrame, metric: str, failed: Mapping[str, str]
 
     Args:
         scores: columns ``estimator, seed, sequence, metric, value``; a failed cell is a NaN value.
+        metric: of those in the table.
         failed: estimators with a failed cell and its reason. They appear even if ``scores`` has no
             row of theirs, and are never taken for complete.
 
     Raises:
         ValueError: no estimator has this metric, or a score is there twice.
     """
-    chosen = scores[scores["metric"] == metric]
-    if chosen.empty:
-        known = ", ".join(sorted(scores["metric"].unique()))
-        raise ValueError(f"no scores of {metric!r}; there are: {known}")
-    key = ["estimator", "seed", "sequence"]
-    if chosen.duplicated(key).any():
-        twice = chosen[chosen.duplicated(key)].iloc[0]
-        raise ValueError(f"two scores of {metric} for {', '.join(f'{k} {twice[k]}' for k in key)}")
-    # A row for every estimator and seed that has any score at all: what is missing shows as NaN.
-    cells = pd.MultiIndex.from_frame(scores[["estimator", "seed"]].drop_duplicates())
-    wide = chosen.pivot(index=["estimator", "seed"], columns="sequence", values="value")
-    wide = wide.astype(float).reindex(cells)
-    wide = wide.where(np.isfinite(wide))
-    undefined = wide.isna().all(axis=0) & (metric in NOT_EVERYWHERE)
-    wide = wide.loc[:, ~undefined]
+    return score_tables(scores, (metric,), failed)[metric]
+
+
+def score_tables(
+    scores: pd.DataFrame, metrics: Sequence[str], failed: Mapping[str, str] | None = None
+) -> dict[str, SequenceScores]:
+    """Several metrics, each as ``sequence_scores`` has it; what they share is looked up once.
+
+    Args:
+        scores: as there.
+        metrics: of those in the table.
+        failed: as there.
+
+    Raises:
+        ValueError: as there.
+    """
     failed = dict(failed or {})
-    estimators = tuple(ordered({*wide.index.get_level_values("estimator"), *failed}))
-    values = wide.groupby(level="estimator").mean().reindex(estimators).to_numpy()
-    reasons = {}
-    for estimator in estimators:
-        told = [failed[estimator]] if estimator in failed else []
-        if estimator in wide.index.get_level_values("estimator"):
-            told += _gaps(wide.loc[[estimator]])
-        if told:
-            reasons[estimator] = "; ".join(told)
-    return SequenceScores(metric, estimators, tuple(wide.columns), values, reasons, tuple(undefined.index[undefined]))
+    # A row for every estimator and seed that has any score at all: what is missing shows as NaN.
+    run = scores.groupby(["estimator", "seed"], sort=False, observed=True).ngroup().to_numpy()
+    runs = scores[["estimator", "seed"]].iloc[np.unique(run, return_index=True)[1]]
+    of_run, seeds = runs["estimator"].astype(str).to_numpy(), runs["seed"].to_numpy()
+    estimators = tuple(ordered({*of_run, *failed}))
+    sequence, names = pd.factorize(scores["sequence"], sort=True)
+    value, rows = scores["value"].to_numpy(dtype=float), scores.groupby("metric", observed=True).indices
+    tables = {}
+    for metric in metrics:
+        at = rows.get(metric)
+        if at is None:
+            raise ValueError(f"no scores of {metric!r}; there are: {', '.join(sorted(scores['metric'].unique()))}")
+        if len(np.unique(run[at] * len(names) + sequence[at])) < len(at):
+            raise ValueError(_twice(scores.iloc[at], metric))
+        wide = np.full((len(runs), len(names)), np.nan)
+        wide[run[at], sequence[at]] = np.where(np.isfinite(value[at]), value[at], np.nan)
+        there = np.unique(sequence[at])
+        undefined = np.isnan(wide[:, there]).all(axis=0) & (metric in NOT_EVERYWHERE)
+        wide, kept = wide[:, there[~undefined]], tuple(names[there[~undefined]])
+        values = pd.DataFrame(wide).groupby(of_run).mean().reindex(estimators).to_numpy()
+        told = {estimator: [why] for estimator, why in failed.items()}
+        for estimator in dict.fromkeys(of_run[np.isnan(wide).any(axis=1)]):
+            own = of_run == estimator
+            told.setdefault(estimator, []).append(_lacks(np.isnan(wide[own]), seeds[own], kept))
+        reasons = {estimator: "; ".join(told[estimator]) for estimator in estimators if estimator in told}
+        tables[metric] = SequenceScores(metric, estimators, kept, values, reasons, tuple(names[there[undefined]]))
+    return tables
 
 
-def _gaps(wide: pd.DataFrame) -> list[str]:
+def _twice(chosen: pd.DataFrame, metric: str) -> str:
+    """Which score of a metric is there a second time."""
+    key = ["estimator", "seed", "sequence"]
+    first = chosen[chosen.duplicated(key)].iloc[0]
+    return f"two scores of {metric} for {', '.join(f'{k} {first[k]}' for k in key)}"
+
+
+def _lacks(missing: np.ndarray, seeds: np.ndarray, names: Sequence[str]) -> str:
     """Where one estimator's scores, seeds by sequences, have no number."""
-    missing = wide.isna()
-    if not missing.to_numpy().any():
-        return []
-    seeds = ", ".join(str(seed) for _, seed in missing.index[missing.any(axis=1)])
-    sequences = missing.columns[missing.any(axis=0)]
-    shown = ", ".join(sequences[:3]) + (", ..." if len(sequences) > 3 else "")
-    return [f"no score in {missing.to_numpy().sum()} of {missing.size} (seed {seeds}; {shown})"]
+    seed = ", ".join(str(seed) for seed in seeds[missing.any(axis=1)])
+    where = np.array(names)[missing.any(axis=0)]
+    shown = ", ".join(where[:3]) + (", ..." if len(where) > 3 else "")
+    return f"no score in {missing.sum()} of {missing.size} (seed {seed}; {shown})"
 
 
 def means(table: SequenceScores) -> pd.DataFrame:
@@ -194,7 +217,13 @@ def interval(resampled: Array, n: int) -> tuple[float, float]:
     """
     if n < 2:
         return np.nan, np.nan
-    tail = float(norm.cdf(-np.sqrt(n / (n - 1)) * t.ppf(0.5 + INTERVAL_LEVEL / 2, n - 1)))
+    tail = _tail(n)
     # Nearest: no interpolation between infinities.
     low, high = np.quantile(resampled, [tail, 1.0 - tail], method="nearest")
     return float(low), float(high)
+
+
+@lru_cache
+def _tail(n: int) -> float:
+    """The share of resamples beyond either end of the interval over n blocks."""
+    return float(norm.cdf(-np.sqrt(n / (n - 1)) * t.ppf(0.5 + INTERVAL_LEVEL / 2, n - 1)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from itertools import product
 from typing import Any
 
@@ -77,12 +78,12 @@ def coverage_table(rows: pd.DataFrame, failed: Mapping[str, str] | None = None) 
     """
     failed = failed or {}
     table: list[tuple[Any, ...]] = []
-    wide = _wide(rows)
     quantities = [*rows["quantity"].unique(), "mean"]
+    groups = dict(iter(_wide(rows).groupby(level=["estimator", "regime"])))
     for estimator, regime in product(ordered(rows["estimator"].unique()), rows["regime"].unique()):
-        group = wide.query("estimator == @estimator and regime == @regime")
-        if len(group):
-            table += [(estimator, regime, *row) for row in _by_quantity(group, quantities, failed.get(estimator))]
+        if (estimator, regime) in groups:
+            found = _by_quantity(groups[estimator, regime], quantities, failed.get(estimator))
+            table += [(estimator, regime, *row) for row in found]
     missing = [name for name in failed if name not in set(rows["estimator"])]
     nothing = (np.nan, np.nan, np.nan, 0, 100 * INTERVAL_LEVEL, np.nan, np.nan)
     table += [(name, "all", "mean", *nothing, failed[name], *nothing[:3]) for name in ordered(missing)]
@@ -103,17 +104,17 @@ def _by_quantity(group: pd.DataFrame, quantities: list[str], failed: str | None)
     n, ticks = len(group), group["ticks"].to_numpy(dtype=float).ravel()
     weights = resample_weights(n) * ticks
     weights /= weights.sum(axis=1, keepdims=True)
-    for quantity in quantities:
-        found = []
-        for share in SHARES:
-            shares = group[share, quantity].to_numpy(dtype=float)
-            found.append((float(shares @ ticks / ticks.sum()), *interval(weights @ shares, n)))
-        lost = group.index.get_level_values("sequence")[group["inside_pct", quantity].isna()]
+    names = group.index.get_level_values("sequence")
+    of = {share: group[share][quantities].to_numpy(dtype=float).T.copy() for share in SHARES}
+    for quantity, *both in zip(quantities, *of.values(), strict=True):
+        found = [(float(shares @ ticks / ticks.sum()), *interval(weights @ shares, n)) for shares in both]
+        lost = names[np.isnan(both[0])]
         reason = f"no finite interval in {', '.join(lost)}" if len(lost) else ""
         about = (n, 100 * INTERVAL_LEVEL, *expected_band(n), "; ".join(filter(None, [failed, reason])))
         yield quantity, *found[0], *about, *found[1]
 
 
+@lru_cache
 def expected_band(n: int, level: float = INTERVAL_LEVEL) -> tuple[float, float]:
     """Central 95 % band, in per cent, of the coverage that an exact filter shows in n independent trials.
 

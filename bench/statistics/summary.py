@@ -11,7 +11,14 @@ import pandas as pd
 
 from twinbench.bench.roster import REFERENCE, UNRANKED, ordered
 from twinbench.bench.statistics.apart import told_apart
-from twinbench.bench.statistics.bootstrap import SequenceScores, differences, means, ratios, sequence_scores
+from twinbench.bench.statistics.bootstrap import (
+    SequenceScores,
+    differences,
+    means,
+    ratios,
+    score_tables,
+    sequence_scores,
+)
 from twinbench.bench.statistics.censored import CENSORED, Waiting, restricted, waiting, watched
 from twinbench.bench.statistics.marks import marked
 from twinbench.bench.statistics.ranks import Ranking, rank
@@ -134,7 +141,7 @@ def summarise(
     metrics = [m for m in (*definitions_of(subject), FORECAST) if m in there and m not in CENSORED]
     # A table finds its rows and estimators by name: as categories three times as quickly.
     quick = scores.astype(dict.fromkeys(("estimator", "sequence", "metric"), "category"))
-    tables = {metric: sequence_scores(quick, metric, failures) for metric in metrics}
+    tables = score_tables(quick, metrics, failures)
     values = {key: value for table in tables.values() for key, value in _values(table).items()}
     won = {(e, m): s for m, table in tables.items() if ideal(m) is None for e, s in skills(table).items()}
     for metric in CENSORED:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import os
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ import pytest
 from helpers.tiny_run import run_arguments, run_here, twinbench, write_profile
 from rich.console import Console
 
-from twinbench.bench.latency import forms, stages, timing
+from twinbench.bench.latency import forms, memory, stages, timing
 from twinbench.bench.latency.timing import Name, Timed, Watch, back_to_back, one_core, paced, percentiles
 from twinbench.common.progress import Progress
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
@@ -26,13 +27,17 @@ SETTINGS = "[settings.deeponet_kalman]\n" + "".join(
 
 @pytest.fixture(scope="module")
 def measured(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """What ``twinbench latency`` leaves; no window length but the twin's own, as each has to be compiled."""
-    folder = tmp_path_factory.mktemp("latency")
+    """What ``twinbench latency`` leaves; no window length but the twin's own, as each has to be compiled.
+
+    A process of its own is weighed in place and out of it: all forms but the one in place load the same.
+    """
+    folder, weigh = tmp_path_factory.mktemp("latency"), functools.cache(memory.process_MB)
     profile = write_profile(folder, more=SETTINGS)
     with pytest.MonkeyPatch.context() as patch:
         run_here(patch)
         patch.setattr(forms, "WINDOWS", (64,))
         patch.setattr(stages, "TICKS", 500)
+        patch.setattr(memory, "process_MB", lambda stored, form: weigh(stored, form if form == forms.IN_PLACE else ""))
         assert twinbench(*run_arguments(profile, folder / "run", ["deeponet_kalman"])) == 0
         arguments = ("--profile", profile, "--results", folder / "run", "--updates", 200, "--ticks", 4)
         assert twinbench("latency", *arguments, "--out", folder / "out") == 0

@@ -13,7 +13,7 @@ from twinbench.machines.compressor import COMPRESSOR
 from twinbench.machines.motor import MOTOR
 from twinbench.machines.two_tanks import TWO_TANKS
 
-MACHINES = (COMPRESSOR, TWO_TANKS, MOTOR)
+MACHINES = (COMPRESSOR, *(pytest.param(m, marks=pytest.mark.slow) for m in (TWO_TANKS, MOTOR)))
 
 
 @pytest.fixture(scope="module", params=MACHINES, ids=lambda machine: machine.name)

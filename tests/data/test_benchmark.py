@@ -8,20 +8,29 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from twinbench.data.benchmark import PARTS, DesignConfig, design, fingerprint, run, simulate_benchmark
+from twinbench.data.benchmark import PARTS, DesignConfig, Split, design, fingerprint, run, simulate_benchmark
 from twinbench.data.corrupt import Corruption
 from twinbench.machines.compressor import COMPRESSOR, N_LIMITS_RPM, P_SUC_LIMITS_BAR
 
 PAIRS = tuple(combinations(PARTS, 2))
+PAPERS = {"train": 26, "validation": 20, "calibration": 40, "test": 70}
+SOME = 3
+"""One sequence of so many is simulated."""
 RATIO_RANGE = (2.05, 5.0)
 """What comes of RATIO_LIMITS as suction and health change, but for 0.1 % at either end."""
 SMALL = DesignConfig(n_train=2, n_validation=1, n_calibration=1, n_test=2, n_single=0, minutes=2.0, warmup_minutes=0.5)
 
 
+@pytest.fixture(scope="module", params=[pytest.param(1, marks=pytest.mark.slow), SOME], ids=["all", "some"])
+def one_of(request):
+    return request.param
+
+
 @pytest.fixture(scope="module")
-def split():
-    """All of it, some eight seconds: the paper's numbers are checked on what is really simulated."""
-    return simulate_benchmark()
+def split(one_of):
+    """The paper's numbers are checked on what is really simulated: one sequence of so many of each part."""
+    warmup_minutes = DesignConfig().warmup_minutes
+    return Split(**{part: run(scenarios[::one_of], warmup_minutes) for part, scenarios in design().items()})
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +42,10 @@ def parts(split):
     return {part: getattr(split, part) for part in PARTS}
 
 
-def test_the_papers_numbers(split):
-    assert {part: b.measured.shape for part, b in parts(split).items()} == {
-        "train": (26, 30_000, 7),
-        "validation": (20, 30_000, 7),
-        "calibration": (40, 30_000, 7),
-        "test": (70, 30_000, 7),
-    }
+def test_the_papers_numbers(split, one_of):
+    assert {part: len(scenarios) for part, scenarios in design().items()} == PAPERS
+    simulated = {part: (len(range(0, n, one_of)), 30_000, 7) for part, n in PAPERS.items()}
+    assert {part: b.measured.shape for part, b in parts(split).items()} == simulated
     for batch in parts(split).values():
         assert batch.truth.estimated.shape == (len(batch), 30_000, len(COMPRESSOR.quantities))
         assert batch.truth.outputs.shape == (len(batch), 30_000, len(COMPRESSOR.outputs))
@@ -56,11 +62,12 @@ def test_speed_suction_and_pressure_ratio_span_the_papers_ranges(split):
         assert most - least > 0.9 * (high - low)
 
 
-def test_no_sequence_is_shared_between_parts(split):
+def test_no_sequence_is_shared_between_parts(split, one_of):
     names = [name for b in parts(split).values() for name in b.names]
     contents = [hashlib.sha256(row.tobytes()).hexdigest() for b in parts(split).values() for row in b.measured]
     paths = [hashlib.sha256(row.tobytes()).hexdigest() for b in parts(split).values() for row in b.truth.states]
-    assert len(names) == len(set(names)) == len(set(contents)) == len(set(paths)) == 156
+    assert len(names) == len(set(names)) == len(set(contents)) == len(set(paths))
+    assert len(names) == sum(len(range(0, n, one_of)) for n in PAPERS.values())
 
 
 @pytest.mark.parametrize(("one", "other"), PAIRS)

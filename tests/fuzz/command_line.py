@@ -21,7 +21,7 @@ from twinbench.common.jobs import cores
 OUTCOMES, MANIFEST = "outcomes.csv", "manifest.json"
 COLUMNS = ["command", "mutator", "n", *GOOD, *BAD]
 FAST = {
-    "estimate": 10, "mismatch": 3, "simulate": 8, "list": 10, "check": 5, "run": 3, "report": 5, "export": 8,
+    "estimate": 8, "mismatch": 2, "simulate": 8, "list": 10, "check": 5, "run": 2, "report": 5, "export": 8,
     "tune": 5, "look": 6, "fmu": 3, "record": 4, "replay": 8, "schema": 2,
 }  # fmt: skip
 """Cases of each command that continuous integration has time for."""

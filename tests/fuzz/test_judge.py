@@ -161,7 +161,7 @@ def world(tmp_path_factory) -> World:
     arrays = {name: np.ones((6, 2)) for name in ("time_s", "measured", "lag_s", "said.mean")}
     parts = {"about.json": np.frombuffer(about, np.uint8), "model.npz": np.frombuffer(about, np.uint8), **arrays}
     np.savez(folder / "online.npz", checksums=np.ones(6, np.uint64), **parts)
-    time_s = 0.05 * np.arange(1200)
+    time_s = 0.05 * np.arange(400)
     from twinbench.machines.compressor import CHANNELS
 
     rows = {c: 3.0 + np.sin(time_s + i) for i, c in enumerate(CHANNELS)}

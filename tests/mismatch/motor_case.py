@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import operator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from motor import MOTOR, rhs
@@ -13,7 +14,7 @@ from twinbench.physics.simulator import Array
 CHANNELS = tuple(v.name for v in (*MOTOR.inputs, *MOTOR.outputs))
 NOISE = np.array([1.0, 0.5, 0.5])
 TRUE = {"R_ohm": 0.65, "J_kg_m2": 1.35, "b_Nms": 0.06}
-Extra = Callable[[float, Array, Array], Array]
+Extra = Callable[[float, list[float], list[float]], Array]
 
 
 def pieces(rng: np.random.Generator, time_s: Array, low: float, high: float, mean_s: float) -> Array:
@@ -42,14 +43,19 @@ def record(
     rng = np.random.default_rng(seed)
     time_s = np.arange(0.0, seconds, dt_s)
     u = np.stack([pieces(rng, time_s, -200 * reach, 200 * reach, 8.0), pieces(rng, time_s, -20, 40 * reach, 6.0)], 1)
-    theta = np.array([TRUE.get(v.name, v.nominal) for v in MOTOR.parameters])
-    x, y, h = np.array([0.0, 0.0, 305.0]), np.empty((len(time_s), 3)), dt_s / 10
-    for k, t in enumerate(time_s):
+    theta = [TRUE.get(v.name, v.nominal) for v in MOTOR.parameters]
+    inputs, x, y, h = u.tolist(), [0.0, 0.0, 305.0], np.empty((len(time_s), 3)), dt_s / 10
+
+    def rates(t: float, x: list[float], now: list[float]) -> Iterator[float]:
+        return map(operator.add, rhs(x, now, theta).tolist(), extra(t, x, now).tolist())
+
+    for k, t in enumerate(time_s.tolist()):  # floats: arrays of three take three times as long
         y[k] = x[1], x[0], x[2]
         for i in range(10):
-            first = rhs(x, u[k], theta) + extra(t + i * h, x, u[k])
-            second = rhs(x + h * first, u[k], theta) + extra(t + i * h + h, x + h * first, u[k])
-            x = x + 0.5 * h * (first + second)
+            first = [*rates(t + i * h, x, inputs[k])]
+            ahead = [a + h * da for a, da in zip(x, first, strict=True)]
+            second = rates(t + i * h + h, ahead, inputs[k])
+            x = [a + 0.5 * h * (da + db) for a, da, db in zip(x, first, second, strict=True)]
     noise = rng.normal(size=y.shape)
     for k in range(1, len(noise)):
         noise[k] = 0.6 * noise[k - 1] + 0.8 * noise[k]

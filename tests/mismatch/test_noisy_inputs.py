@@ -48,7 +48,7 @@ def fitted(recordings: Sequence[Recording]) -> tuple[Problem, Array]:
 @functools.cache
 def healthy() -> Verdict:
     """A sound motor whose voltage is recorded with noise of 1.5 % of what it reaches."""
-    many = [noisy(record(f"run_{k}", k), 1000 + k) for k in range(3)]
+    many = [noisy(record(f"run_{k}", k, seconds=60.0), 1000 + k) for k in range(3)]
     return diagnose(MOTOR, many[:2], many[2:])
 
 

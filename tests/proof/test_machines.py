@@ -37,6 +37,8 @@ SEED = 41
 DRAWN = range(20)
 SAMPLES = 600
 EACH_DOMAIN = range(4, 8)
+OF_DRAWN = pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.slow] * (n > 7)) for n in DRAWN])
+"""Two of each domain; the others by ``make test-slow``, as each has to be compiled."""
 
 
 def simulator(machine: Machine) -> Simulator:
@@ -54,7 +56,7 @@ def yardstick(number: int) -> Yardstick:
 # Truth and twin.
 
 
-@pytest.mark.parametrize("number", DRAWN)
+@OF_DRAWN
 def test_a_random_truth_without_effects_is_its_twin(number: int) -> None:
     """Written separately, by two integrators."""
     m = random_machine(SEED, number)
@@ -67,7 +69,7 @@ def test_a_random_truth_without_effects_is_its_twin(number: int) -> None:
     assert (truth.std(axis=0) > 2.0 * m.sigma()).all()  # it is moved
 
 
-@pytest.mark.parametrize("number", DRAWN)
+@OF_DRAWN
 def test_a_random_machine_settles_before_it_is_recorded(number: int) -> None:
     m = random_machine(SEED, number)
     u = m.operate(stream(8, number), 10.0 * m.period_s, "held")
@@ -98,7 +100,7 @@ def test_all_four_domains_take_turns_and_another_seed_draws_others() -> None:
 # Effects.
 
 
-@pytest.mark.parametrize("number", DRAWN)
+@OF_DRAWN
 def test_every_effect_is_in_the_catalogue_of_its_twin(number: int) -> None:
     m = random_machine(SEED, number)
     catalogue = {c.name: c for c in whole_catalogue(simulator(m), (), m.period_s)}

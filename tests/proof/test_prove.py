@@ -216,15 +216,15 @@ def test_background_severity_and_parameters_are_as_asked() -> None:
 
 
 def test_a_plan_holds_every_cell_and_machine_and_repeats_from_its_seed() -> None:
-    planned = cases(300, 1)
+    planned, drawn = cases(300, 1), machines(1)
     assert len(planned) == 300
     assert sum(FULL.values()) == 1080
     assert {i.cell for i in planned} == set(CELLS)
-    assert set(MACHINES) < {i.machine for i in planned} <= set(machines(1))
+    assert set(MACHINES) < {i.machine for i in planned} <= set(drawn)
     assert planned == cases(300, 1)
-    assert planned != cases(300, 2)
+    assert planned != cases(300, 2, drawn)
     assert {i.cell for i in planned[:15]} == set(CELLS)
-    counted = pd.Series([i.cell for i in cases(1080, 1)]).value_counts()
+    counted = pd.Series([i.cell for i in cases(1080, 1, drawn)]).value_counts()
     assert counted.to_dict() == FULL
     assert all(len(i.effects) == (0 if i.cell in SOUND else 2 if i.cell == "two_effects" else 1) for i in planned)
     severities = np.array([i.severity for i in planned if i.effects])
