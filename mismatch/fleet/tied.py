@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from twinbench.mismatch.fleet.evidence import Known, likeliest, merged
-from twinbench.physics.simulator import Mechanism, Variable
+from twinbench.physics.simulator import Mechanism, Term, Variable
 
 T = TypeVar("T")
 MARK = " as in the fleet"
@@ -34,10 +34,13 @@ def shapes(fleet: Iterable[Known], names: Iterable[str]) -> dict[str, tuple[floa
 def tied(mechanism: Mechanism, shape: tuple[float, ...]) -> Mechanism:
     """The mechanism in that shape.
 
-    Its parameters get names of their own: what has the catalogue's is sized anew for where one machine was.
+    All that it brings gets names of its own: it stands beside the mechanism as it was, and what has the catalogue's names
+    is sized anew for where one machine was.
     """
     size, *others = mechanism.parameters
     parameters = (_named(size), *(_held(_named(v), at) for v, at in zip(others, shape, strict=True)))
+    if isinstance(mechanism, Term):
+        mechanism = replace(mechanism, states=tuple(map(_named, mechanism.states)))
     return replace(mechanism, name=mechanism.name + MARK, parameters=parameters, contains=mechanism.name)
 
 

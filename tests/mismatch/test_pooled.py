@@ -121,7 +121,11 @@ def test_an_effect_in_the_shape_of_the_fleet_is_told_by_its_own_name() -> None:
     known = [{frozenset({LEAK}): (one,)} for one in (dim, clear)]
     assert shapes(known, (LEAK, LOSS)) == {LEAK: (18.0,)}
     rate, limit = Variable("rate", "1/s", 0.0, 1.0, 0.1, 0.1), Variable("limit", "cm", 0.0, 40.0, 20.0, 5.0)
-    held = tied(Term(LEAK, "it leaks", "balance:h_cm", (rate, limit), term=lambda x, u, theta: 0.0), (18.0,))
+    wave = Variable("wave", "1", -1.0, 1.0, 0.0, 1.0)
+    acts = {"term": lambda x, u, theta: 0.0, "derivative": lambda x, u, theta: np.zeros(1), "states": (wave,)}
+    held = tied(Term(LEAK, "it leaks", "balance:h_cm", (rate, limit), **acts), (18.0,))
+    assert isinstance(held, Term)
+    assert {v.name for v in held.brings}.isdisjoint({"rate", "limit", "wave"})
     assert (held.name, held.contains) == (LEAK + MARK, LEAK)
     assert held.parameters[1].nominal == 18.0
     assert held.parameters[1].high - held.parameters[1].low < 1.0
