@@ -34,8 +34,8 @@ def shapes(fleet: Iterable[Known], names: Iterable[str]) -> dict[str, tuple[floa
 def tied(mechanism: Mechanism, shape: tuple[float, ...]) -> Mechanism:
     """The mechanism in that shape.
 
-    All that it brings gets names of its own: it stands beside the mechanism as it was, and what has the catalogue's names
-    is sized anew for where one machine was.
+    All that it brings gets names of its own. It stands beside the mechanism as it was, and what has the catalogue's
+    names is sized anew for where one machine was.
     """
     size, *others = mechanism.parameters
     parameters = (_named(size), *(_held(_named(v), at) for v, at in zip(others, shape, strict=True)))
