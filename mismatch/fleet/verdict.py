@@ -46,6 +46,11 @@ class Common:
     size: Shared
     unit: str
 
+    @property
+    def called(self) -> str:
+        """Its name, and those that do the same."""
+        return " or ".join((self.name, *self.alike))
+
 
 @dataclass(frozen=True)
 class Odd:
@@ -194,8 +199,8 @@ def _judged(said: Said, weighed: Sequence[Pooled], p: Sequence[float], machines:
 
 def _headline(machines: Mapping[str, Said], common: Sequence[Common], odd: Sequence[Odd]) -> str:
     n = len(machines)
-    named = [c.name for c in common if c.named]
-    unsure = [c.name for c in common if not c.named]
+    named = [c.called for c in common if c.named]
+    unsure = [c.called for c in common if not c.named]
     lead = f"all {count(n)} machines have in common what the simulator lacks: {listed(named)}" if named else ""
     if not named and unsure:
         lead = f"all {count(n)} machines perhaps have in common what the simulator lacks: {listed(unsure)}"
@@ -213,10 +218,10 @@ def _points(
     for c in common:
         digits = digits_worth(c.size.mean, c.size.low, c.size.high)
         mean = f"{with_unit(c.size.mean, c.unit, digits)} (90 % interval {interval(c.size.low, c.size.high, digits)})"
-        same = f", or {' or '.join(c.alike)}, which does the same here," if c.alike else ""
+        same, of = (", which do the same here,", f"the mean size of {c.name}") if c.alike else ("", "its mean size")
         yield (
-            f"{c.name}{same} is the simulator's fault with probability {probable(c.probability)}: its mean size is "
-            f"{mean}, and from machine to machine it scatters by {number(c.size.scatter, 2)} (sd)"
+            f"{c.called}{same} is the simulator's fault with probability {probable(c.probability)}: {of} is {mean}, "
+            f"and from machine to machine it scatters by {number(c.size.scatter, 2)} (sd)"
         )
     for sure, several in ((True, odd), (False, perhaps)):
         for o in several:

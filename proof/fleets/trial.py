@@ -81,6 +81,7 @@ def _judged(fleet: int, plan: Plan) -> dict[str, Any]:
         "said": said,
         "odds": dict(found.odds),
         "says": found.says,
+        "alike": {c.name: list(c.alike) for c in found.common if c.named},
         "observed": _numbers(seen),
     }
 
