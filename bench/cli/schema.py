@@ -8,13 +8,14 @@ from pathlib import Path
 SAYS = "print the JSON Schema of a file that programs read"
 EXAMPLE = """twinbench schema verdict > verdict.schema.json
 
-verdict is of verdict.json, which mismatch writes; design is of design.json, which design writes; summary is of
-NAME.summary.json, which estimate writes.
+verdict is of verdict.json, which mismatch writes; design is of design.json, which design writes; fleet is of
+fleet.json, which fleet writes; summary is of NAME.summary.json, which estimate writes.
 Each is a JSON Schema of draft 2020-12."""
 ROOT = Path(__file__).parents[2]
 SCHEMAS = {
     "verdict": ROOT / "mismatch" / "report" / "verdict.schema.json",
     "design": ROOT / "mismatch" / "design" / "design.schema.json",
+    "fleet": ROOT / "mismatch" / "fleet" / "fleet.schema.json",
     "summary": ROOT / "bench" / "estimate" / "summary.schema.json",
 }
 """Where each lies, beside what writes the file."""

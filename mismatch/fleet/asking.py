@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from twinbench.common.shown import shown
 from twinbench.common.workers import side_by_side
 from twinbench.data.formats.kinds import READERS, kind_of
 from twinbench.mismatch.fleet.evidence import Known, evidence, merged, weigh_all
+from twinbench.mismatch.fleet.pooled import pooled
+from twinbench.mismatch.fleet.tied import shapes, tied, untied, with_tied
 from twinbench.mismatch.report.explain import Given, Request, explained, read
 
 MACHINES = "machines"
@@ -29,6 +31,7 @@ class Said:
         known: evidence of every set of effects that was weighed.
         document: its ``verdict.json``.
         speaks: by effect that it finds, what speaks for it, as ``naming.decision`` weighs it.
+        alike: by such an effect, names that do the same in its recordings.
         beside: probability of something that nothing in the catalogue explains, and where; 0 if there is none.
         candidates: how many effects were looked for.
     """
@@ -37,6 +40,7 @@ class Said:
     known: Known
     document: Mapping[str, Any]
     speaks: Mapping[str, Mapping[str, float]]
+    alike: Mapping[str, frozenset[str]] = field(default_factory=dict)
     beside: tuple[float, str] = (0.0, "")
     candidates: int = 1
     units: Mapping[str, str] = field(default_factory=dict)
@@ -105,14 +109,27 @@ def asked(several: Mapping[str, Request], out: Path) -> dict[str, Said]:
         for said in side_by_side(ask, work, progress.say, out):
             found[said.name] = said
             going.step()
-    wanted = {name: _wanted(said, _likely(found)) for name, said in found.items()}
-    again = {name: (name, several[name], sets) for name, sets in wanted.items() if not sets <= set(found[name].known)}
+    for name, known in _again(several, found, out):
+        found[name] = replace(found[name], known=merged((found[name].known, known)))
+    return {name: found[name] for name in several}
+
+
+def _again(several: Mapping[str, Request], found: Mapping[str, Said], out: Path) -> Iterator[tuple[str, Known]]:
+    """What machines say of sets that others hold likely, and of the effects where the fleet has them."""
+    fleet, likely = {name: said.known for name, said in found.items()}, _likely(found)
+    shared = pooled(fleet, next(iter(found.values())).candidates)[0].names
+    known = shapes(fleet.values(), {*likely, *shared})
+    again = {}
+    for name, said in found.items():
+        wanted = _wanted(said, likely, shared)
+        further = (wanted - set(said.known)) | with_tied(wanted, known)
+        if further:
+            again[name] = (name, several[name], further, known)
     if again:
         with Progress() as progress, progress.stage("once more", len(again)) as going:
-            for name, known in side_by_side(ask_again, again, progress.say, out):
-                found[name] = replace(found[name], known=merged((found[name].known, known)))
+            for told in side_by_side(ask_again, again, progress.say, out):
+                yield told
                 going.step()
-    return {name: found[name] for name in several}
 
 
 LIKELY, MOST_ASKED = 3.0, 8
@@ -131,15 +148,21 @@ def _likely(fleet: Mapping[str, Said]) -> list[str]:
 
 def _near(said: Said) -> list[frozenset[str]]:
     """A machine's likeliest sets, the likeliest first."""
-    logs = {names: one.log - len(names) * np.log(said.candidates) for names, one in said.known.items()}
+    logs = {names: those[0].log - len(names) * np.log(said.candidates) for names, those in said.known.items()}
     best = max(logs.values())
     return sorted((names for names, log in logs.items() if log > best - LIKELY), key=lambda names: -logs[names])
 
 
-def _wanted(said: Said, likely: Sequence[str]) -> set[frozenset[str]]:
-    """Sets that have to be known of a machine: what may be shared, alone and beside what is likeliest there."""
-    best = _near(said)[0]
-    return {frozenset((name,)) for name in likely} | {best | {name} for name in likely}
+def _wanted(said: Said, likely: Sequence[str], shared: frozenset[str]) -> set[frozenset[str]]:
+    """Sets that have to be known of a machine: what may be shared, alone and beside what it has likeliest of its own.
+
+    Args:
+        shared: the likeliest shared set, as far as is known by now.
+    """
+    near = _near(said)
+    own = near[0] - shared
+    beside = {shared} | {shared | {name} for names in near for name in names}
+    return {frozenset((name,)) for name in likely} | {own | {name} for name in likely} | (beside - {frozenset()})
 
 
 def ask(name: str, request: Request, out: Path) -> Said:
@@ -148,22 +171,30 @@ def ask(name: str, request: Request, out: Path) -> Said:
     verdict, document = explained(request, given, out, lambda stage, share: None)
     d = verdict.diagnosis
     speaks = {name: f.evidence for f in d.answer.found for name in f.alike}
+    alike = {name: f.alike for f in d.answer.found for name in f.alike}
     beside = next(((c.probability, str(c.port)) for c in d.claims if c.found is None), (0.0, ""))
     units = {c.name: c.mechanism.parameters[0].unit for c in d.machine.candidates}
-    return Said(name, evidence(d.answer.naming), document, speaks, beside, len(d.machine.candidates), units)
+    return Said(name, evidence(d.answer.naming), document, speaks, alike, beside, len(d.machine.candidates), units)
 
 
-def ask_again(name: str, request: Request, wanted: Collection[frozenset[str]]) -> tuple[str, Known]:
-    """The same machine, with a catalogue of what is wanted alone and every wanted set weighed, likely or not."""
+def ask_again(
+    name: str, request: Request, wanted: Collection[frozenset[str]], shapes: Mapping[str, tuple[float, ...]]
+) -> tuple[str, Known]:
+    """The same machine, with a catalogue of what is wanted alone and every wanted set weighed, likely or not.
+
+    Args:
+        shapes: those of the fleet, by effect, each parameter in its unit.
+    """
     from twinbench.mismatch.asked import Asked
     from twinbench.mismatch.naming.weighed import weighed
     from twinbench.mismatch.told import Told
 
     given = read(request)
     names = {name for some in wanted for name in some}
-    some = tuple(m for m in given.catalogue if m.name in names)
+    offered = (*given.catalogue, *(tied(m, shapes[m.name]) for m in given.catalogue if m.name in shapes))
+    some = tuple(m for m in offered if m.name in names)
     told = Told(measured=given.told.measured)
     found = weighed(Asked(given.simulator, given.fitted, given.held_out, some, given.faults, given.inputs, told))
     naming = found.answer.naming
     weigh_all(naming, wanted)
-    return name, evidence(naming)
+    return name, untied(evidence(naming))

@@ -56,18 +56,26 @@ class Evidence(NamedTuple):
     Attributes:
         log: against nothing missing, in nats, without prior odds.
         sizes: by the effects' names.
+        shapes: their other parameters, each in its unit; of an effect that has none they are empty.
     """
 
     log: float
     sizes: dict[str, Size]
+    shapes: dict[str, tuple[float, ...]]
+
+    def same(self, other: Evidence) -> bool:
+        """Is it where another of the same set is, up to what the readings leave open?"""
+        return all(
+            abs(other.sizes[name].mean - s.mean) < max(other.sizes[name].sd, s.sd) for name, s in self.sizes.items()
+        )
 
 
-Known = dict[frozenset[str], Evidence]
-"""All sets that were weighed on one machine."""
+Known = dict[frozenset[str], tuple[Evidence, ...]]
+"""All sets that were weighed on one machine, each with all places at which it came to rest, the likeliest first."""
 
 
 def evidence(naming: Naming) -> Known:
-    """Of all hypotheses; of several of the same effects the likeliest counts."""
+    """Of all hypotheses."""
     found: Known = {}
     null = naming.null.log - naming.null.odds
     for h in naming.hypotheses:
@@ -78,20 +86,32 @@ def evidence(naming: Naming) -> Known:
             name: Size(float(size), float(sd), h.problem.unknowns[k].spread, bool(one_way[k]))
             for name, size, sd, k in zip(h.names, h.sizes, h.sds, at, strict=True)
         }
-        names = frozenset(h.names)
-        if names not in found or found[names].log < log:
-            found[names] = Evidence(log, sizes)
+        shapes = {name: e.variant.shape for name, e in zip(h.names, h.now, strict=True)}
+        found = merged((found, {frozenset(h.names): (Evidence(log, sizes, shapes),)}))
     return found
 
 
 def merged(several: Iterable[Known]) -> Known:
-    """What was weighed several times on one machine; the likeliest of each set counts."""
-    found: Known = {}
+    """What was weighed several times on one machine; of several in one place the likeliest counts."""
+    found: dict[frozenset[str], list[Evidence]] = {}
     for known in several:
-        for names, one in known.items():
-            if names not in found or found[names].log < one.log:
-                found[names] = one
-    return found
+        for names, those in known.items():
+            found.setdefault(names, []).extend(those)
+    return {names: _apart(those) for names, those in found.items()}
+
+
+def _apart(those: Iterable[Evidence]) -> tuple[Evidence, ...]:
+    kept: list[Evidence] = []
+    for one in sorted(those, key=lambda e: -e.log):
+        if not any(one.same(other) for other in kept):
+            kept.append(one)
+    return tuple(kept)
+
+
+def likeliest(known: Known, name: str) -> Evidence | None:
+    """The likeliest set that holds an effect; None if it was never weighed there."""
+    having = [those[0] for names, those in known.items() if name in names]
+    return max(having, key=lambda one: one.log, default=None)
 
 
 def weigh_all(naming: Naming, wanted: Iterable[frozenset[str]]) -> None:

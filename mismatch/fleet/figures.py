@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from twinbench.common.style import BLUE, FAINT, MUTED, PAGE_MM, VERMILION, canvas, styled
-from twinbench.mismatch.fleet.evidence import Size
+from twinbench.mismatch.fleet.evidence import likeliest
 from twinbench.mismatch.fleet.verdict import Fleet
 from twinbench.mismatch.mixture import Z90
 from twinbench.mismatch.words import labelled
@@ -32,8 +32,9 @@ def sizes_by_machine(fleet: Fleet, names: Sequence[str]) -> Figure:
             axes.axhline(mean, color=MUTED, linewidth=0.8)
             axes.axhspan(mean - Z90 * scatter, mean + Z90 * scatter, color=FAINT, alpha=0.6, linewidth=0)
         for at, (machine, said) in enumerate(fleet.machines.items()):
-            size = likeliest(said.known, name)
-            if size is not None:
+            one = likeliest(said.known, name)
+            if one is not None:
+                size = one.sizes[name]
                 color = VERMILION if machine in odd else BLUE
                 axes.errorbar(at, size.mean, Z90 * size.sd, color=color, marker="o", markersize=4, linewidth=1.2)
         axes.set_title(name, loc="left")
@@ -45,12 +46,6 @@ def sizes_by_machine(fleet: Fleet, names: Sequence[str]) -> Figure:
 
 def _unit(fleet: Fleet, name: str) -> str:
     return next(said.units[name] for said in fleet.machines.values() if name in said.units)
-
-
-def likeliest(known: Mapping[frozenset[str], Any], name: str) -> Size | None:
-    """An effect's size on a machine in the likeliest set that holds it; None if it was never weighed there."""
-    having = [one for one in known.values() if name in one.sizes]
-    return max(having, key=lambda one: one.log).sizes[name] if having else None
 
 
 @styled

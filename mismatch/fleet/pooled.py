@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from twinbench.mismatch.fleet.evidence import Evidence, Known
+from twinbench.mismatch.fleet.evidence import Evidence, Known, likeliest
 from twinbench.mismatch.naming.answer import shares
 from twinbench.physics.simulator import Array
 
@@ -25,8 +25,8 @@ UNTIED = 0.05
 """Prior probability that a machine lacks what the others share, or has it in a size that nothing ties to theirs."""
 SCATTERS = (0.01, 0.03, 0.1, 0.3)
 """Scatter of a shared size from machine to machine (sd), as a share of it; each as likely."""
-MEANS, REACH = 81, 4.0
-"""Points of the grid of means, and sds beyond the machines' sizes that it reaches."""
+STEPS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)
+"""Means that are tried, in sds around the size that each machine says."""
 SWEEPS = 3
 """Times that the likeliest means and scatters of several shared effects are found one after the other."""
 MOST_SHARED = 3
@@ -154,7 +154,7 @@ def weighed(fleet: Mapping[str, Known], names: Sequence[str], candidates: int) -
 
 def _terms(known: Known, names: Sequence[str], candidates: int) -> list[_Term]:
     found = []
-    for have, one in known.items():
+    for have, one in ((have, one) for have, those in known.items() for one in those):
         alone = [n for n in have if n not in names]
         there = [n for n in names if n in have]
         log = one.log + len(alone) * np.log(OWN / candidates)
@@ -190,19 +190,19 @@ def _ways(terms: Sequence[_Term], at: Mapping[str, tuple[float, float]]) -> tupl
 
 
 def _grid(fleet: Mapping[str, Known], name: str) -> Grid:
-    """Means around the sizes that machines say, by the widest prior of any of them, and scatters."""
-    said = []
-    for known in fleet.values():
-        having = [one for one in known.values() if name in one.sizes]
-        said += [max(having, key=lambda one: one.log).sizes[name]] if having else []
-    low, high = (end([s.mean + sign * REACH * s.sd for s in said]) for end, sign in ((min, -1.0), (max, 1.0)))
-    means = np.linspace(low, high, MEANS)
-    usual, wide = abs(float(np.median([s.mean for s in said]))), max(s.prior_sd for s in said)
-    mean, scatter = np.meshgrid(means, usual * np.array(SCATTERS), indexing="ij")
+    """Means around the sizes that machines say, by the widest prior of any of them, and scatters.
+
+    Means stand the closer, the better a machine knows its size.
+    """
+    said = [one.sizes[name] for known in fleet.values() if (one := likeliest(known, name)) is not None]
+    means = np.unique([s.mean + step * s.sd for s in said for step in STEPS])
+    wide = max(s.prior_sd for s in said)
+    mean, share = np.meshgrid(means, SCATTERS, indexing="ij")
+    scatter = np.maximum(share * np.abs(mean), min(SCATTERS) * min(s.sd for s in said))
     one_way = np.log(2.0) if all(s.one_way for s in said) else 0.0
-    step = (high - low) / (MEANS - 1)
     prior = -0.5 * (mean / wide) ** 2 - 0.5 * np.log(2.0 * np.pi * wide**2) + one_way
-    return Grid(mean.ravel(), scatter.ravel(), (prior + np.log(step / len(SCATTERS))).ravel())
+    prior += np.log(np.gradient(means) / len(SCATTERS))[:, None]
+    return Grid(mean.ravel(), scatter.ravel(), prior.ravel())
 
 
 def _shared(grid: Grid, logs: Array) -> Shared:

@@ -104,7 +104,7 @@ def observe(
             rivals, all that is unknown fitted anew; without it all distances are first order's.
     """
     own, names = picture.names.index(truth), np.array(picture.names)
-    gram = _without(picture.gram, [picture.names.index(name) for name in beside])
+    gram = without(picture.gram, [picture.names.index(name) for name in beside])
     norms = np.diag(gram)
     there = (norms > PARAMETER_SQ * picture.raw) & ~np.isin(names, beside)
     there[own] = True
@@ -226,8 +226,13 @@ def log_bayes(b: Array, g: Array, s: Array, one_sided: NDArray[np.bool_]) -> Arr
     return np.asarray(0.5 * np.log(v / s**2) + 0.5 * v * b**2 + np.where(one_sided, half, 0.0))
 
 
-def _without(gram: Array, at: list[int]) -> Array:
-    """A Gram matrix with some columns projected out of all; theirs become zero."""
+def without(gram: Array, at: Sequence[int]) -> Array:
+    """A Gram matrix with some columns projected out of all; theirs become zero.
+
+    Args:
+        gram: (K, K) inner products of the whitened columns.
+        at: positions of those that are projected out.
+    """
     for i in at:
         norm = max(gram[i, i], np.finfo(float).tiny)
         gram = gram - np.outer(gram[:, i], gram[i]) / norm

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from helpers.oven_fleet import LEFT_OUT, LOSS, write_ovens
 from helpers.tiny_run import comparable, run_arguments, twinbench, write_estimator, write_profile
 
 dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
@@ -82,3 +84,18 @@ def test_tuning_on_a_cluster_tries_what_it_tries_here(scheduler: str, tmp_path: 
     for name in ("steady", "wrong"):
         here, there = (pd.read_csv(tmp_path / out / f"{name}.csv").drop(columns="seconds") for out in ("here", "there"))
         pd.testing.assert_frame_equal(there, here, check_exact=True)
+
+
+@pytest.mark.timeout(300)
+def test_the_machines_of_a_fleet_are_asked_on_a_cluster(
+    scheduler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Paths are relative here too."""
+    monkeypatch.chdir(tmp_path)
+    asked = ("fleet", *write_ovens(tmp_path, (0.0, LOSS)), *LEFT_OUT)
+    assert twinbench(*asked, "--out", "found", "--scheduler", scheduler) == 10
+    told = json.loads((tmp_path / "found" / "fleet.json").read_text())
+    assert [one["mechanism"] for one in told["shared"]] == ["offset@T_C"]
+    for name in ("oven0", "oven1"):
+        own = json.loads((tmp_path / "found" / "machines" / name / "verdict.json").read_text())
+        assert told["machines"][name]["says"] == own["says"]

@@ -19,10 +19,18 @@ from twinbench.bench.estimate.apply import SUMMARY_VERSION
 from twinbench.bench.estimate.quality import LACKS, PRIOR, SELDOM, UNLIKE, USABLE
 from twinbench.common.store import write_text
 from twinbench.mismatch.design.write import DESIGN_VERSION, OUTLOOKS
+from twinbench.mismatch.fleet.verdict import CONSISTENT, FLEET_VERSION, NAMED, UNNAMED
 from twinbench.mismatch.verdict import VERDICT_VERSION, VERDICTS
 
-VERSIONS = {"verdict": VERDICT_VERSION, "design": DESIGN_VERSION, "summary": SUMMARY_VERSION}
-WORDS = {"verdict": VERDICTS, "design": OUTLOOKS, "summary": (USABLE, UNLIKE, PRIOR, SELDOM, LACKS)}
+VERSIONS = {
+    "verdict": VERDICT_VERSION, "design": DESIGN_VERSION, "fleet": FLEET_VERSION, "summary": SUMMARY_VERSION,
+}  # fmt: skip
+WORDS = {
+    "verdict": VERDICTS,
+    "design": OUTLOOKS,
+    "fleet": (CONSISTENT, NAMED, UNNAMED),
+    "summary": (USABLE, UNLIKE, PRIOR, SELDOM, LACKS),
+}
 LONGEST_WORDS = 35
 
 

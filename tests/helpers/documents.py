@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator
 from twinbench.bench.cli.schema import SCHEMAS
 from twinbench.common.documents import strict
 
-ENDINGS = {"verdict.json": "verdict", "design.json": "design", ".summary.json": "summary"}
+ENDINGS = {"verdict.json": "verdict", "design.json": "design", "fleet.json": "fleet", ".summary.json": "summary"}
 """By how a file's name ends, whose schema it keeps."""
 NOWHERE = {
     "time": "2026-01-01T00:00:00+00:00",
