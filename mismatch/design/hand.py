@@ -67,6 +67,31 @@ class Hand:
         """(m,) of each rival, as if it were one of them."""
         return shares(self.logs)
 
+    def reach(self, u: Array, means: Array) -> float:
+        """How far an experiment leaves what the recordings went through: the farthest of all inputs and outputs.
+
+        It is in scales of each; nothing where there are no recordings.
+
+        Args:
+            u: (N, nu) its inputs, in their units.
+            means: (B, ny) what is foretold of its outputs, in their units.
+        """
+        problem = self.rivals[0].problem
+        if not problem.tracks:
+            return 0.0
+        simulator, most = problem.machine.simulator, 0.0
+        groups = (
+            (simulator.inputs, [t.u for t in problem.tracks], u),
+            (simulator.outputs, [t.means for t in problem.tracks], means),
+        )
+        for variables, seen, goes in groups:
+            every = np.concatenate(seen)
+            for k in (k for k in range(len(variables)) if np.isfinite(every[:, k]).any()):
+                low, high = np.nanmin(every[:, k]), np.nanmax(every[:, k])
+                beyond = max(low - goes[:, k].min(), goes[:, k].max() - high, 0.0)
+                most = max(most, float(beyond) / variables[k].scale)
+        return most
+
     @cached_property
     def group(self) -> np.ndarray:
         """(F,) position of each function's port."""
