@@ -15,7 +15,7 @@ from twinbench.physics.simulator import Array, Simulator
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.generate import BACKGROUND_PCT, PAUSE_S, Item, drawn_parameters, drawn_takes
 from twinbench.proof.concealed.integrate import Parameters
-from twinbench.proof.concealed.machine import Effect, Machine
+from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.record import recorded
 from twinbench.proof.concealed.severity import Take, Yardstick, readings
