@@ -26,7 +26,7 @@ NARROW = 0.05, 0.3
 """Share of the usual movement of the inputs that a narrow recording has; drawn evenly."""
 WIDER = 3.0
 """How many times as far as in the narrow recordings experiments may go: nobody lets a machine go anywhere at once."""
-SHORTER = 0.25
+LENGTH_SHARE = 0.25
 """Length of an experiment, as a share of a recording's: time on a machine is dear."""
 PROOF_CANDIDATES = 100
 
@@ -105,7 +105,7 @@ def concealed(item: Item, seed: int) -> Concealed:
     narrow, permitted = _within(usual, share, centre), _within(usual, wider, middle)
     ends = middle - 0.5 * wider * (high - low), middle + 0.5 * wider * (high - low)
     fastest = np.max([np.abs(np.diff(t.u, axis=0)).max(axis=0) for t in permitted], axis=0) / machine.period_s
-    length_s = SHORTER * machine.seconds["train"][0]
+    length_s = LENGTH_SHARE * machine.seconds["train"][0]
     limits = Limits(*ends, fastest, length_s, machine.period_s, candidates=PROOF_CANDIDATES)
     narrow = (narrow[0], next(t for t in narrow if t.held_out))
     effect = machine.effect(item.effects[0])

@@ -66,7 +66,7 @@ def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:
 
 def _tried(item: Item, seed: int) -> dict[str, Any]:
     c = concealed(item, seed)
-    about = {"background_pct": c.truth.background_pct}
+    about: dict[str, Any] = {"background_pct": c.truth.background_pct}
     first = diagnose(c.twin, c.at_hand[:-1], hold_out=c.at_hand[-1:])
     if contested(first.diagnosis.claims) is None:
         return {"status": "no set", **about}
