@@ -8,18 +8,22 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cho_solve
+from scipy.linalg import cho_solve, solve_triangular
 
 from twinbench.mismatch.calibrate import own_unknowns
 from twinbench.mismatch.fit import Unknown
 from twinbench.mismatch.naming.answer import shares
 from twinbench.mismatch.naming.effect import memory_starts
 from twinbench.mismatch.naming.ground import Ground
-from twinbench.mismatch.naming.marginal import LEAST_TRIED_PCT, factored
+from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, LEAST_TRIED_PCT, factored
 from twinbench.mismatch.naming.settle import Settled, columns_of
 from twinbench.mismatch.naming.view import WANDERS, View, prior_mean
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
+
+GROWN_PCT = (0.0, 0.1, 0.3, 0.7)
+"""Sizes, in per cent, that the discrepancy may at least have beside a rival, up to its prior's sd: the likeliest one
+counts, since the engine learns it anew when the experiment was made."""
 
 
 class Known(NamedTuple):
@@ -67,6 +71,31 @@ class Hand:
         """(m,) of each rival, as if it were one of them."""
         return shares(self.logs)
 
+    def reach(self, u: Array, means: Array) -> float:
+        """How far an experiment leaves what the recordings went through: the farthest of all inputs and outputs.
+
+        It is in scales of each; nothing where there are no recordings.
+
+        Args:
+            u: (N, nu) its inputs, in their units.
+            means: (B, ny) what is foretold of its outputs, in their units.
+        """
+        problem = self.rivals[0].problem
+        if not problem.tracks:
+            return 0.0
+        simulator, most = problem.machine.simulator, 0.0
+        groups = (
+            (simulator.inputs, [t.u for t in problem.tracks], u),
+            (simulator.outputs, [t.means for t in problem.tracks], means),
+        )
+        for variables, seen, goes in groups:
+            every = np.concatenate(seen)
+            for k in (k for k in range(len(variables)) if np.isfinite(every[:, k]).any()):
+                low, high = np.nanmin(every[:, k]), np.nanmax(every[:, k])
+                beyond = max(low - goes[:, k].min(), goes[:, k].max() - high, 0.0)
+                most = max(most, float(beyond) / variables[k].scale)
+        return most
+
     @cached_property
     def group(self) -> np.ndarray:
         """(F,) position of each function's port."""
@@ -96,6 +125,30 @@ class Hand:
             scale, L = factored(A[fixed:, fixed:])
             found.append((mean, np.vstack((np.zeros((fixed, len(L))), scale[:, None] * np.linalg.inv(L).T))))
         return found
+
+    @cached_property
+    def before(self) -> Array:
+        """(m,) dimensionless, ``likeliest`` of each rival by the recordings at hand alone."""
+        return np.array([self.likeliest(k, known.G, known.b[:, None])[0] for k, known in enumerate(self.known)])
+
+    def likeliest(self, rival: int, G: Array, b: Array) -> Array:
+        """(M,) dimensionless, log evidence in nats with the discrepancy as large as is likeliest for each reading.
+
+        Args:
+            G: (L, L) products of whitened columns of what a rival shares with all recordings.
+            b: (L, M) products of these with M whitened readings.
+        """
+        s = self.s[rival]
+        grown = [np.maximum(s, least) for least in GROWN_PCT] if len(s) else [s]
+        different = [one for k, one in enumerate(grown) if not k or np.any(one > grown[k - 1])]
+        return np.max([self._evidence(self.known[rival], G, b, one) for one in different], axis=0)
+
+    def _evidence(self, known: Known, G: Array, b: Array, s: Array) -> Array:
+        precision, mean = self.precision(known, s), np.concatenate((known.mean, np.zeros(len(self.group))))
+        scale, L = factored(G + np.diag(precision))
+        right = solve_triangular(L, scale[:, None] * (b + mean[:, None]), lower=True, check_finite=False)
+        constant = 0.5 * np.log(precision).sum() - np.log(np.diag(L) / scale).sum() - 0.5 * known.mean @ known.mean
+        return np.asarray(0.5 * np.sum(right**2, axis=0) + constant - 0.5 * np.sum((s / DISCREPANCY_PCT) ** 2))
 
     def precision(self, known: Known, s: Array) -> Array:
         """(L,) prior precision of the shared unknowns where the discrepancy has some sizes.
@@ -140,10 +193,19 @@ def weighed_as(hand: Hand, weights: Mapping[str, float]) -> Hand:
 
 
 def functions_of(view: View, ground: Ground) -> list[Array]:
-    """Columns (B, ny, F) of the discrepancy at all its ports per recording; none where equations count as exact."""
+    """Columns (B, ny, F) of the discrepancy at all its ports per recording; none where equations count as exact.
+
+    One port after the other: what acts at all of them takes much room, and the time to fill it.
+    """
     if not ground.ports:
         return [np.zeros((*r.shape, 0)) for r in view.residuals]
-    return view.of_discrepancy(ground.discrepancy, range(len(ground.discrepancy.ports)))
+    d, found = ground.discrepancy, []
+    for course in view.courses:
+        functions = d.functions(course)
+        found.append(
+            np.concatenate([course.columns(d.acts(course, p, functions)) for p in range(len(d.ports))], axis=2)
+        )
+    return found
 
 
 def own_columns(view: View, rival: Settled, ground: Ground, wanders: Sequence[int] | None = None) -> list[Array]:

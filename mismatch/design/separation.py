@@ -12,21 +12,16 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import logsumexp
 
-from twinbench.mismatch.design.hand import Folded, Hand, Known
+from twinbench.mismatch.design.hand import Folded, Hand
 from twinbench.mismatch.design.trials import Trial
 from twinbench.mismatch.naming.decision import CREDIBLE
-from twinbench.mismatch.naming.marginal import DISCREPANCY_PCT, factored
 from twinbench.mismatch.seed import ENGINE_SEED
 from twinbench.physics.simulator import Array
 
-GROWN_PCT = (0.0, 0.1, 0.3, 0.7)
-"""Sizes, in per cent, that the discrepancy may at least have beside a rival, up to its prior's sd: the likeliest one
-counts, since the engine learns it anew when the experiment was made."""
 SCATTER = 2.0
 """Nats that chance moves as far as the experiment: evidence of d nats has a variance of 2 d, as both are half of one
 squared distance (Buzzi-Ferraris and Forzatti 1984)."""
@@ -88,10 +83,8 @@ class Part(NamedTuple):
 
 def truths(hand: Hand, trial: Trial) -> Array:
     """(n, m) whitened readings of each rival, were it true, with what the recordings say of all that is unknown."""
-    return np.stack(
-        [s.white + trial.kept(k) @ hand.truths[k][0] for k, s in enumerate(trial.shown)],
-        axis=1,
-    )
+    means = [trial.kept(k, hand.truths[k][0][:, None])[:, 0] for k in range(len(trial.shown))]
+    return np.stack([s.white + mean for s, mean in zip(trial.shown, means, strict=True)], axis=1)
 
 
 def nats(hand: Hand, trial: Trial, times: int = 1) -> Array:
@@ -111,23 +104,7 @@ def gain(hand: Hand, rival: int, part: Part, times: int = 1) -> Array:
     G = known.G + times * folded.G
     b = known.b[:, None] + times * folded.b
     log = times * (folded.log - 0.5 * part.squares)
-    return log + _likeliest(hand, rival, G, b) - _likeliest(hand, rival, known.G, known.b[:, None])
-
-
-def _likeliest(hand: Hand, rival: int, G: Array, b: Array) -> Array:
-    """(M,) log evidence with the discrepancy as large as is likeliest for each reading."""
-    known, s = hand.known[rival], hand.s[rival]
-    if not len(s):
-        return _evidence(hand, known, G, b, s)
-    return np.max([_evidence(hand, known, G, b, np.maximum(s, least)) for least in GROWN_PCT], axis=0)
-
-
-def _evidence(hand: Hand, known: Known, G: Array, b: Array, s: Array) -> Array:
-    precision, mean = hand.precision(known, s), np.concatenate((known.mean, np.zeros(len(hand.group))))
-    scale, L = factored(G + np.diag(precision))
-    right = solve_triangular(L, scale[:, None] * (b + mean[:, None]), lower=True, check_finite=False)
-    constant = 0.5 * np.log(precision).sum() - np.log(np.diag(L) / scale).sum() - 0.5 * known.mean @ known.mean
-    return np.asarray(0.5 * np.sum(right**2, axis=0) + constant - 0.5 * np.sum((s / DISCREPANCY_PCT) ** 2))
+    return log + hand.likeliest(rival, G, b) - hand.before[rival]
 
 
 def expected(hand: Hand, trial: Trial, groups: np.ndarray, times: int = 1) -> Expected:
@@ -140,7 +117,7 @@ def expected(hand: Hand, trial: Trial, groups: np.ndarray, times: int = 1) -> Ex
     base, right, wrong = truths(hand, trial), 0.0, 0.0
     for true, probability in enumerate(hand.probabilities):
         _, root = hand.truths[true]
-        unknown = trial.kept(true) @ (root @ rng.standard_normal((root.shape[1], EXPERIMENTS)))
+        unknown = trial.kept(true, root @ rng.standard_normal((root.shape[1], EXPERIMENTS)))
         noise = rng.standard_normal(unknown.shape) / np.sqrt(times)  # their mean says all that they say together
         readings = base[:, [true]] + unknown + noise
         logs = np.stack([hand.logs[k] + gain(hand, k, Part(*trial.folded(k, readings)), times) for k in range(m)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -58,13 +59,23 @@ class Trial:
         shown = tuple(s._replace(own=s.own[:rows], white=s.white[:rows]) for s in self.shown)
         return replace(self, shown=shown, functions=self.functions[:rows])
 
-    def columns(self, rival: int) -> Array:
-        """(n, K + F) of one rival's unknowns, the discrepancy's last."""
-        return np.concatenate((self.shown[rival].own, self.functions), axis=1)
+    @cached_property
+    def grams(self) -> list[Array]:
+        """(K + F, K + F) products of the columns of each rival's unknowns, the discrepancy's last."""
+        FF, found = self.functions.T @ self.functions, []
+        for own in (s.own for s in self.shown):
+            across = own.T @ self.functions
+            found.append(np.block([[own.T @ own, across], [across.T, FF]]))
+        return found
 
-    def kept(self, rival: int) -> Array:
-        """(n, L) columns of what the experiment shares with all recordings, as ``Known`` has it."""
-        return np.delete(self.columns(rival), self.shown[rival].alone, axis=1)
+    def kept(self, rival: int, weights: Array) -> Array:
+        """(n, M) whitened, what M values of all that the experiment shares with the recordings do to its readings.
+
+        Args:
+            weights: (L, M) these values, as ``Known`` has their order, dimensionless: in prior sds, or per cent.
+        """
+        own = np.delete(self.shown[rival].own, self.shown[rival].alone, axis=1)
+        return own @ weights[: own.shape[1]] + self.functions @ weights[own.shape[1] :]
 
     def folded(self, rival: int, readings: Array) -> tuple[Folded, Array]:
         """What readings say of a rival's shared unknowns, and their squares (M,) less what it foretells.
@@ -72,9 +83,10 @@ class Trial:
         Args:
             readings: (n, M) whitened.
         """
-        X, shown = self.columns(rival), self.shown[rival]
+        shown = self.shown[rival]
         e = readings - shown.white[:, None]
-        folded = folded_out(X.T @ X, X.T @ e, shown.alone, np.zeros(len(shown.alone)))
+        right = np.concatenate((shown.own.T @ e, self.functions.T @ e))
+        folded = folded_out(self.grams[rival], right, shown.alone, np.zeros(len(shown.alone)))
         return folded, np.einsum("nm,nm->m", e, e)
 
 
@@ -95,10 +107,10 @@ def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
     shown, functions = [], np.empty((0, 0))
     for k, rival in enumerate(hand.rivals):
         problem, z = _begun(rival, track)
-        readings = problem.machine.run(problem.setting(0, z, problem.machine.grid(track)), blocks=True)
-        if not _allowed(readings, hand):
+        (residual,) = problem.residuals(z)
+        if not _allowed(-residual, hand):
             return None
-        made = _shown(problem, z, hand, k, clock.noise)
+        made = _shown(View(problem, z, (problem.course(0, z),), (residual,)), hand, k, clock.noise)
         if made is None:
             return None
         shown.append(made[0])
@@ -106,9 +118,9 @@ def tried(candidate: Candidate, hand: Hand, clock: Clock) -> Trial | None:
     return Trial(candidate, tuple(shown), functions, track)
 
 
-def _shown(problem: Problem, z: Array, hand: Hand, k: int, noise: SensorNoise) -> tuple[Shown, Array] | None:
-    """What a problem shows under rival k, and under the first the discrepancy's columns; None beyond all numbers."""
-    view, rival = View.around(problem, z), hand.rivals[k]
+def _shown(view: View, hand: Hand, k: int, noise: SensorNoise) -> tuple[Shown, Array] | None:
+    """What a view shows under rival k, and under the first the discrepancy's columns; None beyond all numbers."""
+    rival = hand.rivals[k]
     common = shared(rival)
     parts = own_columns(view, rival, hand.ground, [common.index(i) for i in rival.wanders])
     many = parts[0].shape[2]
@@ -118,7 +130,7 @@ def _shown(problem: Problem, z: Array, hand: Hand, k: int, noise: SensorNoise) -
     if not np.abs(columns).max(initial=0.0) < ENDLESS:
         return None
     white = _whitened(view, columns, noise)
-    alone = np.flatnonzero([u.recording == 0 for u in problem.unknowns])
+    alone = np.flatnonzero([u.recording == 0 for u in view.problem.unknowns])
     return Shown(white[:, :many], alone, -white[:, -1], -view.residuals[0]), white[:, many:-1]
 
 
@@ -160,7 +172,7 @@ def with_sensor(trial: Trial, hand: Hand, clock: Clock, state: int, sd: float) -
         track = track_of(trial.candidate, clock, np.arange(len(machine.states)) == state)
         problem, z = _begun(rival, track)
         white = SensorNoise(*(np.full(len(machine.states), v) for v in (sd**2, 1e-6 * sd**2, 1.0)))
-        made = _shown(replace(problem, machine=machine), z, hand, k, white)
+        made = _shown(View.around(replace(problem, machine=machine), z), hand, k, white)
         if made is None:
             return None
         more = made[0]

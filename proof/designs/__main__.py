@@ -1,9 +1,9 @@
-"""Does the proposed experiment settle a set? ``python -m twinbench.proof.designs --draws 600 --seed 1`` tries it.
+"""Does the proposed experiment settle a set? ``python -m twinbench.proof.designs --draws 1000 --seed 1`` tries it.
 
 Concealed machines with one effect are recorded too narrowly. Where the verdict is a set that holds the right name, and
-the ideal observer could name it on ordinary recordings, three experiments are made on the machine, each by itself: the
-proposed one, a feasible one by chance, and the old inputs once more. The engine is asked again after each. The same
-command goes on where it stopped.
+the ideal observer could tell it by ordinary recordings, three experiments are made on the machine, each by itself: the
+proposed one, a feasible one by chance, and the old inputs once more. The engine is asked again after each, and so is
+the ideal observer. The same command goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.designs", description=__doc__)
-    parser.add_argument("--draws", type=int, default=600, help="machines to draw; some verdicts on them are sets")
+    parser.add_argument("--draws", type=int, default=1000, help="machines to draw; some verdicts on them are sets")
     parser.add_argument("--seed", type=int, default=1, help="of the draws")
     parser.add_argument("--jobs", type=int, default=0, help="processes; as many as there are cores if 0")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "designs", help="for cases and tables")

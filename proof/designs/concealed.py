@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
@@ -11,18 +12,22 @@ from twinbench.data.recording import Recording
 from twinbench.data.scenario import stream
 from twinbench.mismatch.design.limits import Limits
 from twinbench.physics.simulator import Array, Simulator
-from twinbench.proof.concealed.generate import PAUSE_S, Item, draw
+from twinbench.proof.concealed.changes import change_of
+from twinbench.proof.concealed.generate import BACKGROUND_PCT, PAUSE_S, Item, drawn_parameters, drawn_takes
 from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.record import recorded
-from twinbench.proof.concealed.severity import Take, readings
+from twinbench.proof.concealed.severity import Take, Yardstick, readings
+from twinbench.proof.designs.ideal import Truth
 from twinbench.proof.twins import simulator_of
 
-NARROW = 0.15, 0.6
+NARROW = 0.05, 0.3
 """Share of the usual movement of the inputs that a narrow recording has; drawn evenly."""
-RECORDED = 2
-"""Narrow recordings that are learnt from at most; one is held back."""
+WIDER = 3.0
+"""How many times as far as in the narrow recordings experiments may go: nobody lets a machine go anywhere at once."""
+LENGTH_SHARE = 0.25
+"""Length of an experiment, as a share of a recording's: time on a machine is dear."""
 PROOF_CANDIDATES = 100
 
 
@@ -31,82 +36,96 @@ class Concealed:
     """A machine with one effect that its twin lacks.
 
     Attributes:
-        truth: as the generator seals it, but for what the ideal observer says.
-        parameters: (np,) of the law, the effect's amplitude among them, each in its unit.
-        narrow: inputs (N, nu) of the recordings at hand in their units, the last one held back.
-        limits: what ordinary recordings do.
+        truth: what only the generator and the ideal observer know.
+        permitted: recordings that go through all of the limits, none of which an engine gets.
+        narrow: recordings at hand, the last one held back.
+        limits: of experiments.
+        case, seed: what errors are drawn by.
     """
 
-    machine: Machine
     twin: Simulator
-    truth: dict[str, Any]
-    parameters: Array
-    narrow: tuple[Array, ...]
+    truth: Truth
+    permitted: tuple[Take, ...]
+    narrow: tuple[Take, ...]
     limits: Limits
+    case: str
     seed: int
 
-    def recorded(self, name: str, start_s: float, u: Array) -> Recording:
-        """A recording of it under some inputs, from rest under the first ones.
+    @property
+    def machine(self) -> Machine:
+        """Its true equations."""
+        return self.truth.machine
 
-        Args:
-            u: (N, nu) these, in their units.
+    def recorded(self, take: Take) -> Recording:
+        """A recording of it, from rest under the first inputs.
 
         Raises:
             FloatingPointError: the machine diverges.
         """
-        machine, steady = self.machine, Parameters.steady(self.parameters)
-        take = Take(name, start_s, u)
-        clean = readings(machine, take, u, machine.settled(u, self.parameters, start_s), steady, machine.fine)
+        machine, p, u = self.machine, self.truth.parameters, take.u
+        clean = readings(machine, take, u, machine.settled(u, p, take.start_s), Parameters.steady(p), machine.fine)
         if not np.isfinite(clean).all():
-            raise FloatingPointError(f"machine {machine.name} diverged while {name} was recorded")
+            raise FloatingPointError(f"machine {machine.name} diverged while {take.name} was recorded")
         channels = (*machine.inputs, *machine.outputs)
-        rng = stream(self.seed, "designs", self.truth["case"], name)
+        rng = stream(self.seed, "designs", self.case, take.name)
         values = recorded(machine, channels, np.concatenate((u, clean), axis=1), rng)
-        time_s = np.round(start_s + np.arange(len(u)) * machine.period_s, 6)
+        time_s = np.round(take.start_s + np.arange(len(u)) * machine.period_s, 6)
         order = [channels.index(v.name) for v in (*self.twin.inputs, *self.twin.outputs)]
-        return Recording(name, time_s, tuple(channels[i] for i in order), values[:, order])
+        return Recording(take.name, time_s, tuple(channels[i] for i in order), values[:, order])
 
+    @cached_property
     def at_hand(self) -> list[Recording]:
         """The narrow recordings, the last one held back."""
-        made, clock = [], 0.0
-        for k, u in enumerate(self.narrow):
-            name = "held" if k + 1 == len(self.narrow) else f"narrow_{k + 1}"
-            made.append(self.recorded(name, clock, u))
-            clock += len(u) * self.machine.period_s + PAUSE_S
-        return made
+        return [self.recorded(take) for take in self.narrow]
 
-    def later(self, recordings: list[Recording]) -> float:
-        """When a further recording may begin, s."""
-        return max(float(r.time_s[-1]) for r in recordings) + PAUSE_S
+    def later(self, name: str, u: Array, takes: Sequence[Take]) -> Take:
+        """A further recording, after others.
+
+        Args:
+            u: (N, nu) its inputs, in their units.
+        """
+        return Take(name, max(t.start_s + len(t.u) * self.machine.period_s for t in takes) + PAUSE_S, u)
 
 
 def concealed(item: Item, seed: int) -> Concealed:
-    """Draw a machine with an effect; the same item and seed give the same one.
+    """Draw a machine with an effect that has the item's severity in the narrow recordings; the same item, the same one.
 
     Raises:
         FloatingPointError: it diverges.
     """
-    machine, case = machine_of(item.machine, seed), draw(item, seed, observed=False)
-    (effect,) = case.truth["effects"]
-    named = machine.effect(effect["name"])
-    p = machine.p(**case.truth["parameters"])
-    p[machine.at(named.slot)] = effect["amplitude"]
-    public = case.public
-    twin = simulator_of(public["simulator"], public.get("network", {})).with_values(**public["values"])
-    twin = replace(twin, calibrate=tuple(public["calibrate"]), drifts=())
-    rng = stream(seed, "narrow", item.case, item.machine)
-    seconds = machine.seconds["train"][0]
-    wide = [machine.operate(rng, seconds, "train") for _ in range(3)]
-    every = np.concatenate(wide)
-    share, many = float(rng.uniform(*NARROW)), int(rng.integers(1, RECORDED + 1))
+    machine, rng = machine_of(item.machine, seed), stream(seed, "narrow", item.case, item.machine, item.effects)
+    background = float(rng.choice(BACKGROUND_PCT[0], p=BACKGROUND_PCT[1]))
+    p = drawn_parameters(machine, item.cell, background, rng)
+    usual = drawn_takes(machine, "", rng)
+    every = np.concatenate([t.u for t in usual if not t.held_out])
     low, high = every.min(axis=0), every.max(axis=0)
-    centre = low + rng.uniform(0.5 * share, 1.0 - 0.5 * share, len(low)) * (high - low)
-    narrow = tuple(np.clip(centre + share * (u - 0.5 * (low + high)), low, high) for u in wide[: many + 1])
-    fastest = np.max([np.abs(np.diff(u, axis=0)).max(axis=0) for u in wide], axis=0) / machine.period_s
-    limits = Limits(low, high, fastest, seconds, machine.period_s, candidates=PROOF_CANDIDATES)
-    return Concealed(machine, twin, case.truth, p, narrow, limits, seed)
+    share = float(rng.uniform(*NARROW))
+    wider, centre = min(WIDER * share, 1.0), low + rng.uniform(0.5 * share, 1.0 - 0.5 * share, len(low)) * (high - low)
+    middle = np.clip(centre, low + 0.5 * wider * (high - low), high - 0.5 * wider * (high - low))
+    narrow, permitted = _within(usual, share, centre), _within(usual, wider, middle)
+    ends = middle - 0.5 * wider * (high - low), middle + 0.5 * wider * (high - low)
+    fastest = np.max([np.abs(np.diff(t.u, axis=0)).max(axis=0) for t in permitted], axis=0) / machine.period_s
+    length_s = LENGTH_SHARE * machine.seconds["train"][0]
+    limits = Limits(*ends, fastest, length_s, machine.period_s, candidates=PROOF_CANDIDATES)
+    narrow = (narrow[0], next(t for t in narrow if t.held_out))
+    effect = machine.effect(item.effects[0])
+    truth = Truth(machine, p, effect, 0.0, background)
+    truth = replace(truth, amplitude=_scaled(truth, narrow, item.severity))
+    twin = simulator_of(machine.simulator, machine.network).with_values(**machine.values)
+    twin = replace(twin, calibrate=tuple(machine.calibrate), drifts=())
+    return Concealed(twin, truth, permitted, narrow, limits, item.case, seed)
 
 
-def observed_truth(item: Item, seed: int) -> dict[str, Any]:
-    """The truth of a machine, with what the ideal observer makes of ordinary recordings of it."""
-    return dict(draw(item, seed).truth)
+def _within(takes: Sequence[Take], share: float, centre: Array) -> tuple[Take, ...]:
+    """Recordings whose inputs move by a share of what they did, around a centre (nu,) in their units."""
+    learnt = np.concatenate([t.u for t in takes if not t.held_out])
+    low, high = learnt.min(axis=0), learnt.max(axis=0)
+    shrunk = [centre + share * (np.clip(t.u, low, high) - 0.5 * (low + high)) for t in takes]
+    return tuple(replace(t, u=u) for t, u in zip(takes, shrunk, strict=True))
+
+
+def _scaled(truth: Truth, takes: Sequence[Take], severity: float) -> float:
+    """The amplitude at which the effect has a severity in recordings, or the one that comes nearest."""
+    yardstick = Yardstick(truth.machine, takes, truth.quiet)
+    change = change_of(yardstick, truth.effect)
+    return yardstick.scale(change.of, change.start, change.most, severity)[0]

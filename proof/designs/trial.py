@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +21,16 @@ from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import claims
 from twinbench.proof.concealed.outcome import outcome
-from twinbench.proof.designs.concealed import Concealed, concealed, observed_truth
+from twinbench.proof.concealed.severity import Take
+from twinbench.proof.designs.concealed import Concealed, concealed
+from twinbench.proof.designs.ideal import seen, sure
 
 ARMS = ("proposed", "random", "repeated")
 """The proposed experiment, one of the feasible ones by chance, and the inputs of the recordings at hand once more."""
 IN_TURN = 3
 """Proposed experiments one after the other, as long as the verdict is a set."""
 RIGHT = ("name", "class")
+SET = "set"
 _CODE = ("twinbench.proof.designs.trial", "twinbench.mismatch")
 
 
@@ -56,75 +58,82 @@ def kept(path: Path, key: str = "") -> dict[str, Any] | None:
     return known if not key or known.get("key") == key else None
 
 
-def _tried(item: Item, seed: int) -> dict[str, Any]:
-    machine = concealed(item, seed)
-    about = {"machine": item.machine, "effect": item.effects[0], "severity": item.severity}
-    at_hand = machine.at_hand()
-    first = diagnose(machine.twin, at_hand[:-1], hold_out=at_hand[-1:])
-    if contested(first.diagnosis.claims) is None:
-        return {"status": "no set", **about}
-    # The ideal observer takes long, and most verdicts are no sets.
-    machine = replace(machine, truth=observed_truth(item, seed))
-    before = judged(machine.truth, first)
-    about = {"before": before, "names": [list(f.names) for f in first.findings], **about}
-    if before != "set":
-        return {"status": "another set", **about}
-    if not machine.truth["detectable"]:
-        return {"status": "not separable", **about}
-    found = within(first.diagnosis.answer, first.diagnosis.claims, machine.limits)
-    if found is None:
-        return {"status": "no proposal", **about}
-    arms = {
-        "random": _made(machine, at_hand, _by_chance(machine, item)),
-        "repeated": _made(machine, at_hand, machine.narrow[0]),
-    }
-    after, rounds = _in_turn(machine, at_hand, found)
-    assert found.expected is not None
-    promised = {"right": found.expected.right, "nats": found.expected.worst, "settles": not found.scattered}
-    says = found.trial.candidate.says
-    return {
-        "status": "set", **about, "promised": promised, "says": says, "proposed": after[0], "in_turn": after, **arms,
-        "experiments": rounds,
-    }  # fmt: skip
-
-
 def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:
     """What a verdict comes to, in a word of ``outcome``."""
     found = claims(verdict.to_dict())
     return outcome(truth, [c.names for c in found], [c.ports for c in found])
 
 
-def _in_turn(machine: Concealed, at_hand: Sequence[Recording], first: Proposal) -> tuple[list[str], int]:
+def _tried(item: Item, seed: int) -> dict[str, Any]:
+    c = concealed(item, seed)
+    about: dict[str, Any] = {"background_pct": c.truth.background_pct}
+    first = diagnose(c.twin, c.at_hand[:-1], hold_out=c.at_hand[-1:])
+    if contested(first.diagnosis.claims) is None:
+        return {"status": "no set", **about}
+    # The ideal observer takes long, and most verdicts are no sets.
+    wider = seen(c.truth, c.permitted, refit=True)
+    told = c.truth.told(wider.same)
+    before = judged(told, first)
+    about |= {"before": before, "names": [list(f.names) for f in first.findings]}
+    if before != SET:
+        return {"status": "another set", **about}
+    if not wider.detectable:
+        return {"status": "not separable", **about}
+    found = within(first.diagnosis.answer, first.diagnosis.claims, c.limits)
+    if found is None:
+        return {"status": "no proposal", **about}
+    assert found.expected is not None
+    experiments = {"proposed": found.trial.candidate.u, "random": _by_chance(c), "repeated": c.narrow[0].u}
+    takes = {arm: c.later(f"{arm}_1", u, c.narrow) for arm, u in experiments.items()}
+    after, rounds = _in_turn(c, told, found)
+    return {
+        "status": SET,
+        **about,
+        "says": found.trial.candidate.says,
+        "promised": {"right": found.expected.right, "nats": found.expected.worst, "settles": not found.scattered},
+        "proposed": after[0],
+        **{arm: judged(told, _asked_after(c, [c.recorded(takes[arm])])) for arm in ARMS[1:]},
+        "in_turn": after,
+        "experiments": rounds,
+        "ideal": _ideal(c, wider.same, takes),
+    }
+
+
+def _ideal(c: Concealed, same: Collection[str], takes: Mapping[str, Take]) -> dict[str, float]:
+    """With which probability the ideal observer is sure of the right class, at hand and after each experiment."""
+    after = {arm: sure(c.truth, [*c.narrow[:-1], take, c.narrow[-1]], same) for arm, take in takes.items()}
+    return {"at_hand": sure(c.truth, c.narrow, same), **after}
+
+
+def _in_turn(c: Concealed, told: Mapping[str, Any], first: Proposal) -> tuple[list[str], int]:
     """Outcomes after one proposed experiment, two, ...; and after how many it was the right name, 0 if never."""
-    recordings, proposal, outcomes = list(at_hand), first, list[str]()
-    for k in range(IN_TURN):
-        made = machine.recorded(f"proposed_{k + 1}", machine.later(recordings), proposal.trial.candidate.u)
-        recordings = [*recordings[:-1], made, recordings[-1]]
-        verdict = diagnose(machine.twin, recordings[:-1], hold_out=recordings[-1:])
-        outcomes.append(judged(machine.truth, verdict))
+    made, takes, proposal, outcomes = list[Recording](), list(c.narrow), first, list[str]()
+    for k in range(1, IN_TURN + 1):
+        takes.append(c.later(f"proposed_{k}", proposal.trial.candidate.u, takes))
+        made.append(c.recorded(takes[-1]))
+        verdict = _asked_after(c, made)
+        outcomes.append(judged(told, verdict))
         if outcomes[-1] in RIGHT:
-            return outcomes, k + 1
+            return outcomes, k
         d = verdict.diagnosis
-        again = within(d.answer, d.claims, machine.limits) if outcomes[-1] == "set" else None
+        again = within(d.answer, d.claims, c.limits) if outcomes[-1] == SET else None
         if again is None:
             break
         proposal = again
     return outcomes, 0
 
 
-def _made(machine: Concealed, at_hand: Sequence[Recording], u: Array) -> str:
-    """The outcome after one more recording."""
-    more = machine.recorded("further", machine.later(list(at_hand)), u)
-    return judged(machine.truth, diagnose(machine.twin, [*at_hand[:-1], more], hold_out=at_hand[-1:]))
+def _asked_after(c: Concealed, more: Sequence[Recording]) -> Verdict:
+    """The verdict after further recordings."""
+    return diagnose(c.twin, [*c.at_hand[:-1], *more], hold_out=c.at_hand[-1:])
 
 
-def _by_chance(machine: Concealed, item: Item) -> Array:
-    """Inputs of a feasible experiment that nobody chose, and that the machine stands."""
-    candidates = drawn(machine.twin, machine.limits)
-    rng = stream(machine.seed, "by chance", item.case)
-    for k in rng.permutation(len(candidates)):
+def _by_chance(c: Concealed) -> Array:
+    """Inputs (N, nu) of a feasible experiment that nobody chose, and that the machine stands, in their units."""
+    candidates = drawn(c.twin, c.limits)
+    for k in stream(c.seed, "by chance", c.case).permutation(len(candidates)):
         try:
-            machine.recorded("further", 0.0, candidates[k].u)
+            c.recorded(c.later("trial", candidates[k].u, c.narrow))
         except FloatingPointError:
             continue
         return candidates[k].u

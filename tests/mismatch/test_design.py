@@ -135,13 +135,19 @@ def test_expected_evidence_is_the_closed_form_of_a_linear_machine(candidate: Can
 
 
 def test_the_proposed_experiment_tells_apart_what_the_old_recordings_cannot():
-    best = proposed(hand(), [STILL, STEP, STAIRCASE], CLOCK)
-    assert best.trial.candidate.kind == "staircase"
+    best = proposed(hand(), [STILL, STAIRCASE, STEP], CLOCK)
+    assert best.trial.candidate.kind == "step", "the staircase tells more, and more than it takes"
     assert best.expected is not None
     assert best.expected.right > 0.95
     assert best.times == 1
     assert max(hand().probabilities) < 0.95
     assert best.worth[2] < 0.5 < best.worth[1] < best.worth[0]
+
+
+def test_reach_is_how_far_the_farthest_channel_leaves_the_recordings():
+    (track,) = hand().rivals[0].problem.tracks
+    assert hand().reach(track.u, track.means) == 0.0
+    assert hand().reach(track.u + 1.0, track.means - 2.0) == pytest.approx(2.0)
 
 
 def test_a_sensor_of_what_is_read_already_is_none_to_add():

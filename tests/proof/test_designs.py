@@ -10,28 +10,38 @@ from twinbench.proof.concealed.generate import Item
 from twinbench.proof.designs import plan
 from twinbench.proof.designs.__main__ import main
 from twinbench.proof.designs.concealed import concealed
+from twinbench.proof.designs.ideal import sure
 from twinbench.proof.designs.tables import as_markdown, summary
+from twinbench.proof.designs.trial import ARMS
 
 
 def test_items_visit_every_machine_and_each_goes_through_its_effects(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(plan, "RANDOM_MACHINES", 1)
-    items = plan.drawn_items(10, 5)
-    assert len({(item.machine, item.effects) for item in items}) == 10
-    assert len({item.machine for item in items}) == 5
+    items = plan.drawn_items(9, 5)
+    assert len({(item.machine, item.effects) for item in items}) == 9
+    assert len({item.machine for item in items}) == 3
+    assert all(item.effects[0].partition("@")[0] in plan.RELATED for item in items)
 
 
 def test_narrow_recordings_stay_within_the_limits_and_leave_most_of_them_unseen():
-    machine = concealed(Item("0", "mechanism", "two_tanks", ("overflow@h1_cm",), 2.0), 3)
-    at_hand = machine.at_hand()
-    u = np.concatenate([r.values[:, 0] for r in at_hand])
-    low, high, slack = machine.limits.low[0], machine.limits.high[0], 0.02
+    made = concealed(Item("0", "mechanism", "two_tanks", ("linear_leak@h1_cm",), 2.0), 3)
+    u = np.concatenate([r.values[:, 0] for r in made.at_hand])
+    low, high, slack = made.limits.low[0], made.limits.high[0], 0.02
     assert low - slack <= u.min()
     assert u.max() <= high + slack
-    assert np.ptp(u) < 0.7 * (high - low)
-    assert at_hand[-1].name == "held"
-    again = machine.recorded("further", machine.later(at_hand), machine.narrow[0])
-    assert again.time_s[0] > max(r.time_s[-1] for r in at_hand)
+    assert np.ptp(u) < 0.4 * (high - low)
+    assert [take.held_out for take in made.narrow] == [False, True]
+    again = made.recorded(made.later("again", made.narrow[0].u, made.narrow))
+    assert again.time_s[0] > max(r.time_s[-1] for r in made.at_hand)
     assert again.channels == ("pump_V", "level1_cm", "level2_cm")
+
+
+def test_the_ideal_observer_tells_more_by_recordings_that_go_as_far_as_they_may_than_by_narrow_ones():
+    made = concealed(Item("0", "mechanism", "two_tanks", ("linear_leak@h1_cm",), 0.12), 3)
+    same = [made.truth.effect.name]
+    narrow, permitted = (sure(made.truth, takes, same) for takes in (made.narrow, made.permitted))
+    assert narrow < 0.2
+    assert permitted > 0.8
 
 
 def test_tables_count_right_and_wrong_names_of_sets_alone():
@@ -42,12 +52,15 @@ def test_tables_count_right_and_wrong_names_of_sets_alone():
             "random": ["set", "name", "located", ""],
             "repeated": ["set", "set", "set", ""],
             "experiments": [1, 1, 0, ""],
+            **{f"ideal_{arm}": [1.0, 1.0, 0.4, np.nan] for arm in ARMS},
         }
     )
     table = summary(rows).set_index("experiment")
     assert table.loc["proposed", "right"] == pytest.approx(2 / 3)
     assert table.loc["proposed", "wrong"] == pytest.approx(1 / 3)
+    assert table.loc["proposed", "ideal"] == pytest.approx(0.8)
     assert table.loc["repeated", "right"] == 0.0
+    assert table.loc["repeated", ["alone", "other", "p"]].tolist() == [2, 0, 0.5]
     told = as_markdown(summary(rows), rows)
     assert "in cases: 1: 2, 2: 0, 3: 0." in told
     assert "Of 4 machines drawn: set 3, no set 1." in told
