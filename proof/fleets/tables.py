@@ -12,6 +12,7 @@ from twinbench.proof.fleets.trial import WAYS
 
 RATES = {
     "shared_named": "shared effect named, %",
+    "shared_told": "or told beside the name, %",
     "wrongly_named": "another named as shared, %",
     "odd_found": "odd machines found, %",
     "odd_named": "and their effect named right, %",
@@ -26,6 +27,8 @@ def rows_of(kept: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     for who in WAYS:
         said = kept["said"][who]
         named, accused = set(said["named"]), said["accused"]
+        # Only a fleet tells names that do the same beside a name.
+        told = [{name, *(kept["alike"][name] if who == WAYS[0] else ())} for name in named]
         yield {
             "fleet": kept["fleet"],
             "shared": kept["shared"],
@@ -33,7 +36,8 @@ def rows_of(kept: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
             "who": who,
             "named": " + ".join(sorted(named)),
             "shared_named": int(bool(named & right)),
-            "wrongly_named": int(bool(named - right)),
+            "shared_told": int(any(names & right for names in told)),
+            "wrongly_named": int(any(not names & right for names in told)),
             "odd_machines": len(odd),
             "odd_found": len(odd & set(accused)),
             "odd_named": sum(accused.get(name) == kept["own"] for name in odd),
@@ -50,9 +54,9 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
         mine = rows[rows["who"] == who]
         row: dict[str, Any] = {"who": who, "fleets": len(mine)}
         odd, sound = int(mine["odd_machines"].sum()), int(mine["sound_machines"].sum())
-        cases = {"shared_named": len(mine), "wrongly_named": len(mine), "odd_found": odd, "odd_named": odd}
+        of_odd = dict.fromkeys(("odd_found", "odd_named"), odd)
         for rate in RATES:
-            hits, of = int(mine[rate].sum()), cases.get(rate, sound)
+            hits, of = int(mine[rate].sum()), {**of_odd, "sound_accused": sound}.get(rate, len(mine))
             low, high = wilson(hits, of)
             row |= {rate: hits / of if of else float("nan"), f"{rate}_low": low, f"{rate}_high": high}
         found.append(row)

@@ -24,6 +24,7 @@ KEPT: Mapping[str, Any] = {
     "odd": ["a", "b"],
     "machines": list("abcdefgh"),
     "seconds": 1.0,
+    "alike": {"linear_leak@h1_cm": ["sensor_gain@level2_cm"]},
     "said": {
         "fleet": {"named": ["linear_leak@h1_cm"], "accused": {"a": "offset@h2_cm", "c": "leak@h2_cm"}},
         "verdicts side by side": {"named": ["leak@h1_cm", "offset@h2_cm"], "accused": {"b": ""}},
@@ -93,6 +94,15 @@ def test_fleets_are_summed_up_for_everybody_who_said_something() -> None:
     page = as_markdown(table.reset_index(), [KEPT])
     assert "| fleet | 100 [" in page
     assert "Of 1 fleets with 8 machines, 2 of them odd" in page
+
+
+def test_a_name_that_is_told_beside_is_no_wrong_name_and_not_the_right_one() -> None:
+    beside = {"named": ["sensor_gain@level2_cm"], "accused": {}}
+    kept = {**KEPT, "alike": {"sensor_gain@level2_cm": ["leak@h1_cm"]}, "said": {**KEPT["said"], "fleet": beside}}
+    first = next(rows_of(kept))
+    assert (first["shared_named"], first["shared_told"], first["wrongly_named"]) == (0, 1, 0)
+    first = next(rows_of({**kept, "alike": {"sensor_gain@level2_cm": []}}))
+    assert (first["shared_named"], first["shared_told"], first["wrongly_named"]) == (0, 0, 1)
 
 
 def test_a_fleet_that_was_judged_is_not_asked_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
