@@ -366,7 +366,7 @@ def columns_of(
 
     Args:
         by_runs: as of ``Problem.columns``.
-        added: as of ``View.wandering``.
+        added: by position, (S,) per recording, in the size's unit, as ``View.wandering`` has it.
     """
     own = view.unknowns(by_runs)
     if not wanders:
