@@ -63,18 +63,17 @@ class Trial:
 
 
 def trials(done: Sequence[Cell], profile: Profile) -> list[Trial]:
-    """Every condition for every estimator with every seed, once where seeds share what they learnt; for the proposed
-    method's other treatments of the envelope, that."""
-    found = []
-    tried = conditions(machine_at(profile.machine))
-    for cell in done:
-        if is_ablation(cell.estimator):
-            continue
-        found += [_trial(cell, condition, profile) for condition in (UNDISTURBED, *tried)]
-        if cell.estimator == PROPOSED:
-            treated = [cells.make_cell(f"{cell.spec}:{name}", cell.seed, profile) for name in TREATMENTS]
-            beyond = [c for c in tried if c.group == "envelope"]
-            found += [_trial(other, condition, profile) for other in treated for condition in beyond]
+    """Every condition for every estimator with every seed, once where seeds share what they learnt.
+
+    The proposed method's other treatments of the envelope are tried on that. All trials of one condition follow each
+    other: to simulate it takes longer than most estimators do.
+    """
+    found, whole = [], [cell for cell in done if not is_ablation(cell.estimator)]
+    ours = [cell for cell in whole if cell.estimator == PROPOSED]
+    treated = [cells.make_cell(f"{cell.spec}:{name}", cell.seed, profile) for cell in ours for name in TREATMENTS]
+    for condition in (UNDISTURBED, *conditions(machine_at(profile.machine))):
+        tried = [*whole, *treated] if condition.group == "envelope" else whole
+        found += [_trial(cell, condition, profile) for cell in tried]
     return list({t.key: t for t in found[::-1]}.values())[::-1]
 
 

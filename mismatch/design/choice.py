@@ -106,7 +106,7 @@ class Ranked:
     Attributes:
         made: these.
         worth: (C,) dimensionless, nats of each.
-        reach: (C,) dimensionless, how far each leaves what the recordings went through, in scales of inputs and outputs.
+        reach: (C,) dimensionless, how far each leaves what the recordings went through, in scales of its variables.
         groups: (m,) dimensionless labels of rivals, one for those that none of the candidates tells apart.
         left_out: candidates that cannot be made.
     """
