@@ -36,7 +36,7 @@ SHOWN = {
     "docs/latency.md": {"latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"},
     "docs/exams.md": {f"exams/{name}/answers.md" for name in ("petab_select", "causal_chambers")},
     "docs/sizes_over_time.md": {"histories/histories.md"},
-    "docs/fleet.md": {"fleets/fleets.md"},
+    "docs/fleet.md": {"fleets/fleets.md", "fleets_earlier/fleets.md"},
     "docs/first_hour.md": {
         *(f"real_recordings/{name}/look.md" for name in ("cascaded_tanks", "air_chamber_b", "train_compressor")),
         *(
