@@ -129,6 +129,7 @@ def version() -> str:
 def _commit(root: Path = _ROOT) -> tuple[str | None, bool | None]:
     """Twinbench's own commit and whether files differ from it; None where ``root`` is not its own checkout.
 
+    Files in ``results/`` do not count: they are what runs leave, and a run that writes there is no other run for it.
     Installed into somebody's repository, the code around it is theirs: their commit says nothing of ours.
     """
     own = root / "pyproject.toml"
@@ -142,7 +143,7 @@ def _commit(root: Path = _ROOT) -> tuple[str | None, bool | None]:
     if _git(root, "ls-files", "--error-unmatch", own.name) is None:
         return None, None
     commit = _git(root, "rev-parse", "HEAD")
-    return commit, bool(_git(root, "status", "--porcelain")) if commit else None
+    return commit, bool(_git(root, "status", "--porcelain", "--", ".", ":(exclude)results")) if commit else None
 
 
 def _git(root: Path, *arguments: str) -> str | None:

@@ -56,6 +56,9 @@ def test_a_checkout_names_its_commit_and_whether_files_differ(repository: Path) 
     git(repository, "commit", "-qm", "ours")
     commit = git(repository, "rev-parse", "HEAD")
     assert versions._commit(repository) == (commit, False)
+    (repository / "results").mkdir()
+    (repository / "results" / "table.csv").write_text("a,b\n")
+    assert versions._commit(repository) == (commit, False), "what a run leaves is no change of what made it"
     (repository / "theirs.txt").write_text("changed")
     assert versions._commit(repository) == (commit, True)
 
