@@ -12,7 +12,8 @@ from scipy.stats import binomtest
 from twinbench.bench.statistics.bootstrap import BOOTSTRAP_SEED, RESAMPLES
 from twinbench.proof.concealed.gates import wilson
 from twinbench.proof.concealed.generate import Item
-from twinbench.proof.designs.trial import ARMS, IN_TURN, RIGHT, SET, kept
+from twinbench.proof.designs.trial import ARMS, IN_TURN, RIGHT, SET
+from twinbench.proof.kept import kept
 
 
 def rows_of(item: Item, out: Path) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from twinbench.proof.concealed.outcome import outcome
 from twinbench.proof.concealed.severity import Take
 from twinbench.proof.designs.concealed import Concealed, concealed
 from twinbench.proof.designs.ideal import seen, sure
+from twinbench.proof.kept import kept
 
 ARMS = ("proposed", "random", "repeated")
 """The proposed experiment, one of the feasible ones by chance, and the inputs of the recordings at hand once more."""
@@ -47,15 +48,6 @@ def tried(item: Item, seed: int, out: Path) -> int:
         seconds = round(time.process_time() - began, 1)
         write_text(path, json.dumps({"key": key, "seconds": seconds, **result}, indent=1))
     return 1
-
-
-def kept(path: Path, key: str = "") -> dict[str, Any] | None:
-    """What an earlier run found of a case; None if there is nothing, or by other code."""
-    try:
-        known = dict(json.loads(path.read_text()))
-    except (OSError, ValueError):
-        return None
-    return known if not key or known.get("key") == key else None
 
 
 def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:

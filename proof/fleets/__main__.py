@@ -24,7 +24,8 @@ from twinbench.common.store import check_writable, write_text  # noqa: E402
 from twinbench.common.versions import write_manifest  # noqa: E402
 from twinbench.proof.command import refusing  # noqa: E402
 from twinbench.proof.fleets.tables import as_markdown, rows_of, summary  # noqa: E402
-from twinbench.proof.fleets.trial import ROOT, Plan, judged, kept, place  # noqa: E402
+from twinbench.proof.fleets.trial import ROOT, Plan, judged, place  # noqa: E402
+from twinbench.proof.kept import kept  # noqa: E402
 
 
 @refusing("twinbench.proof.fleets")

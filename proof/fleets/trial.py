@@ -18,6 +18,7 @@ from twinbench.mismatch.fleet.verdict import Fleet
 from twinbench.mismatch.report.explain import Request
 from twinbench.proof.fleets.drawn import draw, write
 from twinbench.proof.fleets.observer import Observed, observed
+from twinbench.proof.kept import kept
 
 ROOT = Path(__file__).resolve().parents[2]
 WAYS = ("fleet", "verdicts side by side", "nobody is accused", "ideal observer")
@@ -46,15 +47,6 @@ def judged(fleet: int, plan: Plan, out: Path) -> None:
 def place(fleet: int, out: Path) -> Path:
     """Where a fleet's answers are kept."""
     return out / "fleets" / f"{fleet:03d}.json"
-
-
-def kept(path: Path, key: str = "") -> dict[str, Any] | None:
-    """What an earlier run kept of a fleet; None if nothing, or by other code."""
-    try:
-        known = dict(json.loads(path.read_text()))
-    except (OSError, ValueError):
-        return None
-    return known if not key or known.get("key") == key else None
 
 
 def _judged(fleet: int, plan: Plan) -> dict[str, Any]:
