@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 
@@ -50,7 +52,7 @@ def robustness_tables(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[T
     by_kind = (("fault_kinds", "After sensor faults, by kind"), kinds, "health_after_fault_pct", (health, KINDS, AFTER))
     return [
         *(_table(scores, subject, *table) for table in tables),
-        _table(_by_kind(scores, subject), subject, *by_kind),
+        _turned(_table(_by_kind(scores, subject), subject, *by_kind)),
     ]
 
 
@@ -58,6 +60,16 @@ def _by_kind(scores: pd.DataFrame, subject: Subject) -> pd.DataFrame:
     """Means over the sensors that a kind of fault happens to; the condition is the kind."""
     kinds = scores.assign(condition=[subject.kind_and_sensor(str(c))[0] for c in scores["condition"]])
     return kinds.groupby([c for c in scores.columns if c != "value"], sort=False)["value"].mean().reset_index()
+
+
+def _turned(table: Table) -> Table:
+    """The same with a row for each estimator, so that they are compared down a column."""
+    names, rows = table.frame.columns[1:], zip(*table.rows, strict=True)
+    conditions, *turned = rows
+    heads = (Column("estimator"), *(Column(c.text) for c in conditions))
+    frame = table.frame.set_index("condition").T.rename_axis("estimator").rename_axis(columns=None).reset_index()
+    cells = tuple((Cell(label(n)), *row) for n, row in zip(names, turned, strict=True))
+    return replace(table, frame=frame, columns=heads, rows=cells)
 
 
 def _groups(scores: pd.DataFrame, subject: Subject) -> dict[str, list[str]]:

@@ -43,15 +43,15 @@ def test_four_treatments_of_the_envelope_are_told_apart(scores):
         assert len({(line.get_color(), line.get_marker(), line.get_linestyle()) for line in drawn}) == 4
 
 
-def test_after_faults_one_is_recovered(scores):
+def test_after_faults_each_kind_has_the_mean_over_its_sensors(scores):
     axes = after_faults(scores).axes[0]
-    points = [line for line in axes.lines if len(line.get_xdata()) == len(FAULTS)]
-    assert len(points) == 2
-    stuck = [f.name for f in FAULTS].index("stuck m_flow_kg_s")
-    for line in points:
-        assert line.get_xdata()[stuck] == pytest.approx(3.0, rel=0.05)
-        assert axes.get_yticklabels()[stuck].get_text() == "stuck: mass flow"
-        assert np.delete(line.get_xdata(), stuck) == pytest.approx(np.ones(len(FAULTS) - 1), rel=0.05)
+    names, kinds = ([t.get_text() for t in labels] for labels in (axes.get_yticklabels(), axes.get_xticklabels()))
+    assert names == ["Oracle (reference)", "DeepONet-Kalman"]
+    values = np.asarray(axes.collections[0].get_array())
+    stuck = kinds.index("stuck")
+    assert values[:, stuck] == pytest.approx([(3.0 + 1.0 + 1.0) / 3.0] * 2, rel=0.05)
+    assert kinds[0] == "none"
+    assert np.delete(values, stuck, axis=1) == pytest.approx(1.0, rel=0.05)
 
 
 def test_the_tables_hold_errors_and_their_multiples(scores):
@@ -65,9 +65,12 @@ def test_the_tables_hold_errors_and_their_multiples(scores):
     assert len(harder.rows) == 1 + sum(c.group in ("pace", "envelope") for c in CONDITIONS)
     for grid in (pressure, health):
         assert len(grid.rows) == 1 + len(NOISE_LEVELS) * len(DROPOUT_LEVELS)
-    row = kinds.frame["condition"].tolist().index("stuck")
-    assert kinds.frame["oracle"][row] == pytest.approx((3.0 + 1.0 + 1.0) / 3.0, rel=0.05)
-    assert len(kinds.rows) == 1 + len({f.name.removesuffix(f" {f.channels[0]}") for f in FAULTS})
+    assert kinds.frame["estimator"].tolist() == ["oracle", "deeponet_kalman"]
+    assert kinds.frame["stuck"].tolist() == pytest.approx(2 * [(3.0 + 1.0 + 1.0) / 3.0], rel=0.05)
+    assert [c.text for c in next(zip(*kinds.rows, strict=True))] == ["Oracle (reference)", "DeepONet-Kalman"]
+    column = [c.head for c in kinds.columns].index("stuck")
+    assert all(row[column].times.startswith("×1.7") for row in kinds.rows)
+    assert len(kinds.columns) == 2 + len({f.name.removesuffix(f" {f.channels[0]}") for f in FAULTS})
     assert robustness_tables(scores[:0]) == []
 
 

@@ -178,7 +178,7 @@ def _harder(evidence: Evidence, robustness: pd.DataFrame) -> Iterator[Drawing]:
         )
         yield Drawing(
             "fig6b_envelope",
-            "Loads beyond the training envelope: what the 95 % intervals hold, and the parameter error, by what is "
+            "Loads beyond the training envelope: what the 95 % intervals hold, and the health error, by what is "
             "done about sensitivities and process noise there.",
             beyond_the_envelope(robustness),
             "",
@@ -196,8 +196,8 @@ def _harder(evidence: Evidence, robustness: pd.DataFrame) -> Iterator[Drawing]:
     if len(robustness):
         yield Drawing(
             "faults",
-            "Parameter error from a minute after each sensor fault on, over that of the same time without it: 1, "
-            "dashed, is recovered.",
+            "Health error from a minute after sensor faults on, by kind of fault: the mean over the sensors that have "
+            "it, one at a time. The first column is the same time without a fault.",
             after_faults(robustness),
             "",
             "After sensor faults",

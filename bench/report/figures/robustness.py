@@ -7,10 +7,10 @@ import pandas as pd
 from matplotlib.figure import Figure
 from seaborn import heatmap
 
-from twinbench.bench.report.figures.looks import face, legend_handles, looks
+from twinbench.bench.report.table_formats import number
 from twinbench.bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
 from twinbench.bench.statistics.subject import PAPERS
-from twinbench.common.style import COLUMN_MM, FAINT, INK, MUTED, PAGE_MM, canvas, styled
+from twinbench.common.style import COLUMN_MM, INK, MUTED, PAGE_MM, canvas, styled
 from twinbench.data.disturb import BEYOND, CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS, UNDISTURBED
 
 RIGHT_PCT = 95.0
@@ -94,31 +94,30 @@ def beyond_the_envelope(table: pd.DataFrame) -> Figure:
 
 @styled
 def after_faults(table: pd.DataFrame) -> Figure:
-    """Health error from a minute after each sensor fault on, over that without the fault; 1 is recovered."""
+    """Health error from a minute after sensor faults on, estimators down, kinds of fault across.
+
+    Of each kind it is the mean over the sensors that have it, one at a time. ``none`` is the same time without a fault.
+    """
     names = [n for n in ordered(table["estimator"].unique()) if not is_ablation(n)]
-    figure = canvas(PAGE_MM, 6.0 * len(FAULTS) + 22.0)
+    kinds = list(dict.fromkeys(PAPERS.kind_and_sensor(f.name)[0] for f in FAULTS))
+    means = {n: _means(table, n, "health_after_fault_pct") for n in names}
+    by_kind = {n: of.groupby(lambda condition: PAPERS.kind_and_sensor(condition)[0]).mean() for n, of in means.items()}
+    values = pd.DataFrame({label(n): of.reindex([UNDISTURBED.name, *kinds]) for n, of in by_kind.items()}).T
+    figure = canvas(PAGE_MM, 6.0 * len(names) + 34.0)
     axes = figure.subplots()
-    rows = np.arange(len(FAULTS))
-    offsets = np.linspace(-0.32, 0.32, len(names)) if len(names) > 1 else np.zeros(1)
-    for offset, (name, look) in zip(offsets, looks(names).items(), strict=True):
-        means = _means(table, name, "health_after_fault_pct")
-        share = np.array([means.get(f.name, np.nan) for f in FAULTS]) / means.get(UNDISTURBED.name, np.nan)
-        axes.plot(
-            share,
-            rows + offset,
-            linestyle="none",
-            color=look.colour,
-            marker=look.marker,
-            markersize=4.5,
-            markerfacecolor=face(name, look),
-            label=label(name),
-        )
-    axes.axvline(1.0, color=INK, linewidth=0.8, linestyle="--")
-    for edge in rows[:-1] + 0.5:
-        axes.axhline(edge, color=FAINT, linewidth=0.6)
-    axes.set_yticks(rows, [PAPERS.condition_label(f.name) for f in FAULTS])
-    axes.set_ylim(len(FAULTS) - 0.5, -0.5)
-    axes.grid(visible=False, axis="y")
-    axes.set_xlabel("health error a minute after the fault, over that without it")
-    figure.legend(handles=legend_handles(names), loc="outside lower center", ncols=4)
+    axes.grid(visible=False)
+    heatmap(
+        values,
+        cmap="cividis_r",
+        annot=values.map(lambda v: number(v, 2) if np.isfinite(v) else "–"),
+        fmt="",
+        annot_kws={"fontsize": 7},
+        cbar_kws={"label": "health error, % of a life"},
+        ax=axes,
+    )
+    axes.axvline(1.0, color=INK, linewidth=1.2)
+    axes.tick_params(axis="x", rotation=45)
+    for tick in axes.get_xticklabels():
+        tick.set(ha="right", rotation_mode="anchor")
+    axes.set(xlabel="", ylabel="")
     return figure
