@@ -24,10 +24,10 @@ from twinbench.proof.twins import simulator_of
 
 NARROW = 0.05, 0.3
 """Share of the usual movement of the inputs that a narrow recording has; drawn evenly."""
-WIDER = 3.0
-"""How many times as far as in the narrow recordings experiments may go: nobody lets a machine go anywhere at once."""
-LENGTH_SHARE = 0.25
-"""Length of an experiment, as a share of a recording's: time on a machine is dear."""
+REACH = 1.5, 10.0
+"""How many times as far as in the narrow recordings experiments may go; drawn evenly in its logarithm."""
+LENGTH_SHARE = 0.1, 1.0
+"""Length of an experiment, as a share of a recording's; drawn evenly in its logarithm."""
 PROOF_CANDIDATES = 100
 
 
@@ -37,17 +37,22 @@ class Concealed:
 
     Attributes:
         truth: what only the generator and the ideal observer know.
-        permitted: recordings that go through all of the limits, none of which an engine gets.
+        ordinary: (N, nu) inputs of an ordinary recording, within the limits of an experiment, in their units. No
+            engine gets it.
         narrow: recordings at hand, the last one held back.
         limits: of experiments.
+        reach: how many times as far as in the narrow recordings they may go.
+        length_share: how long they last, as a share of a recording.
         case, seed: what errors are drawn by.
     """
 
     twin: Simulator
     truth: Truth
-    permitted: tuple[Take, ...]
+    ordinary: Array
     narrow: tuple[Take, ...]
     limits: Limits
+    reach: float
+    length_share: float
     case: str
     seed: int
 
@@ -99,13 +104,17 @@ def concealed(item: Item, seed: int) -> Concealed:
     usual = drawn_takes(machine, "", rng)
     every = np.concatenate([t.u for t in usual if not t.held_out])
     low, high = every.min(axis=0), every.max(axis=0)
-    share = float(rng.uniform(*NARROW))
-    wider, centre = min(WIDER * share, 1.0), low + rng.uniform(0.5 * share, 1.0 - 0.5 * share, len(low)) * (high - low)
+    share, reach, length_share = (
+        float(rng.uniform(*NARROW)),
+        _drawn_evenly_in_logarithm(rng, REACH),
+        _drawn_evenly_in_logarithm(rng, LENGTH_SHARE),
+    )
+    wider, centre = min(reach * share, 1.0), low + rng.uniform(0.5 * share, 1.0 - 0.5 * share, len(low)) * (high - low)
     middle = np.clip(centre, low + 0.5 * wider * (high - low), high - 0.5 * wider * (high - low))
-    narrow, permitted = _within(usual, share, centre), _within(usual, wider, middle)
+    narrow, far = _within(usual, share, centre), _within(usual, wider, middle)
     ends = middle - 0.5 * wider * (high - low), middle + 0.5 * wider * (high - low)
-    fastest = np.max([np.abs(np.diff(t.u, axis=0)).max(axis=0) for t in permitted], axis=0) / machine.period_s
-    length_s = LENGTH_SHARE * machine.seconds["train"][0]
+    fastest = np.max([np.abs(np.diff(t.u, axis=0)).max(axis=0) for t in far], axis=0) / machine.period_s
+    length_s = length_share * machine.seconds["train"][0]
     limits = Limits(*ends, fastest, length_s, machine.period_s, candidates=PROOF_CANDIDATES)
     narrow = (narrow[0], next(t for t in narrow if t.held_out))
     effect = machine.effect(item.effects[0])
@@ -113,7 +122,12 @@ def concealed(item: Item, seed: int) -> Concealed:
     truth = replace(truth, amplitude=_scaled(truth, narrow, item.severity))
     twin = simulator_of(machine.simulator, machine.network).with_values(**machine.values)
     twin = replace(twin, calibrate=tuple(machine.calibrate), drifts=())
-    return Concealed(twin, truth, permitted, narrow, limits, item.case, seed)
+    ordinary = far[0].u[: len(limits.time_s)]
+    return Concealed(twin, truth, ordinary, narrow, limits, wider / share, length_share, item.case, seed)
+
+
+def _drawn_evenly_in_logarithm(rng: np.random.Generator, ends: tuple[float, float]) -> float:
+    return float(np.exp(rng.uniform(*np.log(ends))))
 
 
 def _within(takes: Sequence[Take], share: float, centre: Array) -> tuple[Take, ...]:

@@ -15,12 +15,17 @@ from twinbench.proof.concealed.generate import Item
 from twinbench.proof.designs.trial import ARMS, IN_TURN, RIGHT, SET
 from twinbench.proof.kept import kept
 
+SHAPE = {"reach": "how far it may go", "length_share": "how long it may last"}
+"""What differs between the experiments of cases, beside the machine."""
+
 
 def rows_of(item: Item, out: Path) -> dict[str, Any]:
     """A row of ``cases.csv``."""
     found = kept(out / "cases" / f"{item.case}.json") or {"status": "missing"}
     row = {"case": item.case, "machine": item.machine, "effect": item.effects[0], "severity": item.severity}
-    row |= {key: found.get(key, "") for key in ("background_pct", "status", "before", *ARMS, "experiments", "says")}
+    row |= {
+        key: found.get(key, "") for key in ("background_pct", *SHAPE, "status", "before", *ARMS, "experiments", "says")
+    }
     row |= {"in_turn": "+".join(found.get("in_turn", ())), "seconds": found.get("seconds", "")}
     row["names"] = "+".join("|".join(names) for names in found.get("names", ()))
     row |= {f"promised_{key}": value for key, value in found.get("promised", {}).items()}
@@ -63,6 +68,18 @@ def times_random(rows: pd.DataFrame) -> tuple[float, float, float]:
     return float(low), float(right[:, 0].sum() / right[:, 1].sum()), float(high)
 
 
+def halves(sets: pd.DataFrame) -> list[str]:
+    """How often a name is right where experiments may do little and where they may do much, as lines of a table."""
+    lines = ["| | cases | right name, proposed, % | random, % |", "|---|---:|---:|---:|"]
+    for column, says in SHAPE.items():
+        values = pd.to_numeric(sets[column])
+        middle = values.median()
+        for word, part in (("at most", sets[values <= middle]), ("more than", sets[values > middle])):
+            cells = " | ".join(f"{100 * part[arm].isin(RIGHT).mean():.0f}" if len(part) else "–" for arm in ARMS[:2])
+            lines.append(f"| {says}: {word} {middle:.2g} times the recordings | {len(part)} | {cells} |")
+    return lines
+
+
 def as_markdown(table: pd.DataFrame, rows: pd.DataFrame) -> str:
     """The table to read, with how many experiments led to a name."""
     head = "| after one experiment | cases | right name, % | wrong name, % | ideal observer sure, % | p |"
@@ -79,6 +96,7 @@ def as_markdown(table: pd.DataFrame, rows: pd.DataFrame) -> str:
         f"interval {low:.2f} to {high:.2f} (bootstrap over cases)."
     )
     lines.append(f"\nRight name after so many proposed experiments, in cases: {', '.join(each)}.")
+    lines.append("\n" + "\n".join(halves(sets)))
     counts = rows["status"].value_counts().to_dict()
     lines.append(f"Of {len(rows)} machines drawn: {', '.join(f'{status} {n}' for status, n in counts.items())}.")
     return "\n".join(lines) + "\n"

@@ -58,12 +58,13 @@ def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:
 
 def _tried(item: Item, seed: int) -> dict[str, Any]:
     c = concealed(item, seed)
-    about: dict[str, Any] = {"background_pct": c.truth.background_pct}
+    shape = {"reach": c.reach, "length_share": c.length_share}
+    about: dict[str, Any] = {"background_pct": c.truth.background_pct, **shape}
     first = diagnose(c.twin, c.at_hand[:-1], hold_out=c.at_hand[-1:])
     if contested(first.diagnosis.claims) is None:
         return {"status": "no set", **about}
     # The ideal observer takes long, and most verdicts are no sets.
-    wider = seen(c.truth, c.permitted, refit=True)
+    wider = seen(c.truth, _with(c, c.later("ordinary", c.ordinary, c.narrow)), refit=True)
     told = c.truth.told(wider.same)
     before = judged(told, first)
     about |= {"before": before, "names": [list(f.names) for f in first.findings]}
@@ -75,7 +76,11 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
     if found is None:
         return {"status": "no proposal", **about}
     assert found.expected is not None
-    experiments = {"proposed": found.trial.candidate.u, "random": _by_chance(c), "repeated": c.narrow[0].u}
+    experiments = {
+        "proposed": found.trial.candidate.u,
+        "random": _by_chance(c),
+        "repeated": c.narrow[0].u[: len(c.limits.time_s)],
+    }
     takes = {arm: c.later(f"{arm}_1", u, c.narrow) for arm, u in experiments.items()}
     after, rounds = _in_turn(c, told, found)
     return {
@@ -93,8 +98,14 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
 
 def _ideal(c: Concealed, same: Collection[str], takes: Mapping[str, Take]) -> dict[str, float]:
     """With which probability the ideal observer is sure of the right class, at hand and after each experiment."""
-    after = {arm: sure(c.truth, [*c.narrow[:-1], take, c.narrow[-1]], same) for arm, take in takes.items()}
-    return {"at_hand": sure(c.truth, c.narrow, same), **after}
+    return {"at_hand": sure(c.truth, c.narrow, same)} | {
+        arm: sure(c.truth, _with(c, take), same) for arm, take in takes.items()
+    }
+
+
+def _with(c: Concealed, take: Take) -> list[Take]:
+    """The recordings at hand and one more to learn from."""
+    return [*c.narrow[:-1], take, c.narrow[-1]]
 
 
 def _in_turn(c: Concealed, told: Mapping[str, Any], first: Proposal) -> tuple[list[str], int]:

@@ -29,25 +29,30 @@ def test_narrow_recordings_stay_within_the_limits_and_leave_most_of_them_unseen(
     low, high, slack = made.limits.low[0], made.limits.high[0], 0.02
     assert low - slack <= u.min()
     assert u.max() <= high + slack
-    assert np.ptp(u) < 0.4 * (high - low)
+    assert np.ptp(u) < 1.1 * (high - low) / made.reach
+    assert len(made.ordinary) == len(made.limits.time_s)
+    assert low - 1e-9 <= made.ordinary.min() < made.ordinary.max() <= high + 1e-9
     assert [take.held_out for take in made.narrow] == [False, True]
     again = made.recorded(made.later("again", made.narrow[0].u, made.narrow))
     assert again.time_s[0] > max(r.time_s[-1] for r in made.at_hand)
     assert again.channels == ("pump_V", "level1_cm", "level2_cm")
 
 
-def test_the_ideal_observer_tells_more_by_recordings_that_go_as_far_as_they_may_than_by_narrow_ones():
+def test_the_ideal_observer_tells_more_with_an_ordinary_recording_within_the_limits_than_without():
     made = concealed(Item("0", "mechanism", "two_tanks", ("linear_leak@h1_cm",), 0.12), 3)
-    same = [made.truth.effect.name]
-    narrow, permitted = (sure(made.truth, takes, same) for takes in (made.narrow, made.permitted))
+    same, more = [made.truth.effect.name], made.later("ordinary", made.ordinary, made.narrow)
+    takes = made.narrow[0], more, made.narrow[1]
+    narrow, wider = (sure(made.truth, some, same) for some in (made.narrow, takes))
     assert narrow < 0.2
-    assert permitted > 0.8
+    assert wider > 0.5
 
 
 def test_tables_count_right_and_wrong_names_of_sets_alone():
     rows = pd.DataFrame(
         {
             "status": ["set", "set", "set", "no set"],
+            "reach": [2.0, 4.0, 8.0, ""],
+            "length_share": [0.5, 0.2, 0.1, ""],
             "proposed": ["name", "class", "wrong", ""],
             "random": ["set", "name", "located", ""],
             "repeated": ["set", "set", "set", ""],
@@ -63,6 +68,8 @@ def test_tables_count_right_and_wrong_names_of_sets_alone():
     assert table.loc["repeated", ["alone", "other", "p"]].tolist() == [2, 0, 0.5]
     told = as_markdown(summary(rows), rows)
     assert "in cases: 1: 2, 2: 0, 3: 0." in told
+    assert "| how far it may go: at most 4 times the recordings | 2 | 100 | 50 |" in told
+    assert "| how long it may last: more than 0.2 times the recordings | 1 | 100 | 0 |" in told
     assert "Of 4 machines drawn: set 3, no set 1." in told
 
 
