@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from twinbench.bench.report.provenance import profile_of
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, to_csv, to_markdown
 from twinbench.bench.report.words import names_of
 from twinbench.bench.results import Results, load_results
-from twinbench.bench.roster import REFERENCE, UNRANKED, WITHOUT_EQUATIONS, is_ablation, label, ordered
+from twinbench.bench.roster import PROPOSED, REFERENCE, UNRANKED, WITHOUT_EQUATIONS, is_ablation, label, ordered
 from twinbench.bench.statistics.across import is_ahead, rank_across
 from twinbench.bench.statistics.ranks import Ranking
 from twinbench.bench.statistics.summary import LIFE, Summary, summarise
@@ -34,8 +34,8 @@ SKILL = (
 )
 RATIOS = "State errors: the median over a machine's outputs of the multiple of the oracle's error."
 RANKS = (
-    "Mean rank by error of health over all recordings of all machines, 1 is best; the reference rows are left out, and "
-    "a machine with more recordings weighs more."
+    "Mean rank by error of health, 1 is best; the reference rows are left out. Recordings of one name have the same "
+    "wear on every machine: their ranks are averaged and count once. A machine with more recordings weighs more."
 )
 AHEAD = (
     "Machines ahead: on how many of the machines where it was tested Wilcoxon's test with Holm's correction calls it "
@@ -122,7 +122,15 @@ def across_table(runs: Mapping[str, Run]) -> Table:
         parts.append((Column(head, "machines ahead"), [_of(own) for own in ahead]))
     rows = zip([Cell(label(e)) for e in names], *(cells for _, cells in parts), strict=True)
     shown = names_of(label(e) for e in WITHOUT_EQUATIONS)
-    notes = (SKILL, RATIOS, RANKS, *_said(ranking, unranked), AHEAD.format(names=shown), *map(_about, runs.values()))
+    notes = (
+        SKILL,
+        RATIOS,
+        RANKS,
+        *_said(ranking, unranked),
+        AHEAD.format(names=shown),
+        *_behind(summaries),
+        *map(_about, runs.values()),
+    )
     columns = (Column("estimator"), *(column for column, _ in parts))
     return Table("machines", f"Estimators on {names_of(runs)}", frame, columns, tuple(rows), notes)
 
@@ -139,8 +147,8 @@ def _said(ranking: Ranking | None, unranked: str) -> list[str]:
     if ranking is None:
         return [f"Not ranked: {unranked}."]
     said = [
-        f"Friedman's test over {len(ranking.sequences)} recordings: p = {ranking.friedman_p:.2g}; Nemenyi's critical "
-        f"difference of mean ranks: {ranking.critical_difference:.2f}."
+        f"Friedman's test over {len(ranking.sequences)} names of recordings: p = {ranking.friedman_p:.2g}; Nemenyi's "
+        f"critical difference of mean ranks: {ranking.critical_difference:.2f}."
         if math.isfinite(ranking.friedman_p)
         else f"{len(ranking.estimators)} estimators are too few for Friedman's test."
     ]
@@ -167,6 +175,25 @@ def _asked(summary: Summary, head: str) -> tuple[str, ...]:
 def _of(ahead: Sequence[bool | None]) -> Cell:
     tested = [a for a in ahead if a is not None]
     return Cell(f"{sum(tested)} of {len(tested)}") if tested else Cell("–")
+
+
+def _behind(summaries: Mapping[str, Summary]) -> Iterator[str]:
+    """Whom the proposed method is not ahead of in a filtered state, and whether a filter that knows the plant is."""
+    for machine, s in summaries.items():
+        for metric, output in zip(s.subject.state_errors, s.subject.outputs, strict=True):
+            rivals = [e for e in s.estimators if e in WITHOUT_EQUATIONS and math.isfinite(s.value(e, metric).mean)]
+            level = [e for e in rivals if e != PROPOSED and not s.better(PROPOSED, e, metric)]
+            if level and PROPOSED in rivals:
+                too = [e for e in level if not s.better(REFERENCE, e, metric)]
+                nor = (
+                    f"not ahead of {names_of(map(label, too))} either"
+                    if too
+                    else f"ahead of {'it' if len(level) == 1 else 'them'}"
+                )
+                yield (
+                    f"{machine}, filtered {output.says}: {label(PROPOSED)} is not shown to be ahead of "
+                    f"{names_of(map(label, level))}. The reference, which knows the plant, is {nor}."
+                )
 
 
 def _about(run: Run) -> str:

@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.stats import rankdata
 
 from twinbench.bench.roster import UNRANKED, WITHOUT_EQUATIONS, ordered
-from twinbench.bench.statistics.apart import complete
+from twinbench.bench.statistics.apart import complete, distance
 from twinbench.bench.statistics.bootstrap import SequenceScores
 from twinbench.bench.statistics.ranks import Ranking, rank
 from twinbench.bench.statistics.summary import LIFE, Summary
+from twinbench.data.batch import Array
 
 
 def pooled(tables: Mapping[str, SequenceScores]) -> SequenceScores:
-    """One metric over all machines: every recording is a block of its own. Reference rows are left out.
+    """Ranks by one metric over all machines, recording by recording. Reference rows are left out.
+
+    Recordings of one name have the same wear on every machine, so they are one block: ranks are averaged over them.
 
     Who lacks a recording of any machine has a reason, and no rank.
 
@@ -27,22 +31,20 @@ def pooled(tables: Mapping[str, SequenceScores]) -> SequenceScores:
         lost = [machine for machine, table in tables.items() if name not in complete(table)]
         if lost:
             reasons[name] = f"no complete scores on {', '.join(lost)}"
-    blocks = []
+    whole = [name for name in names if name not in reasons]
+    blocks: dict[str, list[Array]] = {}
     for table in tables.values():
-        nothing = np.full(len(table.sequences), np.nan)
-        blocks.append([table.row(name) if name in table.estimators else nothing for name in names])
-    return SequenceScores(
-        next(iter(tables.values())).metric,
-        tuple(names),
-        tuple(f"{machine}/{sequence}" for machine, table in tables.items() for sequence in table.sequences),
-        np.concatenate(blocks, axis=1),
-        reasons,
-        (),
-    )
+        ranks = rankdata([distance(table, name) for name in whole], axis=0) if whole else np.empty((0, 0))
+        for i, sequence in enumerate(table.sequences if whole else ()):
+            blocks.setdefault(sequence, []).append(ranks[:, i])
+    values = np.full((len(names), len(blocks)), np.nan)
+    values[[names.index(name) for name in whole]] = np.transpose([np.mean(b, axis=0) for b in blocks.values()])
+    metric = next(iter(tables.values())).metric
+    return SequenceScores(metric, tuple(names), tuple(blocks), values, reasons, ())
 
 
 def rank_across(summaries: Mapping[str, Summary], metric: str = LIFE) -> Ranking:
-    """Ranks over the recordings of all machines, by Friedman and Nemenyi as on one machine.
+    """Ranks over the recordings of all machines, as ``pooled`` has them, by Friedman and Nemenyi as on one machine.
 
     Args:
         summaries: by machine.
