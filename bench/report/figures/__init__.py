@@ -193,7 +193,7 @@ def _harder(evidence: Evidence, robustness: pd.DataFrame) -> Iterator[Drawing]:
         "",
         "Innovations after something abrupt",
     )
-    if len(robustness):
+    if "health_after_fault_pct" in set(robustness["metric"]):
         yield Drawing(
             "faults",
             "Health error from a minute after sensor faults on, by kind of fault: the mean over the sensors that have "
