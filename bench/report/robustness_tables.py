@@ -52,12 +52,17 @@ def robustness_tables(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[T
     by_kind = (("fault_kinds", "After sensor faults, by kind"), kinds, "health_after_fault_pct", (health, KINDS, AFTER))
     return [
         *(_table(scores, subject, *table) for table in tables),
-        _turned(_table(_by_kind(scores, subject), subject, *by_kind)),
+        _turned(_table(mean_by_kind(scores, subject), subject, *by_kind)),
     ]
 
 
-def _by_kind(scores: pd.DataFrame, subject: Subject) -> pd.DataFrame:
-    """Means over the sensors that a kind of fault happens to; the condition is the kind."""
+def mean_by_kind(scores: pd.DataFrame, subject: Subject) -> pd.DataFrame:
+    """Means over the sensors that a kind of fault happens to; the condition is the kind.
+
+    Args:
+        scores: columns as ``robustness.csv`` has them.
+        subject: what the run was about.
+    """
     kinds = scores.assign(condition=[subject.kind_and_sensor(str(c))[0] for c in scores["condition"]])
     return kinds.groupby([c for c in scores.columns if c != "value"], sort=False)["value"].mean().reset_index()
 

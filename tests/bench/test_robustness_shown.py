@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from twinbench.bench.report.figures.robustness import after_faults, beyond_the_envelope, noise_and_dropout
+from twinbench.bench.report.robustness_says import faults_say
 from twinbench.bench.report.robustness_tables import robustness_tables
 from twinbench.bench.robustness import COLUMNS, METRICS, TREATMENTS
 from twinbench.data.disturb import CONDITIONS, DROPOUT_LEVELS, FAULTS, NOISE_LEVELS
@@ -79,3 +80,16 @@ def test_a_multiple_has_the_interval_of_its_recordings(scores):
     row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
     low, high = (float(end) for end in faults.rows[row][1].times.partition("[")[2].rstrip("]").split("–"))
     assert 2.9 < low <= high < 3.1
+
+
+def test_sentences_say_which_faults_cost_and_whether_a_row_that_costs_nothing_is_as_good(scores):
+    prior = scores[scores["estimator"] == "oracle"].assign(estimator="always_prior")
+    prior = prior.assign(value=1.3 + 0.01 * np.arange(len(prior)) % 0.05)
+    grown, against = faults_say(pd.concat([scores, prior]))
+    assert grown.startswith(
+        "A minute after these faults the health error of DeepONet-Kalman is the larger: stuck 1.7 ("
+    )
+    assert "It is not shown to be larger after spikes," in grown
+    assert against.startswith("By the paired 95 % interval it errs less than Always at the prior after spikes,")
+    assert "After stuck it errs more: 0.3" in against
+    assert faults_say(scores[:0]) == []
