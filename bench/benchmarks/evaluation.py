@@ -1,9 +1,10 @@
 """How long each trained estimator takes over the test recordings with the cores of this machine shared between them.
 
-    python -m twinbench.bench.benchmarks.evaluation --profile paper --out results/benchmarks
+    python -m twinbench.bench.benchmarks.evaluation --profile paper --results results/paper_time
 
-Each of two processes steps half of the recordings in lockstep, forecasts included, as ``twinbench run`` does with all
-of them in one. Wall time of the second pass: the first, over a few samples, starts the processes and compiles.
+As many processes as there are cores step a share of the recordings each in lockstep, forecasts included, as ``twinbench
+run`` does with all of them in one. Wall time of the second pass: the first, over a few samples, starts the processes
+and compiles.
 """
 
 from __future__ import annotations

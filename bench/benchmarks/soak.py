@@ -1,6 +1,6 @@
 """Ten million updates of DeepONet-Kalman in place, with random sensor faults: does it stay sound, and as small?
 
-    python -m twinbench.bench.benchmarks.soak --profile paper --out results/benchmarks
+    python -m twinbench.bench.benchmarks.soak --profile paper --results results/paper_time
 
 The test recordings go round and round. At random, channels are lost, stuck, off by up to a thousand training spreads,
 drifting, spiking, or read zero, several at once, for a tick up to a minute. After every single update the filter's

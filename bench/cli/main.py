@@ -91,8 +91,8 @@ exit status:
     1  a method, a check or a worker process failed; what was finished is kept
     2  bad input: one line says what and where, and nothing is written
     3  estimate: a result is not usable and was not written
-   10  mismatch: something is wrong, and it has a name
-   11  mismatch: something is wrong, and it has no name or is not named in full
+   10  mismatch, fleet: something is wrong, and it has a name
+   11  mismatch, fleet: something is wrong, and it has no name or is not named in full
   130  stopped with Ctrl-C (143 by SIGTERM); run the same command again to go on
 completion of commands and options:
   eval "$(twinbench completion bash)"              likewise for zsh
