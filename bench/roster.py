@@ -20,6 +20,8 @@ UNRANKED = (REFERENCE, HINDSIGHT, *TRIVIAL, TRUE_START)
 PROPOSED = "deeponet_kalman"
 WITHOUT_EQUATIONS = ("gru_kf", "s5_kf", "lstm_rls", "deeponet", "pinn_ukf", PROPOSED)
 """Those that learn a machine from recordings and re-simulations, and carry no equations of it."""
+WEIGHS_STEPS = (REFERENCE, HINDSIGHT, PROPOSED)
+"""Those that weigh what may have leapt after a sudden step of the readings."""
 
 LABELS = {
     "oracle": "Oracle (reference)",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,8 @@ from twinbench.bench.report.measured import (
     skill_cell,
 )
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
-from twinbench.bench.roster import label
+from twinbench.bench.report.words import names_of
+from twinbench.bench.roster import WEIGHS_STEPS, label
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
 
 COMPARED = (
@@ -41,6 +43,11 @@ CALIBRATED = ", with each interval made wider or narrower by a factor from the c
 COST = (
     "Training: processor time of one seed. Update: median of one update of one machine, by the quickest form of the "
     "filter that was timed; the form is the implementation's, not the method's."
+)
+STEPS = "After a sudden step of the readings {names} weigh what may have caused it; no other estimator does."
+OWN_FORM = (
+    "All compiled: a filter of the same kind with ten states. {names} of this table carry more; in their own quickest "
+    "form an update takes {times} µs."
 )
 FORM_OF = {"numba_ekf": "nominal_ekf", "numba_ukf": "nominal_ukf"}
 """Filters that latency times beside the estimators, and whose quickest form they are: the same model and filter, with
@@ -70,7 +77,10 @@ def comparison(summary: Summary, profile: str, latency: pd.DataFrame, cost: pd.D
         frame[f"skill_{column}"] = [getattr(summary.skill(e, LIFE), column) for e in names]
     rows = zip([Cell(label(e)) for e in names], *(cells for _, cells in parts), strict=True)
     after = CALIBRATED if prefix.startswith("calibrated") else ""
-    notes = (*summary.notes, INTERVALS, TIMES, MARKS, SKILL, COVERAGE.format(after=after), COST, *references(summary))
+    steps = [label(e) for e in names if e in WEIGHS_STEPS]
+    weighed = [STEPS.format(names=names_of(steps))] if steps else []
+    costs = (COST, *_own_forms(names, latency), *weighed)
+    notes = (*summary.notes, INTERVALS, TIMES, MARKS, SKILL, COVERAGE.format(after=after), *costs, *references(summary))
     columns = (Column("estimator"), *(column for column, _ in parts))
     title = f"Profile {profile}: comparison on the test recordings"
     return Table("comparison", title, frame, columns, tuple(rows), notes, definitions(measures))
@@ -86,6 +96,17 @@ def _costs(summary: Summary, latency: pd.DataFrame, cost: pd.DataFrame) -> tuple
         [update.get(e, np.nan) for e in names],
         [form.get(e, "") for e in names],
     )
+
+
+def _own_forms(names: Sequence[str], latency: pd.DataFrame) -> list[str]:
+    """What filters take that stand in the table with the time of another of their kind."""
+    shown = [e for form, e in FORM_OF.items() if e in names and form in set(latency["estimator"])]
+    times = latency[latency["estimator"].isin(shown)].groupby("estimator")["p50_us"].min()
+    own = [e for e in shown if e in times.index]
+    if not own:
+        return []
+    numbers = names_of(number(float(times[e])) for e in own)
+    return [OWN_FORM.format(names=names_of(map(label, own)), times=numbers)]
 
 
 def _has(summary: Summary, prefix: str) -> bool:

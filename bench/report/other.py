@@ -35,7 +35,7 @@ from twinbench.bench.report.tables import (
     latency_table,
     regime_table,
 )
-from twinbench.bench.report.verdicts import CALIBRATED_PCT
+from twinbench.bench.report.verdicts import CALIBRATED_PCT, true_start, within_limit
 from twinbench.bench.report.words import names_of
 from twinbench.bench.results import Results
 from twinbench.bench.roster import PROPOSED, REFERENCE, UNRANKED, is_ablation, label
@@ -131,7 +131,7 @@ def comparison(summary: Summary, cost: pd.DataFrame) -> Table:
 def sentences(summary: Summary) -> list[str]:
     """What the tables' tests hold: who leads in health and in the forecast, and how near the proposed method comes."""
     said = [_leader(summary, LIFE, "health"), _leader(summary, FORECAST, "the 60 s forecast")]
-    return [text for text in said if text] + list(_proposed(summary, summary.subject))
+    return [*filter(None, said), *_proposed(summary, summary.subject), *true_start(summary)]
 
 
 def _leader(summary: Summary, metric: str, what: str) -> str:
@@ -164,7 +164,9 @@ def _proposed(summary: Summary, subject: Subject) -> Iterator[str]:
     times = [(says, summary.value(PROPOSED, m)) for m, says in wanted.items()]
     if REFERENCE in summary.estimators and all(math.isfinite(v.times) for _, v in times):
         listed = "; ".join(f"{s} {number(v.times)} ({span(v.times_low, v.times_high, to=True)})" for s, v in times)
-        yield f"It errs this many times as much as the reference (95 % interval): {listed}."
+        yield (
+            f"It errs this many times as much as the reference (95 % interval): {listed}. {within_limit(dict(times))}"
+        )
     ends = extremes(summary, PROPOSED, CALIBRATED)
     if ends is not None:
         (low, of_low), (high, of_high) = ends

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
-from twinbench.bench.roster import ABLATION, PROPOSED, is_ablation, label, ordered
+from twinbench.bench.roster import ABLATION, PROPOSED, UNRANKED, WEIGHS_STEPS, is_ablation, label, ordered
+from twinbench.bench.statistics.apart import complete
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
 from twinbench.bench.statistics.scores import definitions_of, ideal
 from twinbench.bench.statistics.subject import PAPERS, Subject
@@ -46,6 +47,31 @@ def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str], subject: S
     note = "Paired difference, without the part minus with it, " + INTERVAL.format(says="the part helps")
     pairs = {n: (_says(n), n.partition(ABLATION)[0]) for n in names}
     return _table("ablations", "Ablations: what each part is worth", "without", pairs, scores, failures, note, subject)
+
+
+def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str]:
+    """Is the proposed method's lead in health told without its test for steps? Nothing where that was not left out.
+
+    Args:
+        scores: as of ``rivals_table``, ablations among them.
+        failures: likewise.
+    """
+    less = f"{PROPOSED}{ABLATION}no_steps"
+    table = sequence_scores(scores[scores["metric"] == LIFE], LIFE, failures)
+    rivals = [e for e in complete(table) if not is_ablation(e) and e not in (*UNRANKED, *WEIGHS_STEPS)]
+    if less not in complete(table) or PROPOSED not in complete(table) or not rivals:
+        return []
+    mean = {e: float(table.row(e).mean()) for e in (PROPOSED, less, *rivals)}
+    nearest = min(rivals, key=lambda e: mean[e])
+    found = differences(table, less).set_index("estimator").loc[nearest, ["difference", "low", "high"]]
+    worth, low, high = map(float, found)
+    says = "The interval tells them apart" if low > 0.0 or high < 0.0 else "The interval does not tell them apart"
+    return [
+        f"{label(PROPOSED)} alone of the ranked estimators weighs what may have leapt after a sudden step. With that "
+        f"its health error is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
+        f"{label(nearest)}, which comes next, has {number(mean[nearest])} %: {number(worth)} more than without it "
+        f"({span(low, high, to=True)}). {says}."
+    ]
 
 
 def _table(

@@ -7,7 +7,7 @@ that leaves out what it is compared with; where neither tells, the sentence says
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 import pandas as pd
 
@@ -38,7 +38,7 @@ def verdicts(summary: Summary, regimes: pd.DataFrame) -> list[str]:
     Args:
         regimes: what ``bench.statistics.coverage.coverage_table`` returns.
     """
-    worth = (*_skill(summary), *_parameters(summary), *_true_start(summary))
+    worth = (*_skill(summary), *_parameters(summary), *true_start(summary))
     near = (*_close(summary), *_passing(summary))
     return [*_states(summary), *worth, *near, *_coverage(summary), *_in_regimes(regimes)]
 
@@ -105,7 +105,7 @@ def _parameters(summary: Summary) -> Iterator[str]:
         yield f"{said}, and none is shown in {names_of(rest)}." if rest and above else f"{said}."
 
 
-def _true_start(summary: Summary) -> Iterator[str]:
+def true_start(summary: Summary) -> Iterator[str]:
     """Does a row that knows each machine's true start lose to the reference? If not, too little changes."""
     value = summary.value(TRUE_START, LIFE)
     if math.isfinite(value.times_low):
@@ -126,14 +126,23 @@ def _close(summary: Summary) -> Iterator[str]:
         return
     parts = [f"{ASKED[m]} {number(v.times)} ({span(v.times_low, v.times_high, to=True)})" for m, v in values.items()]
     yield f"{label(PROPOSED)} errs this many times as much as the reference (95 % interval): {'; '.join(parts)}."
-    within = [ASKED[m] for m, v in values.items() if v.times_high <= TIMES_ALLOWED]
-    beyond = [ASKED[m] for m, v in values.items() if v.times_low > TIMES_ALLOWED]
-    open_ = [ASKED[m] for m in values if ASKED[m] not in (*within, *beyond)]
+    yield within_limit({ASKED[m]: v for m, v in values.items()})
+
+
+def within_limit(values: Mapping[str, Value]) -> str:
+    """Where the multiple of the reference's error is within TIMES_ALLOWED by its interval, beyond it, or open.
+
+    Args:
+        values: by what is estimated.
+    """
+    within = [says for says, v in values.items() if v.times_high <= TIMES_ALLOWED]
+    beyond = [says for says, v in values.items() if v.times_low > TIMES_ALLOWED]
+    open_ = [says for says in values if says not in (*within, *beyond)]
     said = [f"within {TIMES_ALLOWED:g} times it in {names_of(within)}"] if within else []
     said += [f"beyond that in {names_of(beyond)}"] if beyond else []
     said += [f"not decided in {names_of(open_)}"] if open_ else []
     limit = "" if within else f" The limit is {TIMES_ALLOWED:g} times."
-    yield f"By these intervals it is {', '.join(said)}.{limit}"
+    return f"By these intervals it is {', '.join(said)}.{limit}"
 
 
 def _passing(summary: Summary) -> Iterator[str]:

@@ -12,7 +12,7 @@ from helpers.tiny_run import parts, run_here, twinbench, write_profile
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
-from twinbench.bench.report.paired import ablation_table, rivals_table
+from twinbench.bench.report.paired import ablation_table, rivals_table, without_steps
 from twinbench.bench.roster import TRUE_START
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
 from twinbench.bench.statistics.scores import DEFINITIONS
@@ -77,6 +77,27 @@ def test_rivals_are_set_against_the_proposed_method_and_ablations_are_none():
     assert list(shown.frame["estimator"]) == ["pinn_ukf"]
     assert shown.frame["T_nrmse_pct"][0] == pytest.approx(3.5 / 3)
     assert shown.rows[0][0].text == "PINN + UKF"
+
+
+def test_whether_the_lead_hangs_on_the_test_for_steps_is_said():
+    rng = np.random.default_rng(1)
+    rows = [
+        (name, 0, f"test-{i:02d}", "health_life_pct", level + 0.3 * rng.normal())
+        for name, level in (
+            ("deeponet_kalman", 3.0),
+            ("deeponet_kalman:no_steps", 5.0),
+            ("pinn_ukf", 5.1),
+            ("gru_kf", 8.0),
+        )
+        for i in range(12)
+    ]
+    scores = pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])
+    (said,) = without_steps(scores, {})
+    assert "PINN + UKF, which comes next, has 5." in said
+    assert said.endswith("The interval does not tell them apart.")
+    far = scores.assign(value=scores["value"] + 2.0 * (scores["estimator"] == "pinn_ukf"))
+    assert without_steps(far, {})[0].endswith("The interval tells them apart.")
+    assert without_steps(scores[scores["estimator"] != "deeponet_kalman:no_steps"], {}) == []
 
 
 def test_a_failed_ablation_says_so():
