@@ -37,6 +37,7 @@ from twinbench.machines.two_tanks import TWO_TANKS
 pytestmark = pytest.mark.usefixtures("in_this_process")
 
 TICKS, EVERY = 12_000, 20
+ROOT = Path(__file__).parents[2]
 NAMES = ("always_prior", "last_value", "oracle")
 
 
@@ -292,3 +293,38 @@ def test_two_tanks_from_recordings_to_report(tmp_path: Path, capsys: pytest.Capt
     page = (out / "report.html").read_text()
     assert TWO_TANKS.says in page
     assert "compressor" not in page.partition("provenance")[0]
+
+
+@pytest.fixture(scope="module")
+def own_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a machine in a file, a tiny profile, a run of it and recordings."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "mine.py").write_text(
+        (ROOT / "examples" / "own_machine.py").read_text(encoding="utf-8"), encoding="utf-8"
+    )
+    here = ("--machine", folder / "mine.py", "--profile", write_profile(folder, updates=3))
+    assert twinbench("run", *here, "--out", folder / "out", "--only", "always_prior", "last_value") == 0
+    assert twinbench("simulate", *here, "--no-truth", "--out", folder / "days") == 0
+    return folder
+
+
+def test_a_machine_in_a_file_goes_through_the_commands(own_run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    machine, profile = ("--machine", own_run / "mine.py"), ("--profile", own_run / "tiny.toml")
+    trained, day = (*machine, *profile, "--results", own_run / "out"), own_run / "days" / "test-00.csv"
+    assert twinbench("estimate", "last_value", day, *trained, "--force", "--out", own_run / "estimates") == 3
+    assert "heat loss to the room, W/K" in capsys.readouterr().out
+    kept = own_run / "kept.npz"
+    assert twinbench("record", "last_value", day, *trained, "--out", kept) == 0
+    assert twinbench("replay", kept, *machine) == 0
+    assert "equal to the bit" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_settings_are_chosen_and_updates_timed_on_a_machine_in_a_file(own_run: Path) -> None:
+    here = ("--machine", own_run / "mine.py", "--profile", own_run / "tiny.toml")
+    assert twinbench("run", *here, "--out", own_run / "out", "--only", "nominal_ekf") == 0
+    assert twinbench("tune", "nominal_ekf", *here, "--trials", "2", "--jobs", "1", "--out", own_run / "tuned") == 0
+    assert (own_run / "tuned" / "nominal_ekf.toml").is_file()
+    timed = ("--results", own_run / "out", "--updates", "20", "--ticks", "4", "--out", own_run / "times")
+    assert twinbench("latency", "--estimator", "nominal_ekf", *here, *timed) == 0
+    assert "nominal_ekf" in set(pd.read_csv(own_run / "times" / "latency.csv")["estimator"])
