@@ -75,7 +75,11 @@ SPOILT = [
     ("2500.0, 6500.0", "2500.0, 16500.0", "loads leave the bounds of power_W"),
     ("plant=PLANT", "plant=PLAN", "fails to import: NameError"),
     ("    loads=loads,\n", "", "missing 1 required positional argument: 'loads'"),
-    ("gained = theta[0] * u[0]", "gained = theta[0] * u[0] * np.sqrt(4.0 - u[0] / 1500.0)", "diverges: T_tank_K is no number after"),
+    (
+        "gained = theta[0] * u[0]",
+        "gained = theta[0] * u[0] * np.sqrt(4.0 - u[0] / 1500.0)",
+        "diverges: T_tank_K is no number after",
+    ),
 ]
 
 
