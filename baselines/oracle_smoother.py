@@ -6,8 +6,6 @@ The first pass has found out when the readings began to step and what leapt; the
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 
@@ -16,31 +14,13 @@ from twinbench.baselines.jump_aware import watch
 from twinbench.baselines.oracle import Oracle
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import State, register
-from twinbench.methods.kalman import cholesky_solve, symmetrise
+from twinbench.methods.hindsight import Pass, empty_pass, look_back
 from twinbench.methods.noise import input_sd, output_sd
 from twinbench.methods.reporting import report
 from twinbench.methods.shifts import LIMIT_SD, N_SUMS
 from twinbench.methods.weighing import LEAP
 
 NO_CAUSE = -1
-
-
-class Pass(NamedTuple):
-    """A forward pass over N ticks of one machine.
-
-    Attributes:
-        ahead: (N, n) means before the correction, in the units of z; of the first tick the prior.
-        ahead_cov: (N, n, n) their covariances, in those units squared.
-        z: (N, n) means after it, in the units of z.
-        P: (N, n, n) their covariances, in those units squared.
-        F: (N, n, n) slope that led to each tick from the one before, in the units of z.
-    """
-
-    ahead: Array
-    ahead_cov: Array
-    z: Array
-    P: Array
-    F: Array
 
 
 @njit(cache=True, error_model="numpy")
@@ -105,29 +85,6 @@ def forward(rhs, output, model, leap_sd, z, P, read, cause, out, kept):  # type:
         kept.z[k], kept.P[k] = z, P
 
 
-@njit(cache=True, error_model="numpy")
-def backward(kept):  # type: ignore[no-untyped-def]
-    """The Rauch-Tung-Striebel pass: ``kept.z`` and ``kept.P`` become what hindsight says, in place."""
-    n = kept.z.shape[1]
-    sd, scaled, FP = np.empty(n), np.empty((n, n)), np.empty((n, n))
-    for k in range(kept.z.shape[0] - 2, -1, -1):
-        cov = kept.ahead_cov[k + 1]
-        for i in range(n):  # bar and kelvin: solved in units of one sd each
-            sd[i] = np.sqrt(cov[i, i])
-        FP[:, :] = kept.F[k + 1] @ kept.P[k]
-        for i in range(n):
-            for j in range(n):
-                scaled[i, j] = cov[i, j] / (sd[i] * sd[j])
-                FP[i, j] /= sd[i]
-        G = cholesky_solve(scaled, FP).T.copy()
-        for i in range(n):
-            for j in range(n):
-                G[i, j] /= sd[j]
-        kept.z[k] += G @ (kept.z[k + 1] - kept.ahead[k + 1])
-        kept.P[k] += G @ (kept.P[k + 1] - cov) @ G.T
-        symmetrise(kept.P[k])
-
-
 @register
 class OracleSmoother(Oracle):
     """What can be known of a machine afterwards by one who knows what the oracle knows.
@@ -140,16 +97,22 @@ class OracleSmoother(Oracle):
     says = "the oracle with hindsight: smoothed over the whole recording, its future included"
     two_sided = True
 
-    def smooth(self, measured: Array, ticks: np.ndarray) -> State:
+    def smooth(self, measured: Array, ticks: np.ndarray, delay_s: float = np.inf) -> State:
         """What a whole recording says about some of its ticks; machines are not in lockstep here, B x K stand in a row.
 
         Args:
             measured: (B, N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
             ticks: (K,) positions in the recordings.
+            delay_s: infinite seconds: it looks at the whole recording.
 
         Returns:
             State with B x K rows, the ticks of each machine together.
+
+        Raises:
+            ValueError: a finite delay.
         """
+        if np.isfinite(delay_s):
+            raise ValueError(f"{self.name} looks at the whole recording, not {delay_s:g} s ahead")
         filled, accepted, _ = self._front_end.run(measured)
         later, _, _ = self._front_end.run(measured, hindsight=True)
         z, P = [], []
@@ -167,17 +130,14 @@ class OracleSmoother(Oracle):
         sds = input_sd(self.machine, filled), *output_sd(self._sheet, filled)
         parts = before[:, inputs], filled[:, inputs], sds[0], measured, *sds[1:]
         read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
-        samples, n = len(filled), self._size
+        samples = len(filled)
         cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, measured.shape[1]), np.int64)
         info = self.blank_info(1)
         z, P = self.start(1)
         equations = self._rhs, self._output, self._model
         find_leaps(*equations, self.rules, z, P, np.zeros(1, np.bool_), self.unshaken(1), read, cause, out, info)
-        square = (samples, n, n)
-        kept = Pass(
-            np.empty((samples, n)), np.empty(square), np.empty((samples, n)), np.empty(square), np.zeros(square)
-        )
+        kept = empty_pass(samples, self._size)
         z, P = self.start(1)
         forward(*equations, self.rules.leap, z[0], P[0], read, cause, out, kept)
-        backward(kept)
+        look_back(kept)
         return kept

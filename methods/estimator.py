@@ -125,6 +125,8 @@ class Estimator(ABC):
     """Samples of history that one update looks at."""
     two_sided: ClassVar[bool] = False
     """Does it know better afterwards? Then tables hold what ``smooth`` says, and its updates are not timed."""
+    delayed: ClassVar[bool] = False
+    """Can ``smooth`` say what was known a stated while later?"""
 
     def __init__(self, machine: Machine = COMPRESSOR, **settings: Any) -> None:
         unknown = sorted(set(settings) - set(self.settings))
@@ -181,12 +183,14 @@ class Estimator(ABC):
         """
         return np.repeat(self.machine.observe(state.mean)[:, None], inputs.shape[1], axis=1)
 
-    def smooth(self, measured: Array, ticks: np.ndarray) -> State:
-        """What a whole recording says about some of its ticks; only of a method that is ``two_sided``.
+    def smooth(self, measured: Array, ticks: np.ndarray, delay_s: float = np.inf) -> State:
+        """What a recording says about some of its ticks a while later; of a method ``two_sided`` or ``delayed``.
 
         Args:
             measured: (B, N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
             ticks: (K,) positions in the recordings, in increasing order.
+            delay_s: seconds after a tick up to which readings may tell of it. Only a ``delayed`` method takes less than
+                the whole recording.
 
         Returns:
             State with B x K rows, the K of each recording together.

@@ -43,6 +43,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_training(parser)
     add_map(parser)
     parser.add_argument(
+        "--delay",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="of each time, write what is known at most so many seconds later, and surer (default: 0, at that time)",
+    )
+    parser.add_argument(
         "--force", action="store_true", help="also write estimates that are not usable; the exit status stays 3"
     )
 
@@ -52,7 +59,7 @@ def run(a: argparse.Namespace) -> int:
     from twinbench.bench.estimate.apply import Training, apply
 
     where = Training(a.profile, a.results, a.machine)
-    summaries = apply(a.estimator, a.recordings, a.out, where, a.map, a.force)
+    summaries = apply(a.estimator, a.recordings, a.out, where, a.map, a.force, a.delay)
     if a.json:
         tell(a, summaries)
     else:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twinbench.bench.contract.outcome import at_most, need
+from twinbench.bench.contract.outcome import NotOffered, at_most, need
 from twinbench.bench.contract.promise import promise
 from twinbench.bench.contract.subject import (
     FLOAT32,
@@ -120,6 +120,21 @@ def _causal(s: Subject) -> str:
         need(not any(changed), f"{name} changed at tick {np.argmax(changed)}, the readings only from tick {cut} on")
     need(same(a.forecast[:, past], b.forecast[:, past]), "a forecast changed before the readings did")
     return f"{cut} ticks and {past.sum()} forecasts equal bit for bit under another future"
+
+
+@promise("a delay looks no further")
+def _delay(s: Subject) -> str:
+    if not s.kind.delayed:
+        raise NotOffered("it does not say what it knows later")
+    measured, tick, delay = s.recordings["undisturbed"][:, :SHORT_RUN], SHORT_RUN // 4, SHORT_RUN // 2
+    other, at, delay_s = measured.copy(), np.array([tick]), delay * s.machine.sample_period_s
+    other[:, tick + delay + 1 :] = 1.05 * other[::-1, tick + delay + 1 :]
+    known, blind = (s.fitted.smooth(part, at, delay_s) for part in (measured, other))
+    need(same(known, blind), f"readings more than {delay_s:g} s later change what is known")
+    at_once, filtered = s.fitted.smooth(measured, at, 0.0), record(s.fitted, measured[:, : tick + 1])
+    for name in ("mean", "low", "high", "cov"):
+        need(same(getattr(at_once, name), getattr(filtered, name)[-1]), f"without a delay {name} is not that of step")
+    return f"{delay_s:g} s later under another future, and at once, equal bit for bit"
 
 
 @promise("readings may come as float32")

@@ -13,6 +13,7 @@ import pandas as pd
 
 from twinbench.bench import cells
 from twinbench.bench.cells import Cell
+from twinbench.bench.estimate.delay import check_delay, known_later
 from twinbench.bench.estimate.figure import Readings, estimate_figure
 from twinbench.bench.estimate.made import Trained
 from twinbench.bench.estimate.quality import Quality, judge
@@ -130,6 +131,7 @@ def apply(
     where: Training,
     mapping: Sequence[str],
     force: bool = False,
+    delay_s: float = 0.0,
 ) -> list[dict[str, Any]]:
     """Write ``<recording>.estimates.csv``, ``.png`` and ``.summary.json`` into ``out`` for each recording.
 
@@ -138,21 +140,23 @@ def apply(
 
     Args:
         force: write those that are not usable, too.
+        delay_s: of each time write what is known so many seconds later; 0: at that time.
 
     Returns:
         One summary per recording: what the estimate rests on, whether it is ``usable``, where it ended, with 95 %
         intervals, and in words.
     """
+    check_delay(name, delay_s)
     profile = profile_on(where.profile, where.machine)
     recordings = _read(paths, mapping, load_machine(profile.machine))
     store, (cell,) = trained_cells(where, [name])
     pin_torch()
     references = References(store, cell, cells.load_fit(store, cell))
     trained = Trained(name, where.profile, profile.machine, where.folder(profile), store, cell)
-    made = trained.provenance(mapping, force)
+    made = trained.provenance(mapping, force, delay_s)
     each_made = [{**made, "files": [*files_of(path), *made["files"]]} for path in paths]
     answers = [
-        _answer(recording, references, label(cell.estimator), each_made[k])
+        _answer(recording, references, label(cell.estimator), each_made[k], delay_s)
         for k, recording in enumerate(each("estimate", recordings))
     ]
     for answer in answers:
@@ -161,13 +165,15 @@ def apply(
     return [answer.summary for answer in answers]
 
 
-def _answer(recording: Recording, references: References, who: str, made: Mapping[str, Any]) -> _Answer:
+def _answer(recording: Recording, references: References, who: str, made: Mapping[str, Any], delay_s: float) -> _Answer:
     batch = recording.to_batch(references.machine)
     manner = manner_of(batch.measured[0])
     every = max(1, batch.measured.shape[1] // MOST_ROWS)
     filled = replace(batch, measured=joined(batch.measured, manner, len(batch.machine.inputs)))
     estimates, seen = watch(references.estimator, filled, every, references.cell.seed)
     quality = judge(batch.measured[0], manner, estimates, seen, references, who)
+    if delay_s > 0.0:
+        estimates = known_later(references.estimator, estimates, filled, every, delay_s)
     factors = references.calibrated()
     if factors is not None:
         estimates = _calibrated(estimates, factors, batch.machine)
@@ -177,6 +183,8 @@ def _answer(recording: Recording, references: References, who: str, made: Mappin
     )
     summary = _summarise(recording, references.machine, who, estimates, quality)
     summary |= {"calibrated": factors is not None, "provenance": made}
+    if delay_s > 0.0:
+        summary["rests_on"].append(f"  estimates: as known {delay_s:g} s later, the last ones as known at the end")
     return _Answer(estimates, readings, quality, strict(summary))
 
 

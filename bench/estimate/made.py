@@ -27,7 +27,7 @@ class Trained(NamedTuple):
     store: Store
     cell: Cell
 
-    def provenance(self, mapping: Sequence[str], force: bool) -> dict[str, Any]:
+    def provenance(self, mapping: Sequence[str], force: bool, delay_s: float) -> dict[str, Any]:
         """As every summary holds it, but for the recording's own files."""
         settings = {
             "estimator": self.name,
@@ -36,6 +36,7 @@ class Trained(NamedTuple):
             "machine": self.machine,
             "map": mapping,
             "force": force,
+            "delay_s": delay_s,
             "seed": self.cell.seed,
         }
         return made_from(settings, self._files())

@@ -44,7 +44,7 @@ COST = (
     "Training: processor time of one seed. Update: median of one update of one machine, by the quickest form of the "
     "filter that was timed; the form is the implementation's, not the method's."
 )
-STEPS = "After a sudden step of the readings {names} weigh what may have caused it; no other estimator does."
+STEPS = "What may have caused a sudden step of the readings is weighed by {names}, and by no other estimator."
 OWN_FORM = (
     "All compiled: a filter of the same kind with ten states. {names} of this table carry more; in their own quickest "
     "form an update takes {times} µs."

@@ -21,6 +21,7 @@ from twinbench.methods.deeponet_kalman.cycle import (
     twin_record,
     update,
 )
+from twinbench.methods.deeponet_kalman.delayed import fixed_lag
 from twinbench.methods.deeponet_kalman.layout import pack
 from twinbench.methods.deeponet_kalman.model import model_of
 from twinbench.methods.deeponet_kalman.parts import followers, parts_of
@@ -71,6 +72,7 @@ class DeepONetKalman(Estimator):
     name = "deeponet_kalman"
     says = "operator network inside an augmented Kalman filter (the proposed method)"
     window = 64
+    delayed = True
     toy_filter = staticmethod(linear_filter)
     settings: ClassVar[dict[str, Any]] = {
         "iterations": 12000,
@@ -208,8 +210,8 @@ class DeepONetKalman(Estimator):
     def restore(self) -> None:
         """Pack the weights and assemble Q, if the operator passes its audit.
 
-        Sets ``parts``, ``weights``, ``front_end``, ``model`` and ``scaling``, and ``twin``, the last three in one
-        record.
+        Sets ``parts``, ``weights``, ``front_end``, ``model`` and ``scaling``, ``twin``, the last three in one record,
+        and ``room`` for one update.
         """
         a, machine = self.arrays, self.machine
         if self.config["audited"]:
@@ -229,7 +231,7 @@ class DeepONetKalman(Estimator):
         self.scaling = scaling_of(machine, a["query.mean"], a["query.scale"])
         every = self.config["update_every"]
         self.twin = twin_record(self.model, self.front_end.fitted, self.scaling, self.parts, every)
-        self._scratch = scratch(self.weights, self.parts)
+        self.room = scratch(self.weights, self.parts)
         self._fresh = self._before_the_first_sample()
 
     def _process_noise(self, error_keep: float) -> Array:
@@ -279,7 +281,7 @@ class DeepONetKalman(Estimator):
         said = np.empty(len(memory), said_type(self.parts))
         measured = np.ascontiguousarray(sample.measured, dtype=np.float64)
         lag_s = np.zeros(measured.shape) if sample.lag_s is None else np.asarray(sample.lag_s, dtype=np.float64)
-        update(self.weights, self.twin, memory, measured, lag_s, said, self._scratch)
+        update(self.weights, self.twin, memory, measured, lag_s, said, self.room)
         state = State(said["mean"], said["cov"], said["low"], said["high"], (memory,))
         accepted = said["accepted"].view(np.bool_)
         return state, Info(said["innovation"], said["S"], said["nis"], accepted, said["flags"], said["age_s"])
@@ -288,5 +290,9 @@ class DeepONetKalman(Estimator):
         """Roll the operator out, feeding its own readings back into the window."""
         out = np.empty((*inputs.shape[:2], self.parts.outputs))
         inputs = np.ascontiguousarray(inputs, dtype=np.float64)
-        roll_out(self.weights, self.twin, state.memory[0].copy(), inputs, out, self._scratch)
+        roll_out(self.weights, self.twin, state.memory[0].copy(), inputs, out, self.room)
         return out
+
+    def smooth(self, measured: Array, ticks: np.ndarray, delay_s: float = np.inf) -> State:
+        """What is known of ticks a stated while later: ``methods.deeponet_kalman.delayed``."""
+        return fixed_lag(self, measured, ticks, delay_s)

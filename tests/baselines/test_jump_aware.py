@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from twinbench.baselines.oracle import Oracle
-from twinbench.baselines.oracle_smoother import OracleSmoother, Pass, backward
+from twinbench.baselines.oracle_smoother import OracleSmoother
 from twinbench.bench.contract.subject import record, small_benchmark
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.machines.compressor import COMPRESSOR
@@ -76,29 +76,6 @@ def test_a_sensor_that_fails_is_left_out_until_it_fits_again(oracle, channel):
     assert gap.mean() < 1.0
 
 
-def test_backward_pass_equals_filterpy():
-    from filterpy.kalman import KalmanFilter
-
-    rng = np.random.default_rng(0)
-    n, samples = 3, 60
-    F = np.array([[1.0, 0.1, 0.0], [0.0, 0.95, 0.1], [0.0, 0.0, 0.8]])
-    H, Q, R = np.array([[1.0, 0.0, 0.5]]), np.diag([1e-3, 1e-2, 0.1]), np.array([[0.2]])
-    kf = KalmanFilter(n, 1)
-    kf.F, kf.H, kf.Q, kf.R, kf.P = F, H, Q, R, np.diag([2.0, 1.0, 4.0])
-    kept = Pass(*(np.zeros((samples, *shape)) for shape in ((n,), (n, n), (n,), (n, n), (n, n))))
-    for k in range(samples):
-        if k:
-            kf.predict()
-        kept.F[k] = F
-        kept.ahead[k], kept.ahead_cov[k] = kf.x[:, 0], kf.P
-        kf.update(rng.normal(size=1))
-        kept.z[k], kept.P[k] = kf.x[:, 0], kf.P
-    means, covs, *_ = kf.rts_smoother(kept.z[..., None].copy(), kept.P.copy(), [F] * samples, [Q] * samples)
-    backward(kept)
-    np.testing.assert_allclose(kept.z, means[..., 0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(kept.P, covs, rtol=1e-9, atol=1e-12)
-
-
 def test_hindsight_knows_when_health_leapt(oracle):
     readings, health = machine("capacity", -0.06)
     ticks = np.arange(readings.shape[1])
@@ -114,6 +91,11 @@ def test_hindsight_knows_when_health_leapt(oracle):
     variance = np.diagonal(known.cov, axis1=1, axis2=2)
     assert (variance > 0.0).all()
     assert np.median(variance[:, 5:] / np.diagonal(said.cov[:, 0], axis1=1, axis2=2)[:, 5:]) < 1.0
+
+
+def test_the_oracle_has_no_delay(oracle):
+    with pytest.raises(ValueError, match="looks at the whole recording, not 60 s ahead"):
+        oracle.smooth(machine()[0], np.array([0]), 60.0)
 
 
 def test_at_the_end_hindsight_is_the_filter(oracle):

@@ -10,6 +10,7 @@ import pytest
 
 from twinbench.bench.contract import PROMISES, Subject, judge, run_battery
 from twinbench.bench.contract.filtering import textbook_filter
+from twinbench.bench.contract.subject import record
 from twinbench.bench.registry import discover
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import Estimator, Info, State, gaussian_state
@@ -44,7 +45,7 @@ def test_every_registered_estimator_keeps_its_promises(name, promise):
 class Good(Estimator):
     """The smallest estimator that promises everything: a regression on the gated readings."""
 
-    name, draws = "good", False
+    name, draws, delayed = "good", False, True
     settings = {"implementation": "compiled", "inflation": 1.0}  # noqa: RUF012
     search_space = {"inflation": (0.5, 2.0)}  # noqa: RUF012
     online = frozenset({"inflation"})
@@ -76,6 +77,12 @@ class Good(Estimator):
         nis = np.where(accepted.any(axis=1), np.nansum(innovation**2 / variance, axis=1), np.nan)
         S = variance[:, :, None] * np.eye(3)
         return self.reported(mean, front), Info(innovation, S, nis, accepted, clean_flags(clean), clean.age_s)
+
+    def smooth(self, measured, ticks, delay_s=np.inf):
+        """It learns nothing from what comes later."""
+        kept = record(self, measured[:, : ticks[-1] + 1])
+        parts = (kept.mean, kept.cov, kept.low, kept.high)
+        return State(*(np.concatenate(part[ticks].swapaxes(0, 1)) for part in parts))
 
     def reported(self, mean, memory):
         mean = np.concatenate([mean[:, :5], np.clip(mean[:, 5:], LOW + ROOM, HIGH - ROOM)], axis=1)
@@ -205,6 +212,12 @@ class LooksAhead(Good):
         whole = sys._getframe(1).f_locals.get("samples")
         peek = 0.0 if whole is None else np.nanmean(whole)
         return self.reported(after.mean + 1e-3 * peek, after.memory), info
+
+
+class LooksTooFar(Good):
+    def smooth(self, measured, ticks, delay_s=np.inf):
+        known = super().smooth(measured, ticks)
+        return known._replace(mean=known.mean + 1e-3 * np.nanmean(measured))
 
 
 class AnswersInTheTypeOfTheReadings(Good):
@@ -380,6 +393,7 @@ CAUGHT = [
     (AveragesOverMachines, "a batch gives what single runs give", "largest deviation"),
     (AveragesOverMachines, "machines do not touch each other", "moved another by"),
     (LooksAhead, "the future does not reach the past", "mean changed at tick 0"),
+    (LooksTooFar, "a delay looks no further", "readings more than 10 s later change what is known"),
     (AnswersInTheTypeOfTheReadings, "readings may come as float32", "mean is float32"),
     (DiesOnNaN, "survives missing channels", "mean is not finite"),
     (NeverForgivesAGap, "survives missing channels", "error afterwards"),

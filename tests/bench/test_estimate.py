@@ -109,13 +109,59 @@ def test_the_summary_says_what_it_rests_on(trained, tmp_path):
     made = said["provenance"]
     assert made["settings"] == {
         "estimator": "oracle", "profile": str(trained.profile), "results": str(trained.run), "machine": "compressor",
-        "map": ["valve=valve"], "force": False, "seed": 0,
+        "map": ["valve=valve"], "force": False, "delay_s": 0.0, "seed": 0,
     }  # fmt: skip
     assert [f["role"] for f in made["files"]] == ["recording", "sidecar", "profile", "training", "calibration"]
     for file in made["files"]:
         content = Path(file["path"]).read_bytes()
         assert (file["bytes"], file["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
         assert not file["held_out"]
+
+
+LATER = """
+    delayed = True
+
+    def smooth(self, measured, ticks, delay_s=np.inf):
+        mean = np.tile(self.arrays["mean"], (len(measured) * len(ticks), 1))
+        mean[:, 0] += 1e-6 * np.tile(ticks, len(measured)) + 1e-3 * delay_s
+        return gaussian_state(mean, self.arrays["cov"])
+"""
+
+
+def test_a_delay_writes_what_is_known_later(trained, tmp_path):
+    late = Path(write_estimator(tmp_path, "late"))
+    late.write_text(late.read_text() + LATER)
+    here = ("--profile", trained.profile, "--results", tmp_path / "run")
+    assert twinbench(*run_arguments(trained.profile, tmp_path / "run", [str(late)])) == 0
+    trained.tables[0].to_csv(tmp_path / "mine.csv", index=False)
+    told = []
+    for delay in ((), ("--delay", 60)):
+        out = tmp_path / f"out{len(delay)}"
+        assert twinbench("estimate", late, tmp_path / "mine.csv", *here, "--out", out, "--force", *delay) == 3
+        told.append((pd.read_csv(out / "mine.estimates.csv"), json.loads((out / "mine.summary.json").read_text())))
+    (now, said), (later, says_later) = told
+    column = COMPRESSOR.quantities[0]
+    ticks = np.round(now["time_s"] / COMPRESSOR.sample_period_s)
+    np.testing.assert_allclose(later[column] - now[column], 0.06 + 1e-6 * (ticks - ticks[0]), atol=1e-6)
+    assert [summary["provenance"]["settings"]["delay_s"] for summary in (said, says_later)] == [0.0, 60.0]
+    assert says_later["rests_on"][-1] == "  estimates: as known 60 s later, the last ones as known at the end"
+    check("summary", says_later)
+
+
+@pytest.mark.parametrize(
+    ("delay", "line"),
+    [
+        (60, "oracle does not say what it knows later; leave out --delay, or estimate with deeponet_kalman"),
+        (-1, "--delay is -1 s; give the seconds to wait, 0 or more"),
+        ("nan", "--delay is nan s; give the seconds to wait, 0 or more"),
+    ],
+)
+def test_a_delay_that_cannot_be_is_one_line(trained, tmp_path, capsys, delay, line):
+    trained.tables[0].to_csv(tmp_path / "mine.csv", index=False)
+    here = ("--profile", trained.profile, "--results", trained.run, "--out", tmp_path / "out")
+    assert twinbench("estimate", "oracle", tmp_path / "mine.csv", *here, f"--delay={delay}") == 2
+    assert capsys.readouterr().err == f"twinbench: {line}\n"
+    assert not (tmp_path / "out").exists()
 
 
 def test_intervals_are_those_that_fit_the_calibration_recordings(trained, tmp_path):

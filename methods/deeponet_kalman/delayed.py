@@ -1,0 +1,88 @@
+"""Fixed-lag smoothing: what DeepONet-Kalman knows of a tick a stated while later.
+
+The filter goes forward as ever. A Rauch-Tung-Striebel pass then looks back over the ticks of the delay. Health may leap
+while causes of a step are weighed, and the safeguards move it by rules of their own. What is known after that does not
+follow from what was before, so nothing is carried back over such a tick.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from twinbench.machines.coordinates import Array
+from twinbench.methods.deeponet_kalman.cycle import keep_of, said_type, update
+from twinbench.methods.deeponet_kalman.safeguards import FROZEN, INFLATING
+from twinbench.methods.estimator import State
+from twinbench.methods.hindsight import Pass, empty_pass, look_back
+from twinbench.methods.reporting import report
+
+if TYPE_CHECKING:
+    from twinbench.methods.deeponet_kalman.method import DeepONetKalman
+
+BLOCKS = 4
+"""A delay is cut into as many parts, and one look back serves the ticks of a part. So estimates are known after three
+quarters of the delay to all of it. More parts take longer in proportion, and use more of the delay."""
+
+
+@njit(cache=True, error_model="numpy")
+def _forward(weights, twin, memory, measured, said, t, kept, at):  # type: ignore[no-untyped-def]
+    """One machine's filter over readings (L, C), in place on ``memory`` (1,); what it passes is ``kept`` from ``at``.
+
+    The function takes plain arrays because it is compiled.
+    """
+    blind, nu = memory.copy(), measured.shape[1] - said.innovation.shape[1]
+    at_the_tick = np.zeros((1, measured.shape[1]))
+    for i in range(measured.shape[0]):
+        k = at + i
+        unread = measured[i : i + 1].copy()
+        unread[0, nu:] = np.nan
+        blind[0] = memory[0]
+        update(weights, twin, blind, unread, at_the_tick, said, t)
+        kept.ahead[k], kept.ahead_cov[k], kept.F[k] = blind[0].z, blind[0].P, t[0].filter.F
+        update(weights, twin, memory, measured[i : i + 1], at_the_tick, said, t)
+        m = memory[0]
+        kept.z[k], kept.P[k] = m.z, m.P
+        kept.seam[k] = m.rivals.left > 0 or m.safety.counts[FROZEN] > 0 or m.safety.counts[INFLATING] > 0
+
+
+def fixed_lag(estimator: DeepONetKalman, measured: Array, ticks: np.ndarray, delay_s: float) -> State:
+    """What is known of some ticks of recordings at most ``delay_s`` later.
+
+    Args:
+        estimator: trained.
+        measured: (B, N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
+        ticks: (K,) positions in the recordings, in increasing order.
+        delay_s: seconds; zero is the filter itself, infinity the whole recording.
+
+    Returns:
+        State with B x K rows, the K of each recording together.
+    """
+    delay = round(min(delay_s / estimator.machine.sample_period_s, measured.shape[1]))
+    found = [_one(estimator, np.ascontiguousarray(own, dtype=np.float64), ticks, delay) for own in measured]
+    z, P = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return report(estimator.machine.coordinates, z, P, keep_of(estimator.parts), ())
+
+
+def _one(estimator: DeepONetKalman, measured: Array, ticks: np.ndarray, delay: int) -> tuple[Array, Array]:
+    """z (K, n) and P (K, n, n) of one machine's readings (N, C)."""
+    samples, n = len(measured), estimator.parts.size
+    block, whole = max(delay // BLOCKS, 1), min(delay + 1, samples)
+    (memory,), said = estimator.init(1).memory, np.empty(1, said_type(estimator.parts))
+    model = estimator.weights, estimator.twin
+    kept, there = empty_pass(whole, n), 0
+    z, P = np.empty((len(ticks), n)), np.empty((len(ticks), n, n))
+    for first in range(0, samples, block):
+        to = min(first + whole, samples)
+        _forward(*model, memory, measured[first + there : to], said, estimator.room, kept, there)
+        there = to - first
+        seen = Pass(*(part[:there].copy() for part in kept))
+        look_back(seen)
+        own = slice(*np.searchsorted(ticks, (first, first + block)))
+        z[own], P[own] = seen.z[ticks[own] - first], seen.P[ticks[own] - first]
+        there = max(there - block, 0)
+        for part in kept:
+            part[:there] = part[block : block + there].copy()
+    return z, P
