@@ -45,9 +45,9 @@ SEED = 77031
 """Of the fresh recordings: of no other study, and nothing was chosen on them."""
 
 
-def fresh_halves(profile: Profile, each: int) -> tuple[Batch, Batch]:
+def fresh_halves(profile: Profile, each: int, seed: int = SEED) -> tuple[Batch, Batch]:
     """Two sets of so many recordings of the profile's population."""
-    design = replace(profile.data, seed=SEED, n_train=1, n_validation=1, n_calibration=each, n_test=each, n_single=0)
+    design = replace(profile.data, seed=seed, n_train=1, n_validation=1, n_calibration=each, n_test=each, n_single=0)
     split = simulate_benchmark(design, profile.corruption, load_machine(profile.machine))
     return split.calibration, split.test
 
