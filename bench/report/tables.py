@@ -11,6 +11,7 @@ from twinbench.bench.report.health_tables import health_tables
 from twinbench.bench.report.main_table import comparison, quickest
 from twinbench.bench.report.measured import Measure, measured, value_cell
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.report.words import names_of
 from twinbench.bench.roster import QUANTITIES, is_ablation, label, ordered
 from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.subject import PAPERS
@@ -54,6 +55,7 @@ RANK = (
     "the mean of the three 60 s errors."
 )
 LATENCY = "Time: median of one update of one machine, by the quickest form of the filter that was timed."
+STAGES = {"fit": "training", "estimate": "evaluation"}
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
 
 
@@ -207,8 +209,16 @@ def cost_table(cost: pd.DataFrame) -> Table:
     notes = (
         "Processor time; evaluation is one pass over all test recordings with its forecasts, and the first one in a "
         "fresh checkout compiles. In all: over the seeds; who draws nothing at random is trained and evaluated once.",
+        _together(cost),
     )
     return Table("cost", "What training and evaluation cost", frame, (Column("estimator"), *heads), rows, notes)
+
+
+def _together(cost: pd.DataFrame) -> str:
+    """What everything took, in hours."""
+    hours = cost.groupby("stage")["cpu_s"].sum() / 3600.0
+    parts = [f"{number(hours[stage])} h of {said}" for stage, said in STAGES.items() if stage in hours]
+    return f"Together: {names_of(parts)}."
 
 
 def _said(regime: str) -> str:

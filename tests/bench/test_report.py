@@ -62,11 +62,12 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_cost_table_adds_up_seeds_and_leaves_ablations_out() -> None:
     rows = [("gru_kf", s, "fit", 10.0 + s) for s in range(3)] + [("gru_kf:part", 0, "fit", 99.0)]
     rows.append(("oracle", 0, "fit", np.nan))
-    shown = cost_table(pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"])).rows
-    assert [[cell.text for cell in row] for row in shown] == [
+    table = cost_table(pd.DataFrame(rows, columns=["estimator", "seed", "stage", "cpu_s"]))
+    assert [[cell.text for cell in row] for row in table.rows] == [
         ["Oracle (reference)", "–", "–"],
         ["GRU + KF", "11.0", "33.0"],
     ]
+    assert table.notes[-1] == "Together: 0.00917 h of training."
 
 
 def html(out: Path) -> str:
