@@ -35,6 +35,9 @@ SHOWN = {
     "docs/compare.md": {f"compare/{m}/tables/recordings.md" for m in ("cascaded_tanks", "train_compressor")},
     "docs/estimators.md": {"paper/tables/cost.md"},
     "docs/latency.md": {"latency/latency.md", "latency/memory.md", "paper_time/tables/cost.md"},
+    "docs/deeponet_kalman.md": {
+        f"delay/tables/{name}.md" for name in ("delays", "slope_forecasts", "slope_corrections")
+    },
     "docs/exams.md": {f"exams/{name}/answers.md" for name in ("petab_select", "causal_chambers")},
     "docs/sizes_over_time.md": {"histories/histories.md"},
     "docs/fleet.md": {"fleets/fleets.md", "fleets_earlier/fleets.md"},

@@ -40,7 +40,7 @@ from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.common.workers import side_by_side  # noqa: E402
 from twinbench.data.batch import Batch  # noqa: E402
 
-SEED = 58217
+DELAY_SEED = 58217
 """Of the fresh recordings: of no other study, and nothing was chosen on them."""
 DELAYS_S = (10.0, 30.0, 60.0, 120.0, 300.0)
 HINDSIGHT = "oracle_smoother"
@@ -92,7 +92,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/delay"), metavar="DIR")
     a = parser.parse_args()
     store, cells = trained_cells(Training(a.profile, a.results), [PROPOSED, REFERENCE, HINDSIGHT])
-    halves = fresh_halves(load_profile(a.profile), a.recordings // 2, SEED)
+    halves = fresh_halves(load_profile(a.profile), a.recordings // 2, DELAY_SEED)
     todo = {f"delays: {cell}": (store, cell, halves) for cell in cells}
     delays = pd.concat(list(side_by_side(judge_delays, todo, print)), ignore_index=True)
     ours = {f"slopes: {cell}": (store, cell, halves) for cell in cells if cell.estimator == PROPOSED}
@@ -101,7 +101,7 @@ def main() -> None:
     write_csv(a.out / "slopes.csv", slopes)
     shown = [delay_table(delays), forecast_table(slopes), slope_table(slopes)]
     write_tables(a.out, shown)
-    about = {"profile": a.profile, "recordings": a.recordings, "seed": SEED, "provenance": provenance()}
+    about = {"profile": a.profile, "recordings": a.recordings, "seed": DELAY_SEED, "provenance": provenance()}
     write_text(a.out / "delay.json", json.dumps(about, indent=2) + "\n")
     print("\n".join(map(to_text, shown)))
 

@@ -30,7 +30,7 @@ MOVED_EVERY = 100
 """Ticks after which the health of a forecast is moved on: 5 s, in which no ramp moves it by a hundredth of a life."""
 TRUE_OVER_S = 10.0
 """The true slope is that of the last seconds: a ramp is straight, so how many says little."""
-LEAP = 0.3
+STEEPEST = 0.3
 """Of a life in a minute: what moves faster is a step, which has no slope."""
 PAST_S = (10.0, 30.0, 60.0, 120.0, 240.0)
 """Since when an estimate of health may have moved, where its own slopes are to correct it."""
@@ -88,7 +88,7 @@ def from_truth(estimates: Estimates, batch: Batch, sloped: bool) -> Estimates:
         for b, row in enumerate(rows):
             health = batch.truth.health[row, origin]
             slope = (health - batch.truth.health[row, max(origin - back, 0)]) / back
-            slope[np.abs(slope) * 60.0 / period_s > LEAP * machine.span] = 0.0
+            slope[np.abs(slope) * 60.0 / period_s > STEEPEST * machine.span] = 0.0
             course = health + sloped * np.arange(ahead + 1)[:, None] * slope
             u = batch.truth.inputs[row, origin : origin + ahead + 1]
             varying = Varying(machine.health_names, course[None])

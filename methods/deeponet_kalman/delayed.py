@@ -7,22 +7,18 @@ follow from what was before, so nothing is carried back over such a tick.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from twinbench.machines.coordinates import Array
-from twinbench.methods.deeponet_kalman.cycle import keep_of, said_type, update
+from twinbench.methods.deeponet_kalman.cycle import said_type, update
+from twinbench.methods.deeponet_kalman.parts import Parts
 from twinbench.methods.deeponet_kalman.safeguards import FROZEN, INFLATING
-from twinbench.methods.estimator import State
 from twinbench.methods.hindsight import Pass, empty_pass, look_back
-from twinbench.methods.reporting import report
 
-if TYPE_CHECKING:
-    from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-
-BLOCKS = 4
+LOOKS_BACK = 4
 """A delay is cut into as many parts, and one look back serves the ticks of a part. So estimates are known after three
 quarters of the delay to all of it. More parts take longer in proportion, and use more of the delay."""
 
@@ -48,35 +44,43 @@ def _forward(weights, twin, memory, measured, said, t, kept, at):  # type: ignor
         kept.seam[k] = m.rivals.left > 0 or m.safety.counts[FROZEN] > 0 or m.safety.counts[INFLATING] > 0
 
 
-def fixed_lag(estimator: DeepONetKalman, measured: Array, ticks: np.ndarray, delay_s: float) -> State:
-    """What is known of some ticks of recordings at most ``delay_s`` later.
+class Filter(NamedTuple):
+    """What a pass needs of a trained DeepONet-Kalman; records as ``cycle.update`` takes them, of dimensionless weights.
+
+    Attributes:
+        weights: (1,) of ``layout.pack``.
+        twin: (1,) of ``twin_record``.
+        room: (1,) of ``scratch``.
+        fresh: (1,) of ``memory_type``, before the first sample.
+        parts: of the machine.
+    """
+
+    weights: np.ndarray
+    twin: np.ndarray
+    room: np.ndarray
+    fresh: np.ndarray
+    parts: Parts
+
+
+def fixed_lag(model: Filter, measured: Array, ticks: np.ndarray, delay: int) -> tuple[Array, Array]:
+    """What is known of some ticks of one recording at most ``delay`` ticks later.
 
     Args:
-        estimator: trained.
-        measured: (B, N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
-        ticks: (K,) positions in the recordings, in increasing order.
-        delay_s: seconds; zero is the filter itself, infinity the whole recording.
+        measured: (N, nu + ny) readings in the channels' units, inputs first; NaN means missing.
+        ticks: (K,) positions in the recording, in increasing order.
 
     Returns:
-        State with B x K rows, the K of each recording together.
+        z (K, n) and its covariance (K, n, n), in the units of z and those squared.
     """
-    delay = round(min(delay_s / estimator.machine.sample_period_s, measured.shape[1]))
-    found = [_one(estimator, np.ascontiguousarray(own, dtype=np.float64), ticks, delay) for own in measured]
-    z, P = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    return report(estimator.machine.coordinates, z, P, keep_of(estimator.parts), ())
-
-
-def _one(estimator: DeepONetKalman, measured: Array, ticks: np.ndarray, delay: int) -> tuple[Array, Array]:
-    """z (K, n) and P (K, n, n) of one machine's readings (N, C)."""
-    samples, n = len(measured), estimator.parts.size
-    block, whole = max(delay // BLOCKS, 1), min(delay + 1, samples)
-    (memory,), said = estimator.init(1).memory, np.empty(1, said_type(estimator.parts))
-    model = estimator.weights, estimator.twin
+    samples, n = len(measured), model.parts.size
+    block, whole = max(delay // LOOKS_BACK, 1), min(delay + 1, samples)
+    memory, said = model.fresh.copy(), np.empty(1, said_type(model.parts))
     kept, there = empty_pass(whole, n), 0
     z, P = np.empty((len(ticks), n)), np.empty((len(ticks), n, n))
     for first in range(0, samples, block):
         to = min(first + whole, samples)
-        _forward(*model, memory, measured[first + there : to], said, estimator.room, kept, there)
+        readings = np.ascontiguousarray(measured[first + there : to], dtype=np.float64)
+        _forward(model.weights, model.twin, memory, readings, said, model.room, kept, there)
         there = to - first
         seen = Pass(*(part[:there].copy() for part in kept))
         look_back(seen)

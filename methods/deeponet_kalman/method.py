@@ -21,7 +21,7 @@ from twinbench.methods.deeponet_kalman.cycle import (
     twin_record,
     update,
 )
-from twinbench.methods.deeponet_kalman.delayed import fixed_lag
+from twinbench.methods.deeponet_kalman.delayed import Filter, fixed_lag
 from twinbench.methods.deeponet_kalman.layout import pack
 from twinbench.methods.deeponet_kalman.model import model_of
 from twinbench.methods.deeponet_kalman.parts import followers, parts_of
@@ -295,4 +295,7 @@ class DeepONetKalman(Estimator):
 
     def smooth(self, measured: Array, ticks: np.ndarray, delay_s: float = np.inf) -> State:
         """What is known of ticks a stated while later: ``methods.deeponet_kalman.delayed``."""
-        return fixed_lag(self, measured, ticks, delay_s)
+        delay = round(min(delay_s / self.machine.sample_period_s, measured.shape[1]))
+        model = Filter(self.weights, self.twin, self.room, self._fresh, self.parts)
+        z, P = zip(*(fixed_lag(model, own, ticks, delay) for own in measured), strict=True)
+        return report(self.machine.coordinates, np.concatenate(z), np.concatenate(P), keep_of(self.parts), ())

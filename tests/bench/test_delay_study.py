@@ -34,7 +34,7 @@ def seen(batch):
 
 
 def test_from_the_true_state_along_the_true_slope_the_plant_foretells_what_comes(batch, seen, monkeypatch):
-    monkeypatch.setattr(slopes, "LEAP", 10.0)  # a life in 50 s is no step here
+    monkeypatch.setattr(slopes, "STEEPEST", 10.0)  # a life in 50 s is no step here
     wanted = truth_at(batch, seen.names, seen.forecast_time_s + 20.0).outputs
     sloped, frozen = (slopes.from_truth(seen, batch, how).forecast[:, :, -1] - wanted for how in (True, False))
     assert np.abs(sloped / wanted).max() < 1e-6

@@ -7,7 +7,7 @@ import pytest
 from helpers.compressor_recordings import small_batch, trained_twin
 
 from twinbench.machines.compressor import COMPRESSOR
-from twinbench.methods.deeponet_kalman.delayed import BLOCKS
+from twinbench.methods.deeponet_kalman.delayed import LOOKS_BACK
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.estimator import Sample
 
@@ -49,7 +49,7 @@ def test_readings_after_the_delay_tell_nothing_and_those_within_do(twin, measure
     known = twin.smooth(measured, at, DELAY_S)
     later, within = measured.copy(), measured.copy()
     later[:, tick + DELAY + 1 :] *= 1.01
-    within[:, tick + DELAY - DELAY // BLOCKS] = np.nan
+    within[:, tick + DELAY - DELAY // LOOKS_BACK] = np.nan
     np.testing.assert_array_equal(twin.smooth(later, at, DELAY_S).mean, known.mean)
     assert (twin.smooth(within, at, DELAY_S).mean != known.mean).any()
 
