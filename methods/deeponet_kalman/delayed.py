@@ -45,13 +45,13 @@ def _forward(weights, twin, memory, measured, said, t, kept, at):  # type: ignor
 
 
 class Filter(NamedTuple):
-    """What a pass needs of a trained DeepONet-Kalman; records as ``cycle.update`` takes them, of dimensionless weights.
+    """What a pass needs of a trained DeepONet-Kalman: the records that ``cycle.update`` takes.
 
     Attributes:
-        weights: (1,) of ``layout.pack``.
-        twin: (1,) of ``twin_record``.
-        room: (1,) of ``scratch``.
-        fresh: (1,) of ``memory_type``, before the first sample.
+        weights: (1,) dimensionless.
+        twin: (1,) record of the filter, each entry in its unit.
+        room: (1,) record of scratch, dimensionless.
+        fresh: (1,) record of a machine before the first sample, each entry in its unit.
         parts: of the machine.
     """
 
