@@ -103,7 +103,8 @@ def _table(
     notes: tuple[str, ...],
 ) -> Table:
     chosen = scores[(scores["metric"] == metric) & scores["condition"].isin([UNDISTURBED.name, *conditions])]
-    names = [n for n in ordered(scores["estimator"].unique()) if not is_ablation(n)]
+    tried = chosen.loc[chosen["condition"] != UNDISTURBED.name, "estimator"]
+    names = [n for n in ordered(tried.unique()) if not is_ablation(n)]
     columns = {n: _multiples(chosen[chosen["estimator"] == n]) for n in names}
     rows, lines = [], []
     for condition in (UNDISTURBED.name, *conditions):

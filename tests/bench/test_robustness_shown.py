@@ -75,6 +75,14 @@ def test_the_tables_hold_errors_and_their_multiples(scores):
     assert robustness_tables(scores[:0]) == []
 
 
+def test_who_was_not_tried_under_a_group_is_not_in_its_tables(scores):
+    oracle = scores["estimator"] == "oracle"
+    harder, faults, pressure, _, _ = robustness_tables(scores[~oracle | (scores["group"] == "fault")])
+    assert list(faults.frame.columns) == ["condition", "oracle", "deeponet_kalman"]
+    for table in (harder, pressure):
+        assert list(table.frame.columns) == ["condition", "deeponet_kalman"]
+
+
 def test_a_multiple_has_the_interval_of_its_recordings(scores):
     faults = robustness_tables(scores)[1]
     row = faults.frame["condition"].tolist().index("stuck m_flow_kg_s")
