@@ -54,7 +54,7 @@ def test_a_change_would_be_found() -> None:
     before, after = stored(NOTEBOOKS[0]), stored(NOTEBOOKS[0])
     assert differences(before, after) == []
     said = next(cell for cell in after.cells if "run_battery" in cell.source).outputs[0]
-    said.text = said.text.replace("'skip': 7", "'skip': 9")
+    said.text = said.text.replace("'skip': 8", "'skip': 9")
     assert len(differences(before, after)) == 1
     said.text = stored(NOTEBOOKS[0]).cells[0].source
     assert len(differences(before, after)) == 1
