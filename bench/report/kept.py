@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from twinbench.bench.report.claims import Claim
 from twinbench.bench.report.evidence import Evidence
-from twinbench.bench.roster import PROPOSED, REFERENCE, TRUE_START
+from twinbench.bench.roster import PROPOSED, REFERENCE, TRUE_START, label
 from twinbench.bench.statistics.regimes import REGIMES
 from twinbench.bench.statistics.summary import Summary
 
@@ -18,8 +19,19 @@ def lacking(summary: Summary, evidence: Evidence) -> list[str]:
     return [e for e in summary.estimators if e not in (*evidence.errors, *summary.failures, TRUE_START)]
 
 
-def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) -> pd.DataFrame:
-    """What ``coverage_table`` returned, with the rows that an earlier report has of those who are gone."""
+def lacks(gone: Sequence[str]) -> str:
+    """Why what is drawn from estimates stays as it was."""
+    return f"the store lacks the estimates of {', '.join(map(label, gone))}"
+
+
+def with_earlier_regimes(
+    coverage: pd.DataFrame, tables: Path, gone: list[str], known: Mapping[str, str] = REGIMES
+) -> pd.DataFrame:
+    """What ``coverage_table`` returned, with the rows that an earlier report has of those who are gone.
+
+    Args:
+        known: by name the machine's regimes.
+    """
     path = tables / "regimes.csv"
     if not gone or not path.is_file():
         return coverage
@@ -27,7 +39,7 @@ def with_earlier_regimes(coverage: pd.DataFrame, tables: Path, gone: list[str]) 
     if "estimator" not in earlier:
         return coverage
     # Regimes that are told apart otherwise today have no place in today's table.
-    kept = earlier[earlier["estimator"].isin(gone) & earlier["regime"].isin(REGIMES)]
+    kept = earlier[earlier["estimator"].isin(gone) & earlier["regime"].isin(list(known))]
     return pd.concat([table for table in (coverage, kept) if len(table)], ignore_index=True) if len(kept) else coverage
 
 

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from twinbench.bench.report import kept
 from twinbench.bench.report.evidence import Evidence, gather
 from twinbench.bench.report.figures import COVERAGE, FROM_ESTIMATES, draw_any
 from twinbench.bench.report.main_table import extremes
@@ -60,9 +61,10 @@ def write_other(results: Results) -> Table:
     evidence = Evidence()
     if (truth := results.truth()) is not None:
         evidence = gather(results.estimates(), truth, results.failures)
-    tables = tables_of(summary, results.cost)
+    tables, gone = tables_of(summary, results.cost), kept.lacking(summary, evidence)
     if truth is not None:
         known = regimes_of(truth.machine)
+        evidence.coverage = kept.with_earlier_regimes(evidence.coverage, results.out / "tables", gone, known)
         tables += [regime_table(evidence.coverage, known), calibrated_regimes(evidence.coverage, known)]
     if not whole.all():
         tables.append(ablation_table(results.scores, results.failures, results.subject))
@@ -71,7 +73,9 @@ def write_other(results: Results) -> Table:
     said = sentences(summary)
     write_tables(results.out, tables)
     write_bytes(results.out / "answer.md", bullets(*said).encode())
-    earlier = {} if truth is not None else dict.fromkeys((*FROM_ESTIMATES, *COVERAGE), "the store lacks the estimates")
+    earlier = dict.fromkeys(FROM_ESTIMATES, kept.lacks(gone)) if gone else {}
+    if truth is None:
+        earlier = dict.fromkeys((*FROM_ESTIMATES, *COVERAGE), "the store lacks the estimates")
     figures = write_figures(results.out / "figures", draw_any(summary, evidence, results.latency), earlier)
     write_page(results, (said[0], said[1:], summary.notes), summary.notes, tables, figures)
     return tables[0]

@@ -22,7 +22,7 @@ from twinbench.bench.report.tables import build_tables
 from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.report.words import answer, certainty, headline
 from twinbench.bench.results import Results, load_results
-from twinbench.bench.roster import PROPOSED, is_ablation, label
+from twinbench.bench.roster import PROPOSED, is_ablation
 from twinbench.bench.statistics.strata import of_stratum
 from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.summary import Summary, summarise
@@ -74,8 +74,7 @@ def write_report(out: Path) -> Table:
         if texts:
             write_bytes(out / name, bullets(*texts).encode())
     write_tables(out, tables)
-    lacks = f"the store lacks the estimates of {', '.join(map(label, gone))}"
-    earlier = dict.fromkeys(FROM_ESTIMATES, lacks) if gone else {}
+    earlier = dict.fromkeys(FROM_ESTIMATES, kept.lacks(gone)) if gone else {}
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
     says = headline(summary), [*said, *of_paper, *of_parts, *of_faults, *of_steps], certainty(summary)
     write_page(results, says, summary.notes, tables, figures)

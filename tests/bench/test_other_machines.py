@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -293,6 +294,13 @@ def test_two_tanks_from_recordings_to_report(tmp_path: Path, capsys: pytest.Capt
     page = (out / "report.html").read_text()
     assert TWO_TANKS.says in page
     assert "compressor" not in page.partition("provenance")[0]
+    regimes, curves = out / "tables" / "regimes.csv", out / "figures" / "fig4_parameters.png"
+    stood = regimes.read_text().splitlines(), curves.exists() and curves.read_bytes()
+    for key in manifest["made"]["oracle"]["estimates"]:
+        shutil.rmtree(out / "store" / "estimate" / key)
+    assert twinbench("report", out) == 0
+    assert sorted(regimes.read_text().splitlines()) == sorted(stood[0]), "whose estimates are gone keeps its rows"
+    assert (curves.exists() and curves.read_bytes()) == stood[1], "a figure of all is not drawn of some"
 
 
 @pytest.fixture(scope="module")
