@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from twinbench.bench.benchmarks.coverage_tables import exact_table, right_pairs 
 from twinbench.bench.calibrate import EVALUATION  # noqa: E402
 from twinbench.bench.cells import Cell, load_fit  # noqa: E402
 from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
+from twinbench.bench.estimates import Estimates  # noqa: E402
 from twinbench.bench.evaluate import run as evaluate  # noqa: E402
 from twinbench.bench.profile import Profile, load_profile  # noqa: E402
 from twinbench.bench.report.provenance import write_tables  # noqa: E402
@@ -37,7 +39,7 @@ from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.common.workers import side_by_side  # noqa: E402
-from twinbench.data.batch import Batch  # noqa: E402
+from twinbench.data.batch import Array, Batch  # noqa: E402
 from twinbench.data.benchmark import simulate_benchmark  # noqa: E402
 from twinbench.machines.load import load_machine  # noqa: E402
 
@@ -52,15 +54,19 @@ def fresh_halves(profile: Profile, each: int, seed: int = SEED) -> tuple[Batch, 
     return split.calibration, split.test
 
 
+def factors_of_the_other(seen: Sequence[Estimates], halves: Sequence[Batch]) -> list[Array]:
+    """Of each half, the factors (n,), dimensionless, that the other half's intervals need."""
+    return [factors(estimates, half) for estimates, half in zip(seen, halves, strict=True)][::-1]
+
+
 def judge(store: Store, cell: Cell, halves: tuple[Batch, Batch]) -> pd.DataFrame:
     """Coverage of one trained estimator, as ``coverage_by_regime`` gives it, with columns ``estimator, seed``."""
     pin_torch()
     estimator = load_fit(store, cell)
     seen = [evaluate(estimator, half.without_truth(), EVALUATION, cell.seed) for half in halves]
-    own = [factors(estimates, half) for estimates, half in zip(seen, halves, strict=True)]
     parts = [
         coverage_by_regime(replace(estimates, factors=others), half)
-        for estimates, half, others in zip(seen, halves, reversed(own), strict=True)
+        for estimates, half, others in zip(seen, halves, factors_of_the_other(seen, halves), strict=True)
     ]
     return pd.concat(parts, ignore_index=True).assign(estimator=cell.estimator, seed=cell.seed)
 

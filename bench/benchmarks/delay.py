@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import cast
 
 from twinbench.common.threads import pin
 
@@ -20,9 +22,9 @@ pin()
 
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 
-from twinbench.bench.benchmarks.coverage import fresh_halves  # noqa: E402
+from twinbench.bench.benchmarks.coverage import factors_of_the_other, fresh_halves  # noqa: E402
 from twinbench.bench.benchmarks.delay_tables import LATER, delay_table, forecast_table, slope_table  # noqa: E402
-from twinbench.bench.benchmarks.slopes import EVALUATION, FORECASTS, corrected  # noqa: E402
+from twinbench.bench.benchmarks.slopes import EVALUATION, with_slopes  # noqa: E402
 from twinbench.bench.cells import Cell, load_fit  # noqa: E402
 from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
 from twinbench.bench.estimate.delay import known_later  # noqa: E402
@@ -32,28 +34,29 @@ from twinbench.bench.profile import load_profile  # noqa: E402
 from twinbench.bench.report.provenance import write_tables  # noqa: E402
 from twinbench.bench.report.table_formats import to_text  # noqa: E402
 from twinbench.bench.roster import PROPOSED, REFERENCE  # noqa: E402
-from twinbench.bench.statistics.conformal import factors  # noqa: E402
 from twinbench.bench.statistics.scores import score  # noqa: E402
 from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
 from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.common.workers import side_by_side  # noqa: E402
-from twinbench.data.batch import Batch  # noqa: E402
+from twinbench.data.batch import Array, Batch  # noqa: E402
+from twinbench.methods.deeponet_kalman.method import DeepONetKalman  # noqa: E402
 
 DELAY_SEED = 58217
 """Of the fresh recordings: of no other study, and nothing was chosen on them."""
 DELAYS_S = (10.0, 30.0, 60.0, 120.0, 300.0)
+"""Each has a row; they reach from what causes of a step are weighed for to a sixth of a recording."""
 HINDSIGHT = "oracle_smoother"
+"""The reference that has the whole recording."""
 
 Halves = tuple[Batch, Batch]
 
 
-def _scores(halves: Halves, seen: list[Estimates], row: str, own: list[Estimates] | None = None) -> pd.DataFrame:
-    """Scores of both halves with column ``row``; intervals stretched by what the other half needs of ``own``."""
-    stretch = [factors(estimates, half) for estimates, half in zip(own or seen, halves, strict=True)]
+def _scores(halves: Halves, seen: Sequence[Estimates], stretch: Sequence[Array], row: str) -> pd.DataFrame:
+    """Scores of both halves with column ``row``; the intervals of each are stretched by its factors."""
     parts = [
         score(replace(estimates, factors=others), half)
-        for estimates, half, others in zip(seen, halves, reversed(stretch), strict=True)
+        for estimates, half, others in zip(seen, halves, stretch, strict=True)
     ]
     return pd.concat(parts, ignore_index=True).assign(row=row)
 
@@ -63,24 +66,22 @@ def judge_delays(store: Store, cell: Cell, halves: Halves) -> pd.DataFrame:
     pin_torch()
     estimator, every = load_fit(store, cell), EVALUATION.stride
     seen = [evaluate(estimator, half.without_truth(), EVALUATION, cell.seed) for half in halves]
-    tables = [_scores(halves, seen, cell.estimator)]
+    stretch = factors_of_the_other(seen, halves)
+    tables = [_scores(halves, seen, stretch, cell.estimator)]
     for delay_s in DELAYS_S if estimator.delayed else ():
         later = [known_later(estimator, e, half, every, delay_s) for e, half in zip(seen, halves, strict=True)]
-        tables.append(_scores(halves, later, f"{delay_s:g}{LATER}", seen))
+        tables.append(_scores(halves, later, stretch, f"{delay_s:g}{LATER}"))
     return pd.concat(tables, ignore_index=True)
 
 
 def judge_slopes(store: Store, cell: Cell, halves: Halves) -> pd.DataFrame:
     """Scores of forecasts, and of health corrected by its own slopes, columns as above."""
     pin_torch()
-    estimator = load_fit(store, cell)
+    estimator = cast(DeepONetKalman, load_fit(store, cell))
     seen = [evaluate(estimator, half.without_truth(), EVALUATION, cell.seed) for half in halves]
-    tables = []
-    for name, foretold in FORECASTS.items():
-        own = [foretold(estimator, e, half, cell.seed) for e, half in zip(seen, halves, strict=True)]  # type: ignore[arg-type]
-        tables.append(_scores(halves, own, name, seen))
-    own = [corrected(e, half) for e, half in zip(seen, halves, strict=True)]
-    tables.append(_scores(halves, own, "corrected", seen))
+    stretch = factors_of_the_other(seen, halves)
+    rows = [with_slopes(estimator, estimates, half) for estimates, half in zip(seen, halves, strict=True)]
+    tables = [_scores(halves, [row[name] for row in rows], stretch, name) for name in rows[0]]
     return pd.concat(tables, ignore_index=True)
 
 

@@ -7,15 +7,18 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from twinbench.bench.benchmarks.slopes import CORRECTED, NO_SLOPE
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
 from twinbench.bench.roster import PROPOSED, REFERENCE, label
 from twinbench.bench.statistics.bootstrap import SequenceScores, means, ratios
 from twinbench.bench.statistics.subject import PAPERS
 
-NO_DELAY, NO_SLOPE = PROPOSED, "health as it is"
+HEALTH_ERRORS = {"health_life_pct": "mean of five", **{f"{h.name}_life_pct": h.label for h in PAPERS.health}}
+"""Metrics of health, and what their columns are called."""
 LATER = " s later"
 """What the names of rows with a delay end with."""
-INTERVALS = "In brackets is the 95 % interval over recordings, and × the paired multiple of the first row with its own."
+INTERVALS = "In brackets: the 95 % interval over recordings. ×: the paired multiple of {of}, with its interval."
+OF_THE_FIRST = INTERVALS.format(of="the first row")
 
 
 def _of(scores: pd.DataFrame, metric: str, names: Sequence[str]) -> SequenceScores:
@@ -49,23 +52,22 @@ def delay_table(scores: pd.DataFrame) -> Table:
     Args:
         scores: what ``judge_delays`` returns of all.
     """
-    ours = [NO_DELAY, *(row for row in scores["row"].unique() if row.endswith(LATER))]
-    metrics = {"health_life_pct": "mean of five", **{f"{h.name}_life_pct": h.label for h in PAPERS.health}}
-    frame, columns = _compared(scores, metrics, ours, NO_DELAY)
+    ours = [PROPOSED, *(row for row in scores["row"].unique() if row.endswith(LATER))]
+    frame, columns = _compared(scores, HEALTH_ERRORS, ours, PROPOSED)
     others = [REFERENCE, *sorted(set(scores["row"]) - {*ours, REFERENCE})]
-    beside, more = _compared(scores, metrics, others, REFERENCE)
-    says = [label(NO_DELAY), *ours[1:], *map(label, others)]
+    beside, more = _compared(scores, HEALTH_ERRORS, others, REFERENCE)
+    says = [label(PROPOSED), *ours[1:], *map(label, others)]
     coverage = [_lowest(scores, row) for row in [*ours, *others]]
     cells = [[Cell(text) for text in says], *(own + other for own, other in zip(columns, more, strict=True)), coverage]
     heads = (
         Column("estimate"),
-        *(Column(says, "health, % of life") for says in metrics.values()),
+        *(Column(says, "health, % of life") for says in HEALTH_ERRORS.values()),
         Column("coverage, %"),
     )
     notes = (
-        INTERVALS.replace("the first row", "what is known at once"),
-        "The coverage is that of calibrated 95 % intervals of health, of the parameter that has least; factors are "
-        "those found without a delay.",
+        INTERVALS.format(of="what is known at once"),
+        "Coverage: of calibrated 95 % intervals of health, the parameter that has least. Their factors were found "
+        "without a delay.",
     )
     title = "Health as it is known later"
     both = pd.concat([frame, beside], ignore_index=True)
@@ -85,13 +87,15 @@ def forecast_table(scores: pd.DataFrame) -> Table:
     Args:
         scores: what ``judge_slopes`` returns.
     """
-    names = [row for row in scores["row"].unique() if row != "corrected"]
+    names = [row for row in scores["row"].unique() if row != CORRECTED]
     metrics = {m: o.says for m, o in zip(PAPERS.forecast_errors, PAPERS.outputs, strict=True)}
     frame, columns = _compared(scores, metrics, names, NO_SLOPE)
     heads = (Column("forecast"), *(Column(says, "60 s ahead, %") for says in metrics.values()))
     cells = [[Cell(name) for name in names], *columns]
     title = "Forecasts of DeepONet-Kalman a minute ahead"
-    return Table("slope_forecasts", title, frame, heads, tuple(zip(*cells, strict=True)), (INTERVALS,))
+    return Table(
+        "slope_forecasts", title, frame, heads, tuple(zip(*cells, strict=True)), (INTERVALS.format(of="the first row"),)
+    )
 
 
 def slope_table(scores: pd.DataFrame) -> Table:
@@ -100,11 +104,17 @@ def slope_table(scores: pd.DataFrame) -> Table:
     Args:
         scores: what ``judge_slopes`` returns.
     """
-    names = (NO_SLOPE, "corrected")
-    metrics = {"health_life_pct": "mean of five", **{f"{h.name}_life_pct": h.label for h in PAPERS.health}}
-    frame, columns = _compared(scores, metrics, names, NO_SLOPE)
+    names = (NO_SLOPE, CORRECTED)
+    frame, columns = _compared(scores, HEALTH_ERRORS, names, NO_SLOPE)
     says = (label(PROPOSED), "corrected by its own slopes")
-    heads = (Column("estimate"), *(Column(text, "health, % of life") for text in metrics.values()))
+    heads = (Column("estimate"), *(Column(text, "health, % of life") for text in HEALTH_ERRORS.values()))
     cells = [[Cell(text) for text in says], *columns]
     title = "Health corrected by what its slopes say of its error on other recordings"
-    return Table("slope_corrections", title, frame, heads, tuple(zip(*cells, strict=True)), (INTERVALS,))
+    return Table(
+        "slope_corrections",
+        title,
+        frame,
+        heads,
+        tuple(zip(*cells, strict=True)),
+        (INTERVALS.format(of="the first row"),),
+    )

@@ -6,7 +6,6 @@ health frozen at its true value, and with the true slope of health.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +21,8 @@ from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.estimator import Info, Sample, State
 from twinbench.physics.integrate import Varying, simulate
 
+NO_SLOPE, CORRECTED = "health as it is", "corrected"
+"""Names of rows: the filter's own, and its health corrected by its slopes."""
 EVALUATION = Evaluation(stride=20, origin_every_s=60.0, leads_s=(60.0,))
 OVER_S, SHARE = 60.0, 0.25
 """Health goes on for a share of the slope that its estimate had over so long. On validation recordings this pair erred
@@ -126,10 +127,17 @@ def _earlier(time_s: Array, values: Array, past_s: float) -> Array:
     return values[:, np.searchsorted(time_s, np.maximum(time_s - past_s, time_s[0]))]
 
 
-FORECASTS: dict[str, Callable[[DeepONetKalman, Estimates, Batch, int], Estimates]] = {
-    "health as it is": lambda estimator, estimates, batch, seed: estimates,
-    "health along its own slope": lambda estimator, estimates, batch, seed: along_own_slope(estimator, batch, seed),
-    "true state, true health as it is": lambda estimator, estimates, batch, seed: from_truth(estimates, batch, False),
-    "true state, true slope of health": lambda estimator, estimates, batch, seed: from_truth(estimates, batch, True),
-}
-"""Rows of the table of forecasts."""
+def with_slopes(estimator: DeepONetKalman, estimates: Estimates, batch: Batch) -> dict[str, Estimates]:
+    """Rows of the tables by name: each forecast, then health corrected by its own slopes.
+
+    Args:
+        estimates: its own, as ``EVALUATION`` asks for them.
+        batch: the recordings with their truth.
+    """
+    return {
+        NO_SLOPE: estimates,
+        "health along its own slope": along_own_slope(estimator, batch, estimates.seed),
+        "true state, true health as it is": from_truth(estimates, batch, sloped=False),
+        "true state, true slope of health": from_truth(estimates, batch, sloped=True),
+        CORRECTED: corrected(estimates, batch),
+    }

@@ -56,6 +56,7 @@ RANK = (
 )
 LATENCY = "Time: median of one update of one machine, by the quickest form of the filter that was timed."
 STAGES = {"fit": "training", "estimate": "evaluation"}
+"""Stages of a run as ``cost.csv`` has them, and in words."""
 MEMORY = "Memory: all that it has learnt, and what it says of one machine and carries from update to update."
 
 

@@ -82,7 +82,8 @@ def fixed_lag(model: Filter, measured: Array, ticks: np.ndarray, delay: int) -> 
         readings = np.ascontiguousarray(measured[first + there : to], dtype=np.float64)
         _forward(model.weights, model.twin, memory, readings, said, model.room, kept, there)
         there = to - first
-        seen = Pass(*(part[:there].copy() for part in kept))
+        seen = Pass(*(part[:there] for part in kept))
+        seen = seen._replace(z=seen.z.copy(), P=seen.P.copy())  # the filter's own are needed for the next part
         look_back(seen)
         own = slice(*np.searchsorted(ticks, (first, first + block)))
         z[own], P[own] = seen.z[ticks[own] - first], seen.P[ticks[own] - first]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from helpers.compressor_recordings import small_batch, trained_twin
 
+from twinbench.bench.contract.subject import record
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.delayed import LOOKS_BACK
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
-from twinbench.methods.estimator import Sample
 
 SAMPLES, DELAY = 400, 80
 DELAY_S = DELAY * COMPRESSOR.sample_period_s
@@ -28,12 +28,8 @@ def measured() -> np.ndarray:
 
 def filtered(twin: DeepONetKalman, measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means (N, 2, 10) and variances (N, 2, 10) of the filter at every tick."""
-    state, means, variances = twin.init(2), [], []
-    for k in range(SAMPLES):
-        state, _ = twin.step(state, Sample(k * COMPRESSOR.sample_period_s, measured[:, k].copy()))
-        means.append(state.mean)
-        variances.append(np.diagonal(state.cov, axis1=1, axis2=2))
-    return np.array(means), np.array(variances)
+    said = record(twin, measured)
+    return said.mean, np.diagonal(said.cov, axis1=2, axis2=3)
 
 
 def test_without_a_delay_it_is_the_filter(twin, measured):
