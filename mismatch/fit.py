@@ -90,6 +90,9 @@ class Problem:
     def __post_init__(self) -> None:
         if not len(self.theta):
             self.theta = self.machine.theta
+        known = len(self.machine.theta)
+        if len(self.theta) != known:  # compiled code would read beyond its end
+            raise ValueError(f"theta has {len(self.theta)} values; the machine has {known} parameters")
         if not self.starts:
             self.starts = [self.machine.start(track) for track in self.tracks]
 

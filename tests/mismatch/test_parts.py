@@ -52,6 +52,11 @@ def test_block_by_block_is_nearly_sample_by_sample_and_what_is_missing_is_added(
     np.testing.assert_allclose(problem.refined(problem.z0).residual(0, problem.z0), slow.means - fine, atol=1e-9)
 
 
+def test_a_problem_with_too_few_parameters_is_refused(machine, track):
+    with pytest.raises(ValueError, match=f"theta has 1 values; the machine has {len(machine.theta)} parameters"):
+        Problem(machine, [track], (), np.ones(3), theta=machine.theta[:1])
+
+
 def test_a_force_is_a_rate_of_its_balance(machine, track):
     theta = machine.theta.copy()
     theta[machine.force_at[Port("balance", "T_winding_K")]] = 0.1
