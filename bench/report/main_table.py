@@ -21,7 +21,7 @@ from twinbench.bench.report.measured import (
 )
 from twinbench.bench.report.table_formats import Cell, Column, Table, number
 from twinbench.bench.report.words import names_of
-from twinbench.bench.roster import WEIGHS_STEPS, label
+from twinbench.bench.roster import PROPOSED, WEIGHS_STEPS, label
 from twinbench.bench.statistics.summary import FORECAST, LIFE, Summary
 
 COMPARED = (
@@ -49,9 +49,15 @@ OWN_FORM = (
     "All compiled: a filter of the same kind with ten states. {names} of this table carry more; in their own quickest "
     "form an update takes {times} µs."
 )
+CALLED = (
+    "Of {names} a form with nothing left in Python was timed. All others are called from Python at every tick. In that "
+    "form an update of {proposed} takes {time} µs."
+)
 FORM_OF = {"numba_ekf": "nominal_ekf", "numba_ukf": "nominal_ukf"}
 """Filters that latency times beside the estimators, and whose quickest form they are: the same model and filter, with
 nothing left in Python."""
+COMMON_FORM, WITHOUT_PYTHON = "compiled", ("in place", "all compiled")
+"""What the form is called that every estimator has, and those that do without Python."""
 
 
 def comparison(summary: Summary, profile: str, latency: pd.DataFrame, cost: pd.DataFrame) -> Table:
@@ -79,7 +85,7 @@ def comparison(summary: Summary, profile: str, latency: pd.DataFrame, cost: pd.D
     after = CALIBRATED if prefix.startswith("calibrated") else ""
     steps = [label(e) for e in names if e in WEIGHS_STEPS]
     weighed = [STEPS.format(names=names_of(steps))] if steps else []
-    costs = (COST, *_own_forms(names, latency), *weighed)
+    costs = (COST, *_own_forms(names, latency), *_called(names, latency), *weighed)
     notes = (*summary.notes, INTERVALS, TIMES, MARKS, SKILL, COVERAGE.format(after=after), *costs, *references(summary))
     columns = (Column("estimator"), *(column for column, _ in parts))
     title = f"Profile {profile}: comparison on the test recordings"
@@ -107,6 +113,16 @@ def _own_forms(names: Sequence[str], latency: pd.DataFrame) -> list[str]:
         return []
     numbers = names_of(number(float(times[e])) for e in own)
     return [OWN_FORM.format(names=names_of(map(label, own)), times=numbers)]
+
+
+def _called(names: Sequence[str], latency: pd.DataFrame) -> list[str]:
+    """What an update of the proposed method takes in the form that all estimators have."""
+    without_python = [e for e in names if quickest_form(latency).get(e) in WITHOUT_PYTHON]
+    common = latency[(latency["estimator"] == PROPOSED) & (latency["implementation"] == COMMON_FORM)]["p50_us"]
+    if PROPOSED not in without_python or common.empty:
+        return []
+    time = number(float(common.min()))
+    return [CALLED.format(names=names_of(map(label, without_python)), proposed=label(PROPOSED), time=time)]
 
 
 def _has(summary: Summary, prefix: str) -> bool:

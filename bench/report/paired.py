@@ -65,12 +65,12 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
     nearest = min(rivals, key=lambda e: mean[e])
     found = differences(table, less).set_index("estimator").loc[nearest, ["difference", "low", "high"]]
     worth, low, high = map(float, found)
-    says = "The interval tells them apart" if low > 0.0 or high < 0.0 else "The interval does not tell them apart"
+    says = "are told apart" if low > 0.0 or high < 0.0 else "are not told apart"
     return [
-        f"{label(PROPOSED)} alone of the ranked estimators weighs what may have leapt after a sudden step. With that "
-        f"its health error is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
-        f"{label(nearest)}, which comes next, has {number(mean[nearest])} %: {number(worth)} more than without it "
-        f"({span(low, high, to=True)}). {says}."
+        f"Of the ranked estimators {label(PROPOSED)} alone weighs what may have caused a sudden step. With that its "
+        f"health error is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
+        f"{label(nearest)}, which comes next, errs {number(mean[nearest])} %. The difference to it without that is "
+        f"{number(worth)} percentage points ({span(low, high, to=True)}), so they {says}."
     ]
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 
 from twinbench.bench.report.table_formats import number, span
 from twinbench.bench.report.words import names_of
-from twinbench.bench.roster import ABLATION, PROPOSED, label
+from twinbench.bench.roster import ABLATION, PROPOSED, QUANTITIES, label
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
 from twinbench.bench.statistics.scores import STATE_ERRORS
 from twinbench.bench.statistics.summary import PARAMETERS, Summary
@@ -25,6 +25,9 @@ ERRORS = {**dict(zip(STATE_ERRORS, ("pressure", "temperature", "flow"), strict=T
 REPORTED = dict(zip(ERRORS, (0.72, 0.88, 1.05, 2.6), strict=True))
 """What the paper reports of the proposed method, in %."""
 REPORTED_COVERAGE_PCT = 94.1
+"""The share of measured states within their 95 % intervals."""
+MEASURED = {f"coverage_{s}_pct": QUANTITIES[s][0] for s in ("p_exh_bar", "T_gas_K", "flow_memory")}
+"""Coverage of the states behind the three outputs, before calibration, and what the states are called."""
 PARTS = (
     ("no_covariance_adaptation", "covariance adaptation", PARAMETERS, 1.7),
     ("no_feasibility", "the feasibility penalty", "p_nrmse_pct", 0.24),
@@ -74,22 +77,25 @@ def _against_the_strongest(single: Summary) -> Iterator[str]:
 
 
 def _strongest(single: Summary) -> Iterator[str]:
-    parts = []
+    parts: dict[str, list[str]] = {}
     for metric, name in ERRORS.items():
         known = [e for e in OTHERS if _known(single, e, metric)]
         if len(known) < 2:
             return
         least = min(known, key=lambda e: single.value(e, metric).mean)
-        told = "" if least == STRONGEST or single.better(least, STRONGEST, metric) else ", not told apart from it"
-        parts.append(f"{label(least)} in {name}{told}")
+        told = "" if least == STRONGEST or single.better(least, STRONGEST, metric) else " (not told apart from it)"
+        parts.setdefault(label(least), []).append(f"{name}{told}")
     says = f"The paper: {label(STRONGEST)} is the strongest of its five baselines."
-    yield f"{says} Here the least mean error of the five has {'; '.join(parts)}."
+    least_in = [f"{who} has the least mean error of the five in {names_of(where)}" for who, where in parts.items()]
+    yield f"{says} Here {'; '.join(least_in)}."
 
 
 def _numbers(single: Summary) -> Iterator[str]:
     for metric, paper in REPORTED.items():
         yield from _number(single, metric, f"{ERRORS[metric]} error", paper)
-    yield from _number(single, "coverage95_pct", "coverage of the 95 % intervals", REPORTED_COVERAGE_PCT)
+    for metric, name in MEASURED.items():
+        measured = f"coverage of measured states' 95 % intervals, {name},"
+        yield from _number(single, metric, measured, REPORTED_COVERAGE_PCT)
 
 
 def _number(single: Summary, metric: str, name: str, paper: float) -> Iterator[str]:

@@ -37,10 +37,11 @@ def faults_say(scores: pd.DataFrame, subject: Subject = PAPERS) -> list[str]:
     times = ratios(sequence_scores(by_kind, AFTER), UNDISTURBED.name).set_index("estimator")
     grown, kept = times[times["low"] > 1.0], times[times["low"] <= 1.0]
     multiples = [
-        f"{kind} {number(r['ratio'], 2)} ({span(r['low'], r['high'], to=True)})" for kind, r in grown.iterrows()
+        f"{kind} {number(r['ratio'], 2)} times ({span(r['low'], r['high'], to=True)})" for kind, r in grown.iterrows()
     ]
     said = [
-        f"A minute after these faults the health error of {label(PROPOSED)} is the larger: {names_of(multiples)} times."
+        f"From a minute after the longest fault on, the health error of {label(PROPOSED)} is larger than without a "
+        f"fault: {names_of(multiples)}."
     ]
     said += [f"It is not shown to be larger after {names_of(kept.index)}."] if len(kept) else []
     paragraphs = [" ".join(said if len(grown) else said[1:])]

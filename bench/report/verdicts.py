@@ -111,7 +111,7 @@ def true_start(summary: Summary) -> Iterator[str]:
     if math.isfinite(value.times_low):
         less = "It errs less than the reference: too little changes in these recordings."
         more = "It errs more than the reference, so health changes enough to be worth following."
-        says = more if value.times_low > 1.0 else less if value.times_high < 1.0 else "The interval does not part them."
+        says = more if value.times_low > 1.0 else less if value.times_high < 1.0 else "No difference is found."
         yield (
             f"{label(TRUE_START)}, which nobody can have, errs {number(value.times)} times as much in health as the "
             f"reference (95 % interval {span(value.times_low, value.times_high, to=True)}). {says}"
@@ -138,11 +138,11 @@ def within_limit(values: Mapping[str, Value]) -> str:
     within = [says for says, v in values.items() if v.times_high <= TIMES_ALLOWED]
     beyond = [says for says, v in values.items() if v.times_low > TIMES_ALLOWED]
     open_ = [says for says in values if says not in (*within, *beyond)]
-    said = [f"within {TIMES_ALLOWED:g} times it in {names_of(within)}"] if within else []
-    said += [f"beyond that in {names_of(beyond)}"] if beyond else []
-    said += [f"not decided in {names_of(open_)}"] if open_ else []
-    limit = "" if within else f" The limit is {TIMES_ALLOWED:g} times."
-    return f"By these intervals it is {', '.join(said)}.{limit}"
+    times = f"{TIMES_ALLOWED:g} times as much"
+    said = [f"It errs at most {times} as the reference in {names_of(within)}."] if within else []
+    said += [f"It errs more than {times} in {names_of(beyond)}."] if beyond else []
+    said += [f"Whether it errs more than {times} is open in {names_of(open_)}."] if open_ else []
+    return " ".join(said)
 
 
 def _passing(summary: Summary) -> Iterator[str]:
@@ -150,11 +150,11 @@ def _passing(summary: Summary) -> Iterator[str]:
     if REFERENCE not in summary.estimators:
         return
     passed = {e: [ASKED[m] for m in ASKED if summary.value(e, m).times_high < 1.0] for e in _ranked(summary)}
-    said = [f"{label(e)} in {names_of(where)}" for e, where in passed.items() if where]
+    said = [f"{label(e)} errs less than it in {names_of(where)}" for e, where in passed.items() if where]
     if said:
-        yield f"By its paired 95 % interval this passes the reference: {'; '.join(said)}. So it is no bound there."
+        yield f"The reference is no bound: by the paired 95 % interval {names_of(said)}."
     else:
-        yield "No ranked estimator passes the reference by its paired 95 % interval."
+        yield "No ranked estimator errs less than the reference by its paired 95 % interval."
 
 
 def _coverage(summary: Summary) -> Iterator[str]:
@@ -185,11 +185,11 @@ def _in_regimes(regimes: pd.DataFrame) -> Iterator[str]:
     wrong = (own["calibrated_high"] < CALIBRATED_PCT[0]) | (own["calibrated_low"] > CALIBRATED_PCT[1])
     found = sorted(own[["calibrated_pct", "quantity", "regime"]].itertuples(index=False, name=None))
     ends = [f"{number(pct)} % ({QUANTITIES[q][0]}, {r.replace('_', ' ')})" for pct, q, r in (found[0], found[-1])]
-    beside = f" Of the reference's, {_right(reference)} do." if len(reference) == len(own) else ""
+    beside = f"; the reference's does in {_right(reference)}" if len(reference) == len(own) else ""
     yield (
-        f"By quantity and regime, its calibrated coverage goes from {ends[0]} to {ends[1]}. In {_right(own)} of "
-        f"{len(own)} pairs it lies between {CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} %.{beside} In "
-        f"{int(wrong.sum())} of its pairs the 95 % interval over recordings lies outside."
+        f"By quantity and regime, its calibrated coverage goes from {ends[0]} to {ends[1]}. It lies between "
+        f"{CALIBRATED_PCT[0]:g} and {CALIBRATED_PCT[1]:g} % in {_right(own)} of {len(own)} pairs{beside}. In "
+        f"{int(wrong.sum())} of its pairs the interval over recordings lies wholly outside these bounds."
     )
 
 

@@ -94,9 +94,10 @@ def _best_at(summary: Summary, question: str) -> str:
     gap, low, high = summary.difference(second, best, question)
     scores = summary.by_sequence[question]
     wins = int((scores.row(best) < scores.row(second)).sum())
+    few = " A few sequences can move the mean; the test looks at ranks." if second in alike and low > 0.0 else ""
     return (
         f"{says} Next comes {label(second)}: {_more(gap)} (95 % interval {span(low, high, to=True)}), beaten on "
-        f"{wins} of {len(scores.sequences)} sequences."
+        f"{wins} of {len(scores.sequences)} sequences.{few}"
     )
 
 

@@ -93,10 +93,10 @@ def test_whether_the_lead_hangs_on_the_test_for_steps_is_said():
     ]
     scores = pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])
     (said,) = without_steps(scores, {})
-    assert "PINN + UKF, which comes next, has 5." in said
-    assert said.endswith("The interval does not tell them apart.")
+    assert "PINN + UKF, which comes next, errs 5." in said
+    assert said.endswith("so they are not told apart.")
     far = scores.assign(value=scores["value"] + 2.0 * (scores["estimator"] == "pinn_ukf"))
-    assert without_steps(far, {})[0].endswith("The interval tells them apart.")
+    assert without_steps(far, {})[0].endswith("so they are told apart.")
     assert without_steps(scores[scores["estimator"] != "deeponet_kalman:no_steps"], {}) == []
 
 

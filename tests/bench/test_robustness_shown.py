@@ -94,9 +94,9 @@ def test_sentences_say_which_faults_cost_and_whether_a_row_that_costs_nothing_is
     prior = scores[scores["estimator"] == "oracle"].assign(estimator="always_prior")
     prior = prior.assign(value=1.3 + 0.01 * np.arange(len(prior)) % 0.05)
     grown, against = faults_say(pd.concat([scores, prior]))
-    larger, _, level = grown.partition(" times. It is not shown to be larger after ")
-    assert larger.startswith("A minute after these faults the health error of DeepONet-Kalman is the larger: ")
-    assert "stuck 1.7 (" in larger
+    larger, _, level = grown.partition(". It is not shown to be larger after ")
+    assert larger.startswith("From a minute after the longest fault on, the health error of DeepONet-Kalman is larger ")
+    assert "stuck 1.7 times (" in larger
     assert "spikes" in level
     assert against.startswith("By the paired 95 % interval it errs less than Always at the prior after ")
     assert "After stuck it errs more: 0.3" in against

@@ -101,6 +101,15 @@ def test_claims_that_the_run_does_not_tell_are_dashes():
     assert all(row[1].text != "–" for row in table.rows)
 
 
+def test_what_did_not_recover_in_its_scene_was_not_reached(evidence):
+    harder, latency, scores = nothing()
+    found = claims(summarise(scores, {}), evidence, scores, harder, latency)
+    never = [c._replace(ours=np.nan) if c.says.startswith("Fig. 4c") else c for c in found]
+    (row,) = [row for row in claims_table(never, True).rows if row[0].text.startswith("Fig. 4c")]
+    assert row[2].text == "not reached"
+    assert row[3].text not in ("–", "not reached")
+
+
 def test_claims_are_what_the_scenes_hold(evidence, recordings):
     harder, latency, scores = nothing()
     found = claims(summarise(scores, {}), evidence, scores, harder, latency)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from twinbench.bench.report.main_table import extremes, quickest, quickest_form
+from twinbench.bench.report.main_table import comparison, extremes, quickest, quickest_form
 from twinbench.bench.report.paper import NONE, paper_says, parts_say
 from twinbench.bench.report.verdicts import verdicts
 from twinbench.bench.statistics.scores import FORECAST_ERRORS, STATE_ERRORS
@@ -91,26 +91,27 @@ def test_a_parameter_without_skill_is_named() -> None:
 
 @pytest.mark.parametrize(
     ("level", "says"),
-    [(0.9, "within 1.15 times it in"), (1.6, "beyond that in"), (1.15, "not decided in")],
+    [(0.9, "It errs at most 1.15 times"), (1.6, "It errs more than 1.15 times"), (1.15, "Whether it errs more")],
 )
 def test_nearness_to_the_reference_is_decided_by_the_interval(level: float, says: str) -> None:
     summary = summarise(scores(LEVELS | {"deeponet_kalman": level}), {})
     value = summary.value("deeponet_kalman", LIFE)
-    text = said(summary, "By these intervals it is")
     wanted = {
-        "within 1.15 times it in": value.times_high <= 1.15,
-        "beyond that in": value.times_low > 1.15,
-        "not decided in": value.times_low <= 1.15 < value.times_high,
+        "It errs at most 1.15 times": value.times_high <= 1.15,
+        "It errs more than 1.15 times": value.times_low > 1.15,
+        "Whether it errs more": value.times_low <= 1.15 < value.times_high,
     }
     assert wanted[says]
-    part = text.partition(says)[2].split(", beyond")[0].split(", not decided")[0]
-    assert "health" in part
+    (text,) = [one for one in verdicts(summary, pd.DataFrame()) if says in one]
+    assert "health" in text.partition(says)[2].split(". ")[0]
 
 
 def test_who_passes_the_reference_is_said_and_that_nobody_does() -> None:
     passing = summarise(scores(LEVELS | {"deeponet_kalman": 0.5}), {})
-    assert "DeepONet-Kalman in filtered pressure, filtered temperature" in said(passing, "By its paired 95 % interval")
-    assert said(summarise(scores(LEVELS | {"pinn_ukf": 1.5, "deeponet_kalman": 1.5}), {}), "No ranked estimator passes")
+    passed = said(passing, "The reference is no bound: by the paired 95 % interval ")
+    assert "DeepONet-Kalman errs less than it in filtered pressure, filtered temperature" in passed
+    nobody = summarise(scores(LEVELS | {"pinn_ukf": 1.5, "deeponet_kalman": 1.5}), {})
+    assert said(nobody, "No ranked estimator errs less")
 
 
 def test_the_true_start_held_is_no_estimator_and_must_lose() -> None:
@@ -128,12 +129,12 @@ def test_coverage_by_regime_names_its_ends() -> None:
     regimes = pd.DataFrame(rows, columns=columns)
     text = verdicts(summarise(scores(LEVELS), {}), regimes)[-1]
     assert "from 90.0 % (intake pressure, all) to 97.0 % (wall temperature, after load)" in text
-    assert "In 5 of 8 pairs it lies between 93 and 97 %." in text
+    assert "It lies between 93 and 97 % in 5 of 8 pairs." in text
     # Only the first interval, 88 to 92, lies outside.
-    assert "In 1 of its pairs the 95 % interval over recordings lies outside." in text
+    assert "In 1 of its pairs the interval over recordings lies wholly outside these bounds." in text
     assert "the reference's" not in text
     both = pd.concat([regimes, regimes.assign(estimator="oracle", calibrated_pct=95.0)])
-    assert "Of the reference's, 8 do." in verdicts(summarise(scores(LEVELS), {}), both)[-1]
+    assert "in 5 of 8 pairs; the reference's does in 8." in verdicts(summarise(scores(LEVELS), {}), both)[-1]
 
 
 def test_coverage_is_that_of_the_worst_and_best_quantity() -> None:
@@ -181,3 +182,17 @@ def test_a_filter_is_as_quick_as_its_quickest_form() -> None:
     latency = pd.DataFrame(rows, columns=["estimator", "implementation", "p50_us"])
     assert quickest(latency, "p50_us") == {"nominal_ekf": 25.0, "deeponet_kalman": 48.0}
     assert quickest_form(latency)["nominal_ekf"] == "all compiled"
+
+
+def test_a_form_that_others_lack_stands_beside_the_one_that_all_have() -> None:
+    rows = [
+        ("deeponet_kalman", "in place", 19.0),
+        ("deeponet_kalman", "compiled", 62.0),
+        ("pinn_ukf", "compiled", 300.0),
+    ]
+    latency = pd.DataFrame(rows, columns=["estimator", "implementation", "p50_us"])
+    summary, cost = summarise(scores(LEVELS), {}), pd.DataFrame(columns=["estimator", "stage", "cpu_s"])
+    notes = " ".join(comparison(summary, "small", latency, cost).notes)
+    assert "Of DeepONet-Kalman a form with nothing left in Python was timed" in notes
+    assert "In that form an update of DeepONet-Kalman takes 62.0 µs." in notes
+    assert "left in Python" not in " ".join(comparison(summary, "small", latency[1:], cost).notes)
