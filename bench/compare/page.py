@@ -67,7 +67,7 @@ def says(scores: pd.DataFrame) -> list[str]:
         f"{label(best)} has the least error a minute ahead: {number(least)} times{within} that of holding the "
         "last reading."
     ]
-    if not high < 1.0:
+    if n > 1 and not high < 1.0:
         sentences.append("Its interval does not show it to be better than holding the last reading.")
     if n < LEAST_RECORDINGS:
         return [*sentences, f"{n} recording{'s are' if n > 1 else ' is'} too few to tell estimators apart."]

@@ -10,6 +10,8 @@ import pandas as pd
 import pytest
 from helpers.tiny_run import run_here
 
+from twinbench.bench.compare.page import says
+from twinbench.bench.report.provenance import bullets
 from twinbench.bench.report.write import write_report
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -53,6 +55,13 @@ def test_a_report_made_anew_says_what_is_committed(name, tmp_path, monkeypatch):
     for path in (out / "tables").glob("*.csv"):
         committed = pd.read_csv(RESULTS / name / "tables" / path.name)
         pd.testing.assert_frame_equal(pd.read_csv(path), committed, rtol=ROUND_OFF)
+
+
+@pytest.mark.parametrize("name", ["cascaded_tanks", "train_compressor"])
+def test_what_is_said_of_recordings_follows_from_their_scores(name):
+    folder = RESULTS / "compare" / name
+    said = bullets(*says(pd.read_csv(folder / "scores.csv")))
+    assert alike(said, (folder / "answer.md").read_text())
 
 
 def test_a_sentence_that_does_not_follow_from_the_scores_is_noticed(tmp_path, monkeypatch):
