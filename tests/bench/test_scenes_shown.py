@@ -17,6 +17,7 @@ from twinbench.bench.report.evidence import Evidence, add_scenes, gather
 from twinbench.bench.report.figures.scenes import flow_parity, innovations, r_squared, ramps, wear
 from twinbench.bench.results import HARDER
 from twinbench.bench.robustness import METRICS
+from twinbench.bench.roster import LABELS
 from twinbench.bench.statistics.scores import score
 from twinbench.bench.statistics.summary import summarise
 from twinbench.data.batch import Batch, Truth
@@ -63,6 +64,17 @@ def nothing() -> tuple:
 def test_every_scene_is_there_with_everybodys_track(evidence):
     assert len(evidence.scenes) == 11
     assert all(set(e.tracks) == {"oracle", "deeponet_kalman"} for e in evidence.scenes.values())
+
+
+def test_the_legend_of_everybodys_tracks_fits_into_the_figure(evidence):
+    scene = evidence.scenes["capacity"]
+    everybody = replace(scene, tracks=dict.fromkeys(LABELS, scene.tracks["oracle"]))
+    figure = wear(everybody, "capacity")
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    inside, whole = legend.get_window_extent(), figure.bbox
+    assert whole.x0 <= inside.x0 < inside.x1 <= whole.x1
+    assert whole.y0 <= inside.y0 < inside.y1 <= whole.y1
 
 
 def test_innovations_are_of_the_time_after_what_is_abrupt(evidence, recordings):

@@ -151,4 +151,4 @@ def legend(figure: Figure, names: list[str]) -> None:
         *legend_handles(names, line=True),
         Patch(color=looks(names)[banded].colour, alpha=0.22, linewidth=0, label=f"{label(banded)}, 95 %"),
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=5, columnspacing=1.6)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, columnspacing=1.4)
