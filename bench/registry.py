@@ -34,9 +34,7 @@ def discover() -> dict[str, type[Estimator]]:
     Raises:
         BadInput: a plug-in fails to import or is no estimator.
     """
-    for room in (methods, baselines):
-        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
-            importlib.import_module(module.name)
+    _import_ours()
     for entry in importlib.metadata.entry_points(group=GROUP):
         where = f"plug-in {entry.name!r} ({entry.value})"
         try:
@@ -47,6 +45,12 @@ def discover() -> dict[str, type[Estimator]]:
             raise BadInput(f"{where} is no Estimator with a name; point the entry point at the class")
         REGISTRY.setdefault(loaded.name, _complete(loaded, where))
     return REGISTRY
+
+
+def _import_ours() -> None:
+    for room in (methods, baselines):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
 
 
 def find(name: str) -> type[Estimator]:
@@ -98,6 +102,7 @@ def _imported(path: Path) -> ModuleType:
         raise BadInput(f"plug-in {path} is no Python module; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
+    _import_ours()  # before: what a file imports of ours for the first time would leave the registry with its own
     ours = dict(REGISTRY)
     REGISTRY.clear()
     about_to("importing it")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.metadata
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -48,6 +50,14 @@ def test_a_file_is_read_anew_each_time_and_stays_out_of_the_registry(tmp_path: P
     assert find(spec).settings["scale"] == 1.25
     assert find(f"{spec}:Constant").name == "mine"
     assert "mine" not in REGISTRY
+
+
+def test_a_file_that_builds_on_ours_takes_none_of_them_out_of_the_registry(tmp_path: Path) -> None:
+    """In a process in which nobody has asked for any of ours before."""
+    (tmp_path / "mine.py").write_text(ORACLE + "class Mine(Oracle):\n    name = 'mine'\n")
+    asked = "from twinbench.bench.registry import discover, find; find('mine.py'); assert 'oracle' in discover()"
+    done = subprocess.run([sys.executable, "-c", asked], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(
