@@ -34,7 +34,9 @@ def discover() -> dict[str, type[Estimator]]:
     Raises:
         BadInput: a plug-in fails to import or is no estimator.
     """
-    _import_ours()
+    for room in (methods, baselines):
+        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
+            importlib.import_module(module.name)
     for entry in importlib.metadata.entry_points(group=GROUP):
         where = f"plug-in {entry.name!r} ({entry.value})"
         try:
@@ -45,12 +47,6 @@ def discover() -> dict[str, type[Estimator]]:
             raise BadInput(f"{where} is no Estimator with a name; point the entry point at the class")
         REGISTRY.setdefault(loaded.name, _complete(loaded, where))
     return REGISTRY
-
-
-def _import_ours() -> None:
-    for room in (methods, baselines):
-        for module in pkgutil.walk_packages(room.__path__, f"{room.__name__}."):
-            importlib.import_module(module.name)
 
 
 def find(name: str) -> type[Estimator]:
@@ -102,7 +98,6 @@ def _imported(path: Path) -> ModuleType:
         raise BadInput(f"plug-in {path} is no Python module; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
-    _import_ours()  # before: what a file imports of ours for the first time would leave the registry with its own
     ours = dict(REGISTRY)
     REGISTRY.clear()
     about_to("importing it")
@@ -113,8 +108,10 @@ def _imported(path: Path) -> ModuleType:
         del sys.modules[module_name]
         raise BadInput(f"plug-in {path} fails to import: {one_line(error)}; mend the file") from error
     finally:
+        # What the file is the first to import of ours stays: it will not be imported again.
+        imported = {name: kind for name, kind in REGISTRY.items() if kind.__module__.startswith("twinbench.")}
         REGISTRY.clear()
-        REGISTRY.update(ours)
+        REGISTRY.update(ours | imported)
     return module
 
 
