@@ -117,7 +117,8 @@ def _own_forms(names: Sequence[str], latency: pd.DataFrame) -> list[str]:
 
 def _called(names: Sequence[str], latency: pd.DataFrame) -> list[str]:
     """What an update of the proposed method takes in the form that all estimators have."""
-    without_python = [e for e in names if quickest_form(latency).get(e) in WITHOUT_PYTHON]
+    form = quickest_form(latency)
+    without_python = [e for e in names if form.get(e) in WITHOUT_PYTHON]
     common = latency[(latency["estimator"] == PROPOSED) & (latency["implementation"] == COMMON_FORM)]["p50_us"]
     if PROPOSED not in without_python or common.empty:
         return []

@@ -42,11 +42,16 @@ def test_a_word_or_more_than_a_rounded_digit_makes_texts_differ():
     assert not alike("errs 92.3 %", "err 92.3 %")
 
 
+def copied(name: str, folder: Path) -> Path:
+    """A committed run without its figures, to report on anew."""
+    ignored = shutil.ignore_patterns("figures", "report.html")
+    return Path(shutil.copytree(RESULTS / name, folder / name, ignore=ignored))
+
+
 @pytest.mark.parametrize("name", ["paper", "motor", pytest.param("two_tanks", marks=pytest.mark.slow)])
 def test_a_report_made_anew_says_what_is_committed(name, tmp_path, monkeypatch):
     run_here(monkeypatch)
-    out = tmp_path / name
-    shutil.copytree(RESULTS / name, out, ignore=shutil.ignore_patterns("figures", "report.html"))
+    out = copied(name, tmp_path)
     write_report(out)
     made = sorted(path.relative_to(out) for path in out.rglob("*.md"))
     assert len(made) > 10
@@ -66,8 +71,7 @@ def test_what_is_said_of_recordings_follows_from_their_scores(name):
 
 def test_a_sentence_that_does_not_follow_from_the_scores_is_noticed(tmp_path, monkeypatch):
     run_here(monkeypatch)
-    out = tmp_path / "motor"
-    shutil.copytree(RESULTS / "motor", out, ignore=shutil.ignore_patterns("figures", "report.html"))
+    out = copied("motor", tmp_path)
     scores = pd.read_csv(out / "scores.csv")
     worse = scores["estimator"].eq("deeponet_kalman") & scores["metric"].eq("health_life_pct")
     scores.assign(value=scores["value"].where(~worse, 3.0 * scores["value"])).to_csv(out / "scores.csv", index=False)
