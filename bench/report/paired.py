@@ -70,7 +70,8 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
         f"Of the ranked estimators {label(PROPOSED)} alone weighs what may have caused a sudden step. With that its "
         f"health error is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
         f"{label(nearest)}, which comes next, errs {number(mean[nearest])} %. Without that, "
-        f"{label(PROPOSED)} differs from it by {number(worth)} percentage points ({span(low, high, to=True)}), so they {says}."
+        f"{label(PROPOSED)} differs from it by {number(worth)} percentage points ({span(low, high, to=True)}), so they "
+        f"{says}."
     ]
 
 

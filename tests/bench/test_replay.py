@@ -116,9 +116,8 @@ def test_one_bit_of_one_reading_is_noticed_at_its_tick(short, tmp_path, capsys, 
     record = Record.load(short)
     measured = record.measured.copy()
     assert not np.isnan(measured[tick, P_DIS])
-    measured.view(np.uint64)[tick, P_DIS] ^= (
-        1 << 12
-    )  # 1e-12 of it: too little to round a network's sums otherwise on any processor
+    # 1e-12 of it: too little to round a network's sums otherwise, on whichever processor.
+    measured.view(np.uint64)[tick, P_DIS] ^= 1 << 12
     replace(record, measured=measured).save(tmp_path / "flipped.npz")
     assert twinbench("replay", tmp_path / "flipped.npz", "--json") == 1
     told = json.loads(capsys.readouterr().out)
