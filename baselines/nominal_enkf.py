@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import REST, bound, linearise
-from twinbench.baselines.nominal_filter import NominalFilter, advance, read, surprise
+from twinbench.baselines.nominal_filter import NominalFilter, advance, nis_of, read
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import register
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, bounded, factorise
@@ -120,7 +120,7 @@ def assimilate(members, readings, measured, variance, clip):  # type: ignore[no-
         reduced = 1.0 / (1.0 + np.sqrt(variance[i] / total))
         _shift(members, apart / ((count - 1) * total), wanted[i] - at - reduced * apart)
         _shift(readings, apart / ((count - 1) * total), wanted[i] - at - reduced * apart)
-    return innovation, S, surprise(innovation, S)[0]
+    return innovation, S, nis_of(innovation, S)
 
 
 @njit(cache=True, error_model="numpy")

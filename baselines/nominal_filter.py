@@ -16,7 +16,7 @@ from twinbench.baselines.nominal_ekf import NominalEKF
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import Info, Sample, State
 from twinbench.methods.frontend import Memory
-from twinbench.methods.kalman import bounded, factorise
+from twinbench.methods.kalman import factorise
 from twinbench.methods.reporting import clean_flags
 
 
@@ -47,35 +47,24 @@ def read(output, model, z, u, coloured_sd):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def surprise(innovation, S):  # type: ignore[no-untyped-def]
-    """NIS over the channels of the innovation (m,) that are not NaN, and the log density with S (m, m) but for 2 pi."""
+def nis_of(innovation, S):  # type: ignore[no-untyped-def]
+    """NIS over the channels of the innovation (m,) that are not NaN, with S (m, m); NaN if none is."""
     there = np.flatnonzero(~np.isnan(innovation))
     if there.size == 0:
-        return np.nan, 0.0
+        return np.nan
     L, r = np.empty((there.size, there.size)), np.empty(there.size)
     for i in range(there.size):
         for k in range(there.size):
             L[i, k] = S[there[i], there[k]]
     factorise(L, there.size)
-    nis, half_log_det = 0.0, 0.0
+    nis = 0.0
     for i in range(there.size):
         r[i] = innovation[there[i]]
         for k in range(i):
             r[i] -= L[i, k] * r[k]
         r[i] /= L[i, i]
         nis += r[i] ** 2
-        half_log_det += np.log(L[i, i])
-    return nis, -0.5 * nis - half_log_det
-
-
-@njit(cache=True, error_model="numpy")
-def density(innovation, S, clip):  # type: ignore[no-untyped-def]
-    """``surprise``'s log density of what a filter uses of an innovation: a fault says nothing about the mode."""
-    used = bounded(innovation, S, clip)
-    for i in range(used.size):
-        if np.isnan(innovation[i]):
-            used[i] = np.nan
-    return surprise(used, S)[1]
+    return nis
 
 
 class NominalFilter(NominalEKF):

@@ -1,7 +1,8 @@
 """The oracle with hindsight: what all of a recording says about each instant of it, its future included.
 
-A Rauch-Tung-Striebel pass (AIAA Journal 3, 1965) runs backwards over a second forward pass of the oracle's own filter.
-The first pass has found out when the readings began to step and what leapt; the second lets it leap there and then.
+The oracle's own filter finds the modes' probabilities, and a pass back (Kim, J. Econometrics 60, 1994) what they were
+in hindsight. From these follow the process noise of every tick and the outputs that failed. A second filter is given
+both, and a Rauch-Tung-Striebel pass (AIAA Journal 3, 1965) runs back over it.
 """
 
 from __future__ import annotations
@@ -10,76 +11,53 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import correct_one, forecast_one
-from twinbench.baselines.jump_aware import watch
+from twinbench.baselines.modes_ekf import FAILS_FROM, tick_modes
 from twinbench.baselines.oracle import Oracle
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import State, register
 from twinbench.methods.hindsight import Pass, empty_pass, look_back
+from twinbench.methods.modes import weigh_afterwards
 from twinbench.methods.noise import input_sd, output_sd
 from twinbench.methods.reporting import report
-from twinbench.methods.shifts import LIMIT_SD, N_SUMS
-from twinbench.methods.weighing import LEAP
-
-NO_CAUSE = -1
 
 
 @njit(cache=True, error_model="numpy")
-def _began(sums, since, k):  # type: ignore[no-untyped-def]
-    """Note in ``since`` (2, 2, ny) when each sum was last zero. Returns when the one nearest its limit began."""
-    first, most = k, 0.0
-    for i in range(N_SUMS):
-        for side in range(2):
-            for c in range(sums.shape[2]):
-                if sums[i, side, c] == 0.0:
-                    since[i, side, c] = k
-                elif sums[i, side, c] / LIMIT_SD[i] > most:
-                    first, most = since[i, side, c] + 1, sums[i, side, c] / LIMIT_SD[i]
-    return first
-
-
-@njit(cache=True, error_model="numpy")
-def find_leaps(rhs, output, model, rules, z, P, started, jumps, read, cause, out, info):  # type: ignore[no-untyped-def]
-    """Run the jump-aware filter over one machine's ticks; write what leapt when it began, and which outputs were out.
+def find_modes(rhs, output, model, modes, z, P, carried, read, mu, info):  # type: ignore[no-untyped-def]
+    """Run the oracle's filter over one machine's ticks, and write the modes' probabilities in hindsight.
 
     The function takes plain arrays because it is compiled.
 
     Args:
+        modes: as ``tick_modes`` takes them.
         read: u_before, u, u_sd, measured, white and coloured sd, each (N, 1, ...).
-        cause: (N,) of ``methods.weighing``, or NO_CAUSE.
-        out: (N, ny) is 1 where an output is not believed.
+        mu: (N, M) dimensionless probabilities, written.
     """
     u_before, u, u_sd, measured, white, coloured = read
-    since, began = np.zeros(jumps.sums.shape[1:], np.int64), 0
+    started = np.zeros(1, np.bool_)
     only = z.shape[0] - 1  # a plain 0 would be a type of its own, for which everything is compiled again
-    for k in range(cause.size):
-        weighed = jumps.left[0, 0] > 0
-        suspect = _began(jumps.sums[0], since, k)
+    for k in range(mu.shape[0]):
         now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
-        decided = watch(rhs, output, model, rules, z, P, started, jumps, only, now, info)
-        if jumps.left[0, 0] > 0 and not weighed:
-            began = suspect
-        if LEAP <= decided < LEAP + rules.leaps:
-            cause[began] = decided
-        for c in range(out.shape[1]):
-            if decided >= LEAP + rules.leaps and jumps.out[0, c] >= rules.most_out - 1:
-                out[began : k + 1, c] = 1
-            if jumps.out[0, c] > 0:
-                out[k, c] = 1
+        tick_modes(rhs, output, model, modes, z, P, started, carried, only, now, info)
+        mu[k] = carried[0][0]
+    weigh_afterwards(mu, modes[2])
 
 
 @njit(cache=True, error_model="numpy")
-def forward(rhs, output, model, leap_sd, z, P, read, cause, out, kept):  # type: ignore[no-untyped-def]
-    """The filter over one machine's ticks from z and P, with what is known to leap and to be out, into ``kept``.
+def forward(rhs, output, model, Q, z, P, read, out, kept):  # type: ignore[no-untyped-def]
+    """One filter over a machine's ticks from z and P, with the process noise and the failures of each, into ``kept``.
 
     The function takes plain arrays because it is compiled.
+
+    Args:
+        Q: (N, n, n) process noise that each tick adds to the model's, in the units of z squared.
+        read: u_before, u, u_sd, measured, white and coloured sd, each (N, 1, ...).
+        out: (N, ny) is 1 where an output is not believed.
     """
     u_before, u, u_sd, measured, white, coloured = read
-    for k in range(cause.size):
+    for k in range(out.shape[0]):
         if k > 0:
             z, P, kept.F[k] = forecast_one(rhs, model, z, P, u_before[k, 0], u_sd[k, 0])
-        if cause[k] >= 0:
-            i = model.step.size + cause[k] - LEAP
-            P[i, i] += leap_sd**2
+            P += Q[k]
         kept.ahead[k], kept.ahead_cov[k] = z, P
         z, P, _, _, _ = correct_one(output, model, z, P, u[k, 0], measured[k, 0], white[k, 0], coloured[k, 0], out[k])
         kept.z[k], kept.P[k] = z, P
@@ -130,14 +108,14 @@ class OracleSmoother(Oracle):
         sds = input_sd(self.machine, filled), *output_sd(self._sheet, filled)
         parts = before[:, inputs], filled[:, inputs], sds[0], measured, *sds[1:]
         read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
-        samples = len(filled)
-        cause, out = np.full(samples, NO_CAUSE), np.zeros((samples, measured.shape[1]), np.int64)
-        info = self.blank_info(1)
-        z, P = self.start(1)
         equations = self._rhs, self._output, self._model
-        find_leaps(*equations, self.rules, z, P, np.zeros(1, np.bool_), self.unshaken(1), read, cause, out, info)
-        kept = empty_pass(samples, self._size)
         z, P = self.start(1)
-        forward(*equations, self.rules.leap, z[0], P[0], read, cause, out, kept)
+        mu = np.empty((len(filled), len(self._turn)))
+        modes, carried = (self._walk, self._out, self._turn), self.undecided(z, P)
+        find_modes(*equations, modes, z, P, carried, read, mu, self.blank_info(1))
+        out = (mu @ self._out > FAILS_FROM).astype(np.int64)
+        kept = empty_pass(len(filled), self._size)
+        z, P = self.start(1)
+        forward(*equations, np.tensordot(mu, self._walk, 1), z[0], P[0], read, out, kept)
         look_back(kept)
         return kept

@@ -1,0 +1,154 @@
+"""Interacting multiple models over how health moves and which sensor fails, with any Simulator as the model.
+
+An extended Kalman filter for each mode of ``methods.modes``. They differ in how fast each health parameter walks and in
+which output they believe. All take the slopes of the equations at their common mean: these are the costly part of a
+tick, and the modes' means lie near each other. Each goes on from its own mean by the equations themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import njit
+
+from twinbench.baselines.augmented_model import bound, keep_doubt, linearise, measure
+from twinbench.baselines.model_ekf import ModelEKF
+from twinbench.baselines.nominal_filter import advance, nis_of, read
+from twinbench.machines.coordinates import Array
+from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
+from twinbench.methods.frontend import Memory
+from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
+from twinbench.methods.modes import in_the_long_run, linear_modes, merge_into, mix, modes_of, weigh
+from twinbench.methods.reporting import clean_flags
+from twinbench.methods.weighing import log_likelihood
+
+FAILS_FROM = 0.5
+"""Probability from which an output is reported as failed. What is estimated does not depend on it."""
+
+
+@njit(cache=True, error_model="numpy")
+def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info):  # type: ignore[no-untyped-def]
+    """Machine ``b`` a tick on, in place. Returns the modes' probabilities (M,) before the readings.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        modes: walk (M, n, n) as process noise of z, out and turn as in ``methods.modes.Modes``.
+        carried: probabilities (B, M), means (B, M, n) and covariances (B, M, n, n) of the modes.
+        told: what ``filter_inputs`` gives.
+        info: innovation (B, ny), S (B, ny, ny) and NIS (B,) are written here.
+    """
+    before, now, u_sd, measured, white, coloured = told
+    (walk, out, turn), (mu, zs, Ps) = modes, carried
+    count, ny = out.shape
+    innovation, S, score = np.empty((count, ny)), np.empty((count, ny, ny)), np.empty(count)
+    L, y = np.empty((ny, ny)), np.empty(ny)
+    ahead, centre = mu[b].copy(), z[b].copy()
+    if started[b]:
+        ahead, zs[b], Ps[b] = mix(mu[b], turn, zs[b], Ps[b])
+        centre, F, Q = linearise(rhs, model, centre, before[b], u_sd[b])
+        for j in range(count):
+            zs[b, j] = advance(rhs, model, zs[b, j], before[b])
+            Ps[b, j] = predict_covariance(Ps[b, j], F, Q + walk[j])
+    _, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
+    for j in range(count):
+        innovation[j] = measured[b] - read(output, model, zs[b, j], now[b], coloured[b])
+        used = np.where(out[j] > 0, np.nan, innovation[j])
+        zs[b, j], Ps[b, j], S[j], _ = update(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD)
+        keep_doubt(model, Ps[b, j])
+        bound(model, zs[b, j])
+        score[j] = log_likelihood(innovation[j], S[j], out[j], L, y)
+    mu[b] = weigh(ahead, score)
+    merge_into(mu[b], zs[b], Ps[b], z[b], P[b])
+    there = ~np.isnan(measured[b])
+    merge_into(ahead, np.where(there, innovation, 0.0), S, info[0][b], info[1][b])
+    info[0][b] = np.where(there, info[0][b], np.nan)
+    info[2][b] = nis_of(info[0][b], info[1][b])
+    started[b] = True
+
+
+@njit(cache=True, error_model="numpy")
+def _tick(rhs, output, model, modes, z, P, started, carried, told, info):  # type: ignore[no-untyped-def]
+    for b in range(z.shape[0]):
+        tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
+
+
+class ModesEKF(ModelEKF):
+    """Base of the filters that know in what ways health moves; a subclass says with which model in ``simulator``.
+
+    ``health_walk`` is the walk of a parameter that ramps, ``still`` what that is multiplied by for one that stands
+    still, and ``leap`` the standard deviation of a leap, in typical changes.
+    """
+
+    settings: ClassVar[dict[str, Any]] = {
+        **{name: value for name, value in ModelEKF.settings.items() if name != "implementation"},
+        "still": 0.05,
+        "leap": 2.0,
+    }
+    search_space: ClassVar[dict[str, Sequence[float]]] = {
+        **ModelEKF.search_space,
+        "still": (0.01, 0.5),
+        "leap": (0.5, 10.0),
+    }
+    online = ModelEKF.online | {"still", "leap"}
+
+    def restore(self) -> None:
+        """As the base class, and the modes; how health walks is theirs."""
+        super().restore()
+        walk, self._out, self._turn = modes_of(
+            self.machine, *(self.config[k] for k in ("health_walk", "still", "leap"))
+        )
+        at = np.arange(len(self._model.step), self._sensor)
+        Q = self._model.Q.copy()
+        Q[at, at] = 0.0
+        self._model = self._model._replace(Q=Q)
+        self._walk = np.zeros((len(walk), *Q.shape))
+        self._walk[:, at, at] = walk
+
+    def init(self, batch: int) -> State:
+        """As the base class. Every mode begins alike; their probabilities are those of the chain in the long run."""
+        z, P, started, *front = super().init(batch).memory
+        return self._report(z, P, (started, *self.undecided(z, P), *front))
+
+    def undecided(self, z: Array, P: Array) -> tuple[Array, Array, Array]:
+        """Probabilities (B, M), means (B, M, n) and covariances (B, M, n, n) before the first sample.
+
+        Args:
+            z: (B, n) mean of the prior, in the units of z.
+            P: (B, n, n) its covariance, in those units squared.
+        """
+        count = len(self._turn)
+        mu = np.tile(in_the_long_run(self._turn), (len(z), 1))
+        return mu, np.repeat(z[:, None], count, axis=1), np.repeat(P[:, None], count, axis=1)
+
+    def step(self, state: State, sample: Sample) -> tuple[State, Info]:
+        """Mix, run every mode's filter, weigh, merge."""
+        z, P, started, mu, zs, Ps, *rest = state.memory
+        front, clean = self._front_end.step(Memory(*rest), sample.measured)
+        z, P, started, carried = z.copy(), P.copy(), started.copy(), (mu.copy(), zs.copy(), Ps.copy())
+        info = self.blank_info(len(z))
+        modes = self._walk, self._out, self._turn
+        _tick(self._rhs, self._output, self._model, modes, z, P, started, carried, self.told(clean), info)
+        failed = carried[0] @ self._out > FAILS_FROM
+        accepted = clean.accepted[:, len(self.machine.inputs) :] & ~failed
+        flags = clean_flags(clean) | np.where(failed.any(axis=1), FLAG_GATED, 0)
+        return self._report(z, P, (started, *carried, *front)), Info(*info, accepted, flags, clean.age_s)
+
+    @staticmethod
+    def toy_filter(
+        F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array
+    ) -> Callable[[Array], tuple[Array, Array]]:
+        """Modes that do not differ are one Kalman filter.
+
+        Args:
+            F: (n, n) how a tick moves the state, in the states' units.
+            H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+            Q: (n, n) covariance of a tick's process noise, in the states' units squared.
+            R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+            x0: (n,) mean before the first prediction, each in its state's unit.
+            P0: (n, n) covariance before the first prediction, in the states' units squared.
+        """
+        turn = np.array([[0.9, 0.1], [0.2, 0.8]])
+        return linear_modes(F, H, np.repeat(Q[None], len(turn), axis=0), R, x0, P0, turn)

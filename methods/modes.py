@@ -1,0 +1,182 @@
+"""How health and sensors change, as modes of a chain, and how the filters of all modes are mixed and weighed.
+
+At any time health stands still, or one of its parameters ramps, or one leaps, or one output fails. Each mode has a
+filter of its own. Every tick they start from a mixture of each other, by the chain, and are weighed by how likely each
+found the readings (interacting multiple models: Blom and Bar-Shalom, IEEE Trans. Autom. Control 33, 1988). Compiled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twinbench.machines.coordinates import Array
+from twinbench.machines.machine import Machine
+from twinbench.methods.kalman import predict_covariance, update
+from twinbench.methods.noise import health_walk_var
+from twinbench.methods.weighing import log_likelihood
+
+STAY_S = (200.0, 300.0, 5.0)
+"""How long health stands still, one of its parameters ramps, or one leaps, on average. A leap takes one tick, but shows
+for seconds: one second errs by a tenth more on the two tanks, twenty no less. The others matter little."""
+NEXT = np.array([[0.0, 0.7, 0.3], [0.7, 0.15, 0.15], [0.7, 0.3, 0.0]])
+"""Dimensionless: which of them follows which. Ramps are commoner than leaps, and most end in standing still."""
+FAILED_S, FAILS_EVERY_S = 60.0, 3600.0
+"""How long an output fails, and how seldom each does, on average. Ten times as seldom costs a failure 2.3 of its score:
+one reading that is clearly off."""
+NEGLIGIBLE = 1e-12
+"""Probability below which a mode adds nothing to a mixture: round-off is larger."""
+
+
+class Modes(NamedTuple):
+    """M modes: health stands still, a parameter ramps or leaps, one each, or an output fails, one each.
+
+    Attributes:
+        walk: (M, nh) dimensionless variances that a tick adds to the coordinates of health.
+        out: (M, ny) dimensionless: 1 for an output that is not believed.
+        turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
+    """
+
+    walk: Array
+    out: np.ndarray
+    turn: Array
+
+
+def modes_of(machine: Machine, health_walk: float, still: float, leap: float) -> Modes:
+    """The modes of a machine. An output whose bias is a health parameter does not fail: its bias ramps or leaps.
+
+    Args:
+        machine: whose.
+        health_walk: dimensionless, of a parameter that ramps, times the walk of the machine's record.
+        still: dimensionless, times that of one that ramps: the walk of one that stands still.
+        leap: dimensionless sd of a leap, in the coordinates of health.
+    """
+    tick_s, parameters = machine.sample_period_s, len(machine.health)
+    failing = np.flatnonzero([not reading.bias for reading in machine.readings])
+    ramp = health_walk_var(machine, health_walk)
+    walk = np.tile(still**2 * ramp, (1 + 2 * parameters + len(failing), 1))
+    each = np.arange(parameters)
+    walk[1 + each, each] = ramp
+    walk[1 + parameters + each, each] = ramp + leap**2 * min(tick_s / STAY_S[-1], 1.0)
+    out = np.zeros((len(walk), len(machine.outputs)), np.int64)
+    out[1 + 2 * parameters + np.arange(len(failing)), failing] = 1
+    return Modes(walk, out, chain(parameters, len(failing), tick_s))
+
+
+def chain(parameters: int, failing: int, tick_s: float) -> Array:
+    """Probabilities (M, M) of going from one mode to another in a tick.
+
+    Args:
+        parameters: of health.
+        failing: outputs that may fail.
+        tick_s: how long a tick is.
+    """
+    kind = np.repeat(range(len(STAY_S)), (1, parameters, parameters))
+    leave = np.minimum(tick_s / np.array(STAY_S), 1.0)[kind]
+    turn = np.zeros((len(kind) + failing,) * 2)
+    moving, fails = slice(len(kind)), slice(len(kind), None)
+    turn[moving, moving] = leave[:, None] * NEXT[np.ix_(kind, kind)] / np.bincount(kind)[kind] + np.diag(1.0 - leave)
+    turn[moving] *= 1.0 - failing * tick_s / FAILS_EVERY_S
+    turn[moving, fails] = tick_s / FAILS_EVERY_S
+    ends = min(tick_s / FAILED_S, 1.0)
+    turn[fails, fails] = (1.0 - ends) * np.eye(failing)
+    turn[fails, 0] = ends
+    return turn
+
+
+def in_the_long_run(turn: Array) -> Array:
+    """Probabilities (M,) of the modes of a chain ``turn`` (M, M), dimensionless, that has gone on for long."""
+    return np.asarray(np.linalg.matrix_power(turn, 2**20)[0])
+
+
+@njit(cache=True, error_model="numpy")
+def merge_into(weight, z, P, mean, cov):  # type: ignore[no-untyped-def]
+    """Mean (n,) and covariance (n, n) of a mixture with weights (M,), means (M, n) and covariances (M, n, n)."""
+    n = mean.size
+    mean[:], cov[:] = 0.0, 0.0
+    for i in range(weight.size):
+        if weight[i] > NEGLIGIBLE:
+            for a in range(n):
+                mean[a] += weight[i] * z[i, a]
+    for i in range(weight.size):
+        if weight[i] > NEGLIGIBLE:
+            for a in range(n):
+                for b in range(n):
+                    cov[a, b] += weight[i] * (P[i, a, b] + (z[i, a] - mean[a]) * (z[i, b] - mean[b]))
+
+
+@njit(cache=True, error_model="numpy")
+def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
+    """Each mode's start of a tick: its probability (M,), mean (M, n) and covariance (M, n, n).
+
+    Args:
+        mu: (M,) probabilities of the modes at the tick before.
+        turn: (M, M) dimensionless, of going from one to another.
+        z: (M, n) their means, in the filter's coordinates.
+        P: (M, n, n) their covariances.
+    """
+    ahead, z_mixed, P_mixed = mu @ turn, np.empty_like(z), np.empty_like(P)
+    for j in range(mu.size):
+        merge_into(mu * turn[:, j] / ahead[j], z, P, z_mixed[j], P_mixed[j])
+    return ahead, z_mixed, P_mixed
+
+
+@njit(cache=True, error_model="numpy")
+def weigh(ahead, score):  # type: ignore[no-untyped-def]
+    """Probabilities (M,) of the modes after the readings, from those before them and the log scores (M,)."""
+    mu = ahead * np.exp(score - score.max())
+    return mu / mu.sum()
+
+
+@njit(cache=True, error_model="numpy")
+def weigh_afterwards(mu, turn):  # type: ignore[no-untyped-def]
+    """Probabilities (N, M) of the modes at N ticks, in place: each from all that followed, too.
+
+    Kim, J. Econometrics 60, 1994.
+
+    Args:
+        mu: (N, M) dimensionless, after each tick's own readings.
+        turn: (M, M) dimensionless, of going from one mode to another in a tick.
+    """
+    for k in range(mu.shape[0] - 2, -1, -1):
+        mu[k] *= turn @ (mu[k + 1] / (mu[k] @ turn))
+        mu[k] /= mu[k].sum()
+
+
+def linear_modes(
+    F: Array, H: Array, Q: Array, R: Array, x0: Array, P0: Array, turn: Array
+) -> Callable[[Array], tuple[Array, Array]]:
+    """These blocks on a linear-Gaussian machine whose process noise has modes, as ``methods.kalman.linear_filter``.
+
+    Args:
+        F: (n, n) how a tick moves the state, in the states' units.
+        H: (m, n) slope of the readings, a sensor's unit per unit of the state.
+        Q: (M, n, n) covariance of a tick's process noise in each mode, in the states' units squared.
+        R: (m, m) covariance of the measurement noise, in the sensors' units squared.
+        x0: (n,) mean before the first prediction, each in its state's unit.
+        P0: (n, n) covariance before the first prediction, in the states' units squared.
+        turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
+    """
+    count, m = len(Q), len(R)
+    L, y = np.empty((m, m)), np.empty(m)
+
+    def run(measured: Array) -> tuple[Array, Array]:
+        mu = np.full(count, 1.0 / count)
+        z, P = np.repeat(x0[None], count, axis=0), np.repeat(P0[None], count, axis=0)
+        means, covs = np.empty((len(measured), len(x0))), np.empty((len(measured), *P0.shape))
+        for k, reading in enumerate(measured):
+            mu, z, P = mix(mu, turn, z, P)
+            score = np.empty(count)
+            for j in range(count):
+                z[j], P[j] = F @ z[j], predict_covariance(P[j], F, Q[j])
+                innovation = reading - H @ z[j]
+                z[j], P[j], S, _ = update(z[j], P[j], innovation, H, R, np.inf)
+                score[j] = log_likelihood(innovation, S, np.zeros(m, np.int64), L, y)
+            mu = weigh(mu, score)
+            merge_into(mu, z, P, means[k], covs[k])
+        return means, covs
+
+    return run

@@ -1,0 +1,202 @@
+"""Interacting multiple models against filterpy's, what modes are for, and what hindsight adds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from filterpy.kalman import IMMEstimator, KalmanFilter
+
+from twinbench.baselines.oracle import Oracle
+from twinbench.baselines.oracle_smoother import OracleSmoother
+from twinbench.bench.contract.subject import record, small_benchmark
+from twinbench.data.corrupt import Corruption, corrupt
+from twinbench.machines.compressor import COMPRESSOR
+from twinbench.methods.estimator import FLAG_GATED
+from twinbench.methods.modes import (
+    FAILED_S,
+    STAY_S,
+    chain,
+    in_the_long_run,
+    linear_modes,
+    merge_into,
+    modes_of,
+    weigh_afterwards,
+)
+from twinbench.physics.compressor import PLANT
+from twinbench.physics.integrate import Varying, simulate
+
+CHANNELS, HEALTH = COMPRESSOR.channels, COMPRESSOR.health_names
+LEAPS_AT = 1600
+FIRST = slice(0, 1)
+
+
+def linear_machine(seed):
+    rng = np.random.default_rng(seed)
+    n, m = 4, 3
+    F = 0.95 * np.linalg.qr(rng.normal(size=(n, n)))[0]
+    H, q, p = rng.normal(size=(m, n)), rng.normal(size=(n, n)), rng.normal(size=(n, n))
+    Q = q @ q.T
+    return F, H, np.stack([0.01 * Q, 0.1 * Q, 2.0 * Q]), np.diag([0.5, 0.2, 1.0]), np.zeros(n), p @ p.T
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_modes_that_differ_give_what_filterpy_gives(seed):
+    F, H, Q, R, x0, P0 = linear_machine(seed)
+    filters = []
+    for each in Q:
+        one = KalmanFilter(len(x0), len(R))
+        one.x, one.P, one.F, one.H, one.Q, one.R = x0.copy(), P0.copy(), F, H, each, R
+        filters.append(one)
+    turn = chain(1, 0, 0.05)
+    peer = IMMEstimator(filters, np.full(3, 1 / 3), turn)
+    measured = 0.3 * np.random.default_rng(seed).normal(size=(150, 3))  # no outliers, since their weight is bounded
+    means, covs = linear_modes(F, H, Q, R, x0, P0, turn)(measured)
+    for y, mean, cov in zip(measured, means, covs, strict=True):
+        peer.predict()
+        peer.update(y)
+        np.testing.assert_allclose(mean, peer.x, rtol=1e-8, atol=1e-9)
+        np.testing.assert_allclose(cov, peer.P, rtol=1e-8, atol=1e-9)
+
+
+@pytest.mark.parametrize(("parameters", "failing"), [(1, 0), (2, 1), (5, 2)])
+def test_the_chain_goes_somewhere_and_stays_as_long_as_it_says(parameters, failing):
+    turn = chain(parameters, failing, 0.05)
+    np.testing.assert_allclose(turn.sum(axis=1), 1.0)
+    assert (turn >= 0.0).all()
+    stays = np.repeat([*STAY_S, FAILED_S], (1, parameters, parameters, failing))
+    # One ramp may go over into another, and any of them ends where an output fails.
+    np.testing.assert_allclose(0.05 / (1.0 - np.diagonal(turn)), stays, rtol=0.25)
+    usual = in_the_long_run(turn)
+    np.testing.assert_allclose(usual @ turn, usual, atol=1e-12)
+
+
+def test_a_machines_modes_are_one_for_each_way_to_change():
+    walk, out, turn = modes_of(COMPRESSOR, 1.0, 0.1, 2.0)
+    parameters = len(HEALTH)
+    assert len(walk) == len(out) == len(turn) == 1 + 2 * parameters + out.sum()
+    faster = walk > 1.5 * walk[0]
+    np.testing.assert_array_equal(faster.sum(axis=1), [0] + [1] * (2 * parameters) + [0] * int(out.sum()))
+    assert (faster.sum(axis=0) == 2).all()
+    reads = [reading.bias for reading in COMPRESSOR.readings]
+    assert [bool(c) for c in out.sum(axis=0)] == [not bias for bias in reads]
+
+
+def test_a_mixtures_moments_are_those_of_draws_from_it():
+    rng = np.random.default_rng(0)
+    mu, z, P = np.array([0.2, 0.8]), np.array([[0.0, 1.0], [2.0, -1.0]]), np.stack([np.eye(2), 0.5 * np.eye(2)])
+    which = rng.random(200_000) < mu[1]
+    draws = np.where(which[:, None], z[1], z[0]) + rng.normal(size=(200_000, 2)) * np.where(which, 0.5**0.5, 1)[:, None]
+    mean, cov = np.empty(2), np.empty((2, 2))
+    merge_into(mu, z, P, mean, cov)
+    np.testing.assert_allclose(mean, draws.mean(axis=0), atol=0.02)
+    np.testing.assert_allclose(cov, np.cov(draws.T), atol=0.02)
+
+
+def test_a_leap_is_followed_sooner_than_by_a_walk_alone():
+    """A constant that leaps: with a mode for leaps the estimate is there in a tenth of the time."""
+    one, walk = np.eye(1), np.array([1e-6, 1e-4, 0.2])[:, None, None]
+    y = np.random.default_rng(1).normal(size=(800, 1))
+    y[400:] += 20.0
+    modes, alone = (
+        linear_modes(one, one, Q, one, np.zeros(1), one, chain(1, 0, 0.05))(y)[0][:, 0]
+        for Q in (walk, np.repeat(walk[1:2], 3, axis=0))
+    )
+    assert abs(modes[430] - 20.0) < 2.0
+    assert abs(alone[430] - 20.0) > 10.0
+
+
+def test_afterwards_the_modes_of_a_chain_are_what_forward_and_backward_sums_say():
+    """Of a chain that is seen through independent noise: the textbook's forward-backward algorithm, in plain numpy."""
+    rng = np.random.default_rng(4)
+    turn = np.array([[0.9, 0.08, 0.02], [0.1, 0.85, 0.05], [0.3, 0.3, 0.4]])
+    likelihood = rng.uniform(0.1, 1.0, size=(40, 3))
+    forwards, backwards = np.empty((40, 3)), np.ones((40, 3))
+    ahead = np.full(3, 1 / 3)
+    for k in range(40):
+        forwards[k] = ahead * likelihood[k] / (ahead * likelihood[k]).sum()
+        ahead = forwards[k] @ turn
+    for k in range(38, -1, -1):
+        backwards[k] = turn @ (likelihood[k + 1] * backwards[k + 1])
+    both = forwards * backwards
+    mu = forwards.copy()
+    weigh_afterwards(mu, turn)
+    np.testing.assert_allclose(mu, both / both.sum(axis=1, keepdims=True), rtol=1e-10)
+
+
+@pytest.fixture(scope="module")
+def oracle():
+    estimator = OracleSmoother()
+    estimator.fit(small_benchmark().train, small_benchmark().validation, 0)
+    return estimator
+
+
+def machine(parameter="", size=0.0):
+    """Readings (1, 2400, 7) and health of the first test machine, one parameter of which leaps by ``size``."""
+    truth = small_benchmark().test.truth
+    health = np.tile(truth.health[FIRST, :1], (1, 2400, 1))
+    if parameter:
+        health[:, LEAPS_AT:, HEALTH.index(parameter)] += size
+    u = truth.inputs[FIRST]
+    u, health = u[:, : health.shape[1]], health[:, : u.shape[1]]
+    _, y = simulate(PLANT, u, truth.states[0, 0], varying=Varying(HEALTH, health))
+    return corrupt(COMPRESSOR, u[0], y[0], Corruption(), np.random.default_rng(3))[None], health
+
+
+@pytest.mark.parametrize(("parameter", "size", "off"), [("capacity", -0.06, 0.02), ("T_bias_K", 4.0, 1.5)])
+def test_a_leap_is_followed_within_seconds(oracle, parameter, size, off):
+    readings, _ = machine(parameter, size)
+    said = record(oracle, readings)
+    at = 5 + HEALTH.index(parameter)
+    before, after = (said.mean[k, 0, at] for k in (LEAPS_AT - 1, LEAPS_AT + 400))
+    assert after - before == pytest.approx(size, abs=off)
+    assert not (said.flags & FLAG_GATED).any(), "no sensor was to blame"
+
+
+def test_without_leaps_it_lags(oracle):
+    readings, health = machine("capacity", -0.06)
+    still = Oracle(leap=1e-6)
+    still.arrays = oracle.arrays
+    still.restore()
+    late = slice(LEAPS_AT + 200, None)
+    wrong = [np.abs(record(e, readings).mean[late, 0, 5] - health[0, late, 0]).mean() for e in (oracle, still)]
+    assert wrong[0] < 0.7 * wrong[1]
+
+
+@pytest.mark.parametrize("channel", ["p_dis_bar", "m_flow_kg_s"])
+def test_a_sensor_that_fails_is_left_out_until_it_fits_again(oracle, channel):
+    readings, health = machine()
+    c = CHANNELS.index(channel)
+    faulty = readings.copy()
+    rng = np.random.default_rng(5)
+    fault = slice(LEAPS_AT - 600, LEAPS_AT - 100)
+    faulty[:, fault, c] *= 1.0 + 0.2 * rng.normal(size=500)  # noise that no data sheet has
+    said, sane = record(oracle, faulty), record(oracle, readings)
+    out = ~said.accepted[:, 0, c - 4]
+    assert out[LEAPS_AT - 350 : LEAPS_AT - 120].mean() > 0.95
+    assert (said.flags[LEAPS_AT - 350 : LEAPS_AT - 120] & FLAG_GATED).any()
+    assert out[LEAPS_AT + 100 :].mean() < 0.1
+    typical = np.array([v.scale for v in PLANT.parameters[:5]])
+    off, usual = (np.abs(each.mean[-200:, 0, 5:] - health[:, -1]) / typical for each in (said, sane))
+    assert off.mean() < usual.mean() + 1.0
+
+
+def test_hindsight_knows_when_health_leapt(oracle):
+    readings, health = machine("capacity", -0.06)
+    ticks = np.arange(readings.shape[1])
+    known = oracle.smooth(readings, ticks)
+    said = record(oracle, readings)
+    near = slice(LEAPS_AT - 400, LEAPS_AT + 400)
+    # The course of capacity; its level takes longer than two minutes to tell from leakage, either way.
+    wrong = [(mean[near] - health[0, near, 0]).std() for mean in (known.mean[:, 5], said.mean[:, 0, 5])]
+    assert wrong[0] < 0.7 * wrong[1]
+    course = known.mean[near, 5]
+    half = np.argmax(course < 0.5 * (course[0] + course[-1]))
+    assert abs(half - 400) * COMPRESSOR.sample_period_s < 3.0
+    variance = np.diagonal(known.cov, axis1=1, axis2=2)
+    assert (variance > 0.0).all()
+    assert np.median(variance[:, 5:] / np.diagonal(said.cov[:, 0], axis1=1, axis2=2)[:, 5:]) < 1.0
+
+
+def test_the_oracle_has_no_delay(oracle):
+    with pytest.raises(ValueError, match="looks at the whole recording, not 60 s ahead"):
+        oracle.smooth(machine()[0], np.array([0]), 60.0)
