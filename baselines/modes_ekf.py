@@ -65,7 +65,7 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
     there = ~np.isnan(measured[b])
     merge_into(ahead, np.where(there, innovation, 0.0), S, info[0][b], info[1][b])
     info[0][b] = np.where(there, info[0][b], np.nan)
-    info[2][b] = nis_of(info[0][b], info[1][b])
+    info[2][b] = nis_of(np.where(mu[b] @ out > FAILS_FROM, np.nan, info[0][b]), info[1][b])
     started[b] = True
 
 

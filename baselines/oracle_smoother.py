@@ -113,7 +113,7 @@ class OracleSmoother(Oracle):
         mu = np.empty((len(filled), len(self._turn)))
         modes, carried = (self._walk, self._out, self._turn), self.undecided(z, P)
         find_modes(*equations, modes, z, P, carried, read, mu, self.blank_info(1))
-        out = (mu @ self._out > FAILS_FROM).astype(np.int64)
+        out = (mu @ self._out > FAILS_FROM).astype(float)
         kept = empty_pass(len(filled), self._size)
         z, P = self.start(1)
         forward(*equations, np.tensordot(mu, self._walk, 1), z[0], P[0], read, out, kept)

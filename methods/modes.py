@@ -41,7 +41,7 @@ class Modes(NamedTuple):
     """
 
     walk: Array
-    out: np.ndarray
+    out: Array
     turn: Array
 
 
@@ -61,8 +61,8 @@ def modes_of(machine: Machine, health_walk: float, still: float, leap: float) ->
     each = np.arange(parameters)
     walk[1 + each, each] = ramp
     walk[1 + parameters + each, each] = ramp + leap**2 * min(tick_s / STAY_S[-1], 1.0)
-    out = np.zeros((len(walk), len(machine.outputs)), np.int64)
-    out[1 + 2 * parameters + np.arange(len(failing)), failing] = 1
+    out = np.zeros((len(walk), len(machine.outputs)))
+    out[1 + 2 * parameters + np.arange(len(failing)), failing] = 1.0
     return Modes(walk, out, chain(parameters, len(failing), tick_s))
 
 
@@ -174,7 +174,7 @@ def linear_modes(
                 z[j], P[j] = F @ z[j], predict_covariance(P[j], F, Q[j])
                 innovation = reading - H @ z[j]
                 z[j], P[j], S, _ = update(z[j], P[j], innovation, H, R, np.inf)
-                score[j] = log_likelihood(innovation, S, np.zeros(m, np.int64), L, y)
+                score[j] = log_likelihood(innovation, S, np.zeros(m), L, y)
             mu = weigh(mu, score)
             merge_into(mu, z, P, means[k], covs[k])
         return means, covs
