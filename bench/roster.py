@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 REFERENCE = "oracle"
-"""The estimator that knows the exact plant, the sensors and that health may leap: what all others are measured against.
-It is no bound: it does not know how health moves, and an estimator that does can be better."""
+"""The estimator that knows the exact plant, the sensors and in what ways health moves: what all are measured against.
+It is no bound: it is linearised, and does not know that a ramp is straight."""
 HINDSIGHT = "oracle_smoother"
 """The same, looking back from the end of a recording: what could be known afterwards, and by nobody at the time."""
 PRIOR = "always_prior"
@@ -20,8 +20,8 @@ UNRANKED = (REFERENCE, HINDSIGHT, *TRIVIAL, TRUE_START)
 PROPOSED = "deeponet_kalman"
 WITHOUT_EQUATIONS = ("gru_kf", "s5_kf", "lstm_rls", "deeponet", "pinn_ukf", PROPOSED)
 """Those that learn a machine from recordings and re-simulations, and carry no equations of it."""
-WEIGHS_STEPS = (REFERENCE, HINDSIGHT, PROPOSED)
-"""Those that weigh what may have leapt after a sudden step of the readings."""
+WEIGHS_STEPS = (REFERENCE, HINDSIGHT, "nominal_imm", PROPOSED)
+"""Those that weigh what may have leapt or failed when the readings step."""
 
 LABELS = {
     "oracle": "Oracle (reference)",

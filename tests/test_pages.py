@@ -10,7 +10,7 @@ import pytest
 from helpers.prose import PAGES, READ, ROOT, sentences
 
 from twinbench.bench.registry import discover
-from twinbench.bench.roster import LABELS
+from twinbench.bench.roster import LABELS, WEIGHS_STEPS
 from twinbench.common.page_marks import blocks, pages
 from twinbench.data.benchmark import DesignConfig
 from twinbench.data.population import BEGIN_MIN, BLOCK, COMMISSIONING_S, RAMP_MIN, SIZE
@@ -131,7 +131,9 @@ def test_the_page_on_the_estimators_says_of_each_what_its_code_has(name):
     said, kind = facts()[name], discover()[name]
     assert (said["slow errors"] in ("yes", "none needed")) == ("slow_error" in kind.settings)
     assert (said["slow errors"] == "none needed") == (said["model"] == "plant")
-    assert (said["jump test"] == "yes") == ("weighed_s" in kind.settings)
+    assert (
+        (said["weighs steps"] == "yes") == bool({"weighed_s", "still"} & set(kind.settings)) == (name in WEIGHS_STEPS)
+    )
     assert (said["drift"] == "yes") == has_drift(kind)
     assert ("network" in said["trained"]) == ("iterations" in kind.settings)
 

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.report.words import names_of
 from twinbench.bench.roster import ABLATION, PROPOSED, UNRANKED, WEIGHS_STEPS, is_ablation, label, ordered
 from twinbench.bench.statistics.apart import complete
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
@@ -65,11 +66,13 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
     nearest = min(rivals, key=lambda e: mean[e])
     found = differences(table, less).set_index("estimator").loc[nearest, ["difference", "low", "high"]]
     worth, low, high = map(float, found)
+    those = [label(e) for e in ordered(complete(table)) if e in WEIGHS_STEPS and e not in UNRANKED]
+    weigh = f"{names_of(those)} alone weigh{'s' if len(those) == 1 else ''}"
     says = "are told apart" if low > 0.0 or high < 0.0 else "are not told apart"
     return [
-        f"Of the ranked estimators {label(PROPOSED)} alone weighs what may have caused a sudden step. With that its "
-        f"health error is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
-        f"{label(nearest)}, which comes next, errs {number(mean[nearest])} %. Without that, "
+        f"Of the estimators ranked in this run {weigh} what may have caused a sudden step. With that the health error "
+        f"of {label(PROPOSED)} is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
+        f"{label(nearest)}, the best of those that do not, errs {number(mean[nearest])} %. Without that, "
         f"{label(PROPOSED)} differs from it by {number(worth)} percentage points ({span(low, high, to=True)}), so they "
         f"{says}."
     ]

@@ -93,8 +93,11 @@ def test_whether_the_lead_hangs_on_the_test_for_steps_is_said():
     ]
     scores = pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])
     (said,) = without_steps(scores, {})
-    assert "PINN + UKF, which comes next, errs 5." in said
+    assert "ranked in this run DeepONet-Kalman alone weighs" in said
+    assert "PINN + UKF, the best of those that do not, errs 5." in said
     assert said.endswith("so they are not told apart.")
+    too = pd.concat([scores, scores[scores["estimator"] == "gru_kf"].assign(estimator="nominal_imm")])
+    assert "ranked in this run Nominal IMM and DeepONet-Kalman alone weigh what" in without_steps(too, {})[0]
     far = scores.assign(value=scores["value"] + 2.0 * (scores["estimator"] == "pinn_ukf"))
     assert without_steps(far, {})[0].endswith("so they are told apart.")
     assert without_steps(scores[scores["estimator"] != "deeponet_kalman:no_steps"], {}) == []
