@@ -1,8 +1,8 @@
 """Interacting multiple models over how health moves and which sensor fails, with any Simulator as the model.
 
 An extended Kalman filter for each mode of ``methods.modes``. They differ in how fast each health parameter walks and in
-which output they believe. All take the slopes of the equations at their common mean: these are the costly part of a
-tick, and the modes' means lie near each other. Each goes on from its own mean by the equations themselves.
+which output they believe. The equations are linearised once a tick, at the common mean of all. Each mode on its own, by
+the equations themselves, errs no less on validation recordings of two machines, and takes half as long again.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numba import njit
 
 from twinbench.baselines.augmented_model import bound, keep_doubt, linearise, measure
 from twinbench.baselines.model_ekf import ModelEKF
-from twinbench.baselines.nominal_filter import advance, nis_of, read
+from twinbench.baselines.nominal_filter import nis_of
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
 from twinbench.methods.frontend import Memory
@@ -48,13 +48,13 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
     ahead, centre = mu[b].copy(), z[b].copy()
     if started[b]:
         ahead, zs[b], Ps[b] = mix(mu[b], turn, zs[b], Ps[b])
-        centre, F, Q = linearise(rhs, model, centre, before[b], u_sd[b])
+        centre, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
         for j in range(count):
-            zs[b, j] = advance(rhs, model, zs[b, j], before[b])
+            zs[b, j] = centre + F @ (zs[b, j] - z[b])
             Ps[b, j] = predict_covariance(Ps[b, j], F, Q + walk[j])
-    _, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
+    expected, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
     for j in range(count):
-        innovation[j] = measured[b] - read(output, model, zs[b, j], now[b], coloured[b])
+        innovation[j] = expected - H @ (zs[b, j] - centre)
         used = np.where(out[j] > 0, np.nan, innovation[j])
         zs[b, j], Ps[b, j], S[j], _ = update(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD)
         keep_doubt(model, Ps[b, j])
