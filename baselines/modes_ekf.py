@@ -20,12 +20,17 @@ from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
 from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
-from twinbench.methods.modes import in_the_long_run, linear_modes, merge_into, mix, modes_of, weigh
+from twinbench.methods.modes import (
+    FAILS_FROM,
+    in_the_long_run,
+    linear_modes,
+    log_likelihood,
+    merge_into,
+    mix,
+    modes_of,
+    weigh_into,
+)
 from twinbench.methods.reporting import clean_flags
-from twinbench.methods.weighing import log_likelihood
-
-FAILS_FROM = 0.5
-"""Probability from which an output is reported as failed. What is estimated does not depend on it."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -60,7 +65,7 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
         keep_doubt(model, Ps[b, j])
         bound(model, zs[b, j])
         score[j] = log_likelihood(innovation[j], S[j], out[j], L, y)
-    mu[b] = weigh(ahead, score)
+    weigh_into(ahead, score, mu[b])
     merge_into(mu[b], zs[b], Ps[b], z[b], P[b])
     there = ~np.isnan(measured[b])
     merge_into(ahead, np.where(there, innovation, 0.0), S, info[0][b], info[1][b])

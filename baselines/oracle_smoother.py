@@ -11,12 +11,12 @@ import numpy as np
 from numba import njit
 
 from twinbench.baselines.augmented_model import correct_one, forecast_one
-from twinbench.baselines.modes_ekf import FAILS_FROM, tick_modes
+from twinbench.baselines.modes_ekf import tick_modes
 from twinbench.baselines.oracle import Oracle
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import State, register
 from twinbench.methods.hindsight import Pass, empty_pass, look_back
-from twinbench.methods.modes import weigh_afterwards
+from twinbench.methods.modes import FAILS_FROM, weigh_afterwards
 from twinbench.methods.noise import input_sd, output_sd
 from twinbench.methods.reporting import report
 

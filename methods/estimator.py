@@ -75,9 +75,7 @@ FLAG_SPIKE = 1
 FLAG_MISSING = 2
 """A channel had no measurement."""
 FLAG_GATED = 4
-"""A channel was too far from what was predicted, and left out of the correction for now."""
-FLAG_FROZEN = 8
-"""Innovations stay inconsistent: health is as before, and is not corrected."""
+"""A channel was too far from what was predicted, or seems to fail, and is left out of the correction for now."""
 FLAG_UNINFORMED = 16
 """Of some health parameter hardly more is known than before the first reading: its sd is still nearly what it was."""
 

@@ -23,7 +23,6 @@ class Pass(NamedTuple):
         z: (N, n) means after it, in the units of z.
         P: (N, n, n) their covariances, in those units squared.
         F: (N, n, n) slope that led to each tick from the one before, in the units of z.
-        seam: (N,) bool: what is known after this tick does not follow from the tick before by the model alone.
     """
 
     ahead: Array
@@ -31,27 +30,21 @@ class Pass(NamedTuple):
     z: Array
     P: Array
     F: Array
-    seam: np.ndarray
 
 
 def empty_pass(ticks: int, n: int) -> Pass:
-    """Room for so many ticks of n entries of z, without a seam."""
+    """Room for so many ticks of n entries of z."""
     square = (ticks, n, n)
     z, P = np.empty((ticks, n)), np.empty(square)
-    return Pass(np.empty((ticks, n)), np.empty(square), z, P, np.zeros(square), np.zeros(ticks, np.bool_))
+    return Pass(np.empty((ticks, n)), np.empty(square), z, P, np.zeros(square))
 
 
 @njit(cache=True, error_model="numpy")
 def look_back(kept):  # type: ignore[no-untyped-def]
-    """``kept.z`` and ``kept.P`` become what all of the pass says of each tick, in place.
-
-    What comes after a seam says nothing of what was before it.
-    """
+    """``kept.z`` and ``kept.P`` become what all of the pass says of each tick, in place."""
     n = kept.z.shape[1]
     sd, scaled, FP = np.empty(n), np.empty((n, n)), np.empty((n, n))
     for k in range(kept.z.shape[0] - 2, -1, -1):
-        if kept.seam[k] or kept.seam[k + 1]:
-            continue
         cov = kept.ahead_cov[k + 1]
         for i in range(n):  # bar and kelvin: solved in units of one sd each
             sd[i] = np.sqrt(cov[i, i])

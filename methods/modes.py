@@ -15,9 +15,8 @@ from numba import njit
 
 from twinbench.machines.coordinates import Array
 from twinbench.machines.machine import Machine
-from twinbench.methods.kalman import predict_covariance, update
+from twinbench.methods.kalman import factorise, predict_covariance, update
 from twinbench.methods.noise import health_walk_var
-from twinbench.methods.weighing import log_likelihood
 
 STAY_S = (200.0, 300.0, 5.0)
 """How long health stands still, one of its parameters ramps, or one leaps, on average. A leap takes one tick, but shows
@@ -27,6 +26,13 @@ NEXT = np.array([[0.0, 0.7, 0.3], [0.7, 0.15, 0.15], [0.7, 0.3, 0.0]])
 FAILED_S, FAILS_EVERY_S = 60.0, 3600.0
 """How long an output fails, and how seldom each does, on average. Ten times as seldom costs a failure 2.3 of its score:
 one reading that is clearly off."""
+MOST_SURPRISE = 16.0
+"""Bound on the NIS of one update: three readings reach it by chance once in a thousand. More lets an outlier decide."""
+FAILS_SD = 30.0
+"""An output that fails reads anything within so many sd. More makes failures less likely: twice as much costs the score
+.7 in every update."""
+FAILS_FROM = 0.5
+"""Probability from which an output is reported as failed. What is estimated does not depend on it."""
 NEGLIGIBLE = 1e-12
 """Probability below which a mode adds nothing to a mixture: round-off is larger."""
 
@@ -45,8 +51,18 @@ class Modes(NamedTuple):
     turn: Array
 
 
+def failing_of(machine: Machine) -> np.ndarray:
+    """Positions of the outputs that may fail. One whose bias is a health parameter does not: that ramps or leaps."""
+    return np.flatnonzero([not reading.bias for reading in machine.readings])
+
+
+def count_of(machine: Machine) -> int:
+    """How many modes a machine has."""
+    return 1 + 2 * len(machine.health) + len(failing_of(machine))
+
+
 def modes_of(machine: Machine, health_walk: float, still: float, leap: float) -> Modes:
-    """The modes of a machine. An output whose bias is a health parameter does not fail: its bias ramps or leaps.
+    """The modes of a machine.
 
     Args:
         machine: whose.
@@ -55,9 +71,9 @@ def modes_of(machine: Machine, health_walk: float, still: float, leap: float) ->
         leap: dimensionless sd of a leap, in the coordinates of health.
     """
     tick_s, parameters = machine.sample_period_s, len(machine.health)
-    failing = np.flatnonzero([not reading.bias for reading in machine.readings])
+    failing = failing_of(machine)
     ramp = health_walk_var(machine, health_walk)
-    walk = np.tile(still**2 * ramp, (1 + 2 * parameters + len(failing), 1))
+    walk = np.tile(still**2 * ramp, (count_of(machine), 1))
     each = np.arange(parameters)
     walk[1 + each, each] = ramp
     walk[1 + parameters + each, each] = ramp + leap**2 * min(tick_s / STAY_S[-1], 1.0)
@@ -109,6 +125,22 @@ def merge_into(weight, z, P, mean, cov):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def mix_into(mu, turn, z, P, weight, ahead, z_mixed, P_mixed):  # type: ignore[no-untyped-def]
+    """``mix`` written into ``ahead`` (M,), ``z_mixed`` (M, n) and ``P_mixed`` (M, n, n); ``weight`` (M,) is scratch.
+
+    The function takes plain arrays because it is compiled.
+    """
+    for j in range(mu.size):
+        ahead[j] = 0.0
+        for i in range(mu.size):
+            weight[i] = mu[i] * turn[i, j]
+            ahead[j] += weight[i]
+        for i in range(mu.size):
+            weight[i] /= ahead[j]
+        merge_into(weight, z, P, z_mixed[j], P_mixed[j])
+
+
+@njit(cache=True, error_model="numpy")
 def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
     """Each mode's start of a tick: its probability (M,), mean (M, n) and covariance (M, n, n).
 
@@ -118,17 +150,55 @@ def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
         z: (M, n) their means, in the filter's coordinates.
         P: (M, n, n) their covariances.
     """
-    ahead, z_mixed, P_mixed = mu @ turn, np.empty_like(z), np.empty_like(P)
-    for j in range(mu.size):
-        merge_into(mu * turn[:, j] / ahead[j], z, P, z_mixed[j], P_mixed[j])
+    ahead, z_mixed, P_mixed = np.empty_like(mu), np.empty_like(z), np.empty_like(P)
+    mix_into(mu, turn, z, P, np.empty_like(mu), ahead, z_mixed, P_mixed)
     return ahead, z_mixed, P_mixed
 
 
 @njit(cache=True, error_model="numpy")
-def weigh(ahead, score):  # type: ignore[no-untyped-def]
-    """Probabilities (M,) of the modes after the readings, from those before them and the log scores (M,)."""
-    mu = ahead * np.exp(score - score.max())
-    return mu / mu.sum()
+def log_likelihood(innovation, S, out, L, y):  # type: ignore[no-untyped-def]
+    """Of one update under one mode, bounded, but for what all modes share.
+
+    Args:
+        innovation: (m,) in the outputs' units; NaN where missing, which is the same under every mode.
+        S: (m, m) its covariance, in those units squared.
+        out: (m,) positive for outputs that fail under this mode.
+        L: (m, m) scratch.
+        y: (m,) scratch.
+    """
+    m = 0
+    for a in range(innovation.size):
+        if np.isnan(innovation[a]):
+            continue
+        i = 0
+        for b in range(a + 1):
+            if not np.isnan(innovation[b]):
+                L[m, i] = S[a, b]
+                i += 1
+        if out[a] > 0:
+            L[m, m] += FAILS_SD**2 * S[a, a]
+        y[m] = innovation[a]
+        m += 1
+    factorise(L, m)
+    nis, log_det = 0.0, 0.0
+    for i in range(m):
+        for k in range(i):
+            y[i] -= L[i, k] * y[k]
+        y[i] /= L[i, i]
+        nis += y[i] * y[i]
+        log_det += 2.0 * np.log(L[i, i])
+    return -0.5 * (min(nis, MOST_SURPRISE) + log_det)
+
+
+@njit(cache=True, error_model="numpy")
+def weigh_into(ahead, score, mu):  # type: ignore[no-untyped-def]
+    """Probabilities of the modes after the readings into mu (M,), from those before and the log scores (M,)."""
+    most, total = score.max(), 0.0
+    for j in range(mu.size):
+        mu[j] = ahead[j] * np.exp(score[j] - most)
+        total += mu[j]
+    for j in range(mu.size):
+        mu[j] /= total
 
 
 @njit(cache=True, error_model="numpy")
@@ -175,7 +245,7 @@ def linear_modes(
                 innovation = reading - H @ z[j]
                 z[j], P[j], S, _ = update(z[j], P[j], innovation, H, R, np.inf)
                 score[j] = log_likelihood(innovation, S, np.zeros(m), L, y)
-            mu = weigh(mu, score)
+            weigh_into(mu.copy(), score, mu)
             merge_into(mu, z, P, means[k], covs[k])
         return means, covs
 

@@ -15,13 +15,12 @@ from twinbench.bench.estimates import Estimates
 from twinbench.data.units import likely_units, short_unit
 from twinbench.machines.coordinates import Array
 from twinbench.machines.machine import Machine
-from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED
+from twinbench.methods.estimator import FLAG_GATED, FLAG_MISSING, FLAG_SPIKE, FLAG_UNINFORMED
 
 FLAGS = {
     "spike": FLAG_SPIKE,
     "missing": FLAG_MISSING,
     "gated": FLAG_GATED,
-    "frozen": FLAG_FROZEN,
     "uninformed": FLAG_UNINFORMED,
 }
 MOST_UNUSED = 0.5

@@ -51,13 +51,13 @@ def ablation_table(scores: pd.DataFrame, failures: Mapping[str, str], subject: S
 
 
 def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str]:
-    """Is the proposed method's lead in health told without its test for steps? Nothing where that was not left out.
+    """Is the proposed method's lead in health told without its modes? Nothing where that was not left out.
 
     Args:
         scores: as of ``rivals_table``, ablations among them.
         failures: likewise.
     """
-    less = f"{PROPOSED}{ABLATION}no_steps"
+    less = f"{PROPOSED}{ABLATION}no_modes"
     table = sequence_scores(scores[scores["metric"] == LIFE], LIFE, failures)
     rivals = [e for e in complete(table) if not is_ablation(e) and e not in (*UNRANKED, *WEIGHS_STEPS)]
     if less not in complete(table) or PROPOSED not in complete(table) or not rivals:

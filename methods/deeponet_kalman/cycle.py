@@ -16,7 +16,7 @@ from twinbench.machines.machine import Machine
 from twinbench.methods.deeponet_kalman.augmented import bound_states, readings
 from twinbench.methods.deeponet_kalman.forecast import predict_mean
 from twinbench.methods.deeponet_kalman.layout import stream_type
-from twinbench.methods.deeponet_kalman.model import Model, rivals_type, room_type
+from twinbench.methods.deeponet_kalman.model import Model, modes_type, room_type
 from twinbench.methods.deeponet_kalman.parts import Parts
 from twinbench.methods.deeponet_kalman.records import one_record, record, record_of
 from twinbench.methods.deeponet_kalman.safeguards import Settings, safety_type
@@ -130,7 +130,7 @@ def memory_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
             "safety": (safety_type(parts), ()),
             "z": ("f8", (parts.size,)),
             "P": ("f8", (parts.size, parts.size)),
-            "rivals": (rivals_type(parts), ()),
+            "modes": (modes_type(parts), ()),
         }
     )
 

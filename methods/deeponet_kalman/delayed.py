@@ -1,8 +1,7 @@
 """Fixed-lag smoothing: what DeepONet-Kalman knows of a tick a stated while later.
 
-The filter goes forward as ever. A Rauch-Tung-Striebel pass then looks back over the ticks of the delay. Health may leap
-while causes of a step are weighed, and the safeguards move it by rules of their own. What is known after that does not
-follow from what was before, so nothing is carried back over such a tick.
+The filter goes forward as ever. A Rauch-Tung-Striebel pass then looks back over the ticks of the delay, with the mean
+and the covariance of the modes' mixture: both follow from those of the tick before by one transition.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from numba import njit
 from twinbench.machines.coordinates import Array
 from twinbench.methods.deeponet_kalman.cycle import said_type, update
 from twinbench.methods.deeponet_kalman.parts import Parts
-from twinbench.methods.deeponet_kalman.safeguards import FROZEN, INFLATING
 from twinbench.methods.hindsight import Pass, empty_pass, look_back
 
 LOOKS_BACK = 4
@@ -41,7 +39,6 @@ def _forward(weights, twin, memory, measured, said, t, kept, at):  # type: ignor
         update(weights, twin, memory, measured[i : i + 1], at_the_tick, said, t)
         m = memory[0]
         kept.z[k], kept.P[k] = m.z, m.P
-        kept.seam[k] = m.rivals.left > 0 or m.safety.counts[FROZEN] > 0 or m.safety.counts[INFLATING] > 0
 
 
 class Filter(NamedTuple):

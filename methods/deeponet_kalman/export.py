@@ -18,6 +18,7 @@ from twinbench.machines.sensors import Growth
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.parts import followers
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT
+from twinbench.methods.modes import in_the_long_run
 from twinbench.methods.operator import EMBEDDED, KERNEL, SLOW_TAU_S, head_of_state, slow_channels
 
 OPSET, IR_VERSION = 18, 8
@@ -228,7 +229,8 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
 
     Returns:
         z0, P0: (N,), (N, N) before the first tick.
-        F: (N, N) transition of one tick without the operator and the probe; Q (N, N) its noise.
+        F: (N, N) transition of one tick without the operator and the probe; Q (N, N) its noise, with the
+            mean walk of health over all modes.
         H: (ny, N) of the readings without the bias and the coloured noise.
         z_low, z_high: (N,) bounds.
         probe_tau_s, probe_tau_x: the probe lags by ``tau_s mu**-tau_x`` seconds where what quickens it is mu.
@@ -253,6 +255,8 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
     F[:n, error:] = np.eye(n)
     np.fill_diagonal(F[noise:, noise:], np.append(model.noise_keep, np.full(n, model.error_keep)))
     H[range(parts.outputs), model.readings.source] = model.readings.gain
+    Q, health_at = model.Q.copy(), np.arange(parts.zeta, noise)
+    Q[health_at, health_at] = in_the_long_run(model.modes.turn) @ model.modes.walk
     z_low, z_high = np.full(parts.size, -np.inf), np.full(parts.size, np.inf)
     z_low[:n], z_low[parts.zeta : noise], z_high[parts.zeta : noise] = model.state_low, model.zeta_low, model.zeta_high
     slope = health.theta_and_slope(np.zeros(parts.health))[1]
@@ -264,7 +268,7 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
         "z0": fresh["z"],
         "P0": fresh["P"],
         "F": F,
-        "Q": model.Q,
+        "Q": Q,
         "H": H,
         "z_low": z_low,
         "z_high": z_high,

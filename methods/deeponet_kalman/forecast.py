@@ -96,14 +96,13 @@ def _times(model, F, A, B):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def predict(w, model, base, z, P, away, push, part, t):  # type: ignore[no-untyped-def]
-    """One tick ahead, Eqs. (6) and (7): z (N,) and P (N, N) in place, the Jacobian in ``t.F``.
+def predict(w, model, base, z, away, part, t):  # type: ignore[no-untyped-def]
+    """Eq. (6): z (N,) one tick ahead, in place, and the Jacobian in ``t.F``.
 
     The function takes plain arrays because it is compiled.
 
     Args:
         away: distance of the query from the training envelope.
-        push: (nh,) direction of late corrections, which widens the walk of health by Eq. (14).
         part: of the tick, 1 for all of it; less goes along the straight line there.
         t: room.
     """
@@ -114,20 +113,34 @@ def predict(w, model, base, z, P, away, push, part, t):  # type: ignore[no-untyp
     else:
         heads_with_jacobian(w, net, base, net.condition)
     _transition(model, z, net.jacobian, trust(settings, away), part, t.F)
+    _move(model, z, net.out, part)
+
+
+@njit(cache=True, error_model="numpy")
+def spread(model, P, walk, away, push, part, t):  # type: ignore[no-untyped-def]
+    """Eq. (7): P (N, N) one tick ahead with the Jacobian in ``t.F``, in place.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        walk: (nh,) dimensionless variances that a tick adds to health's coordinates.
+        away: distance of the query from the training envelope.
+        push: (nh,) direction of late corrections, which widens the walk of health by Eq. (14).
+        part: of the tick.
+        t: room.
+    """
+    settings, (zeta, _, error) = model.settings, places(model)
     _times(model, t.F, P, t.M)
     _times(model, t.F, t.M, P)
-    zeta, _, error = places(model)
     for i in range(model.Q.shape[0]):
         for j in range(model.Q.shape[1]):
             P[i, j] += part * model.Q[i, j]
-    for i in range(push.size):
-        k = zeta + i
-        P[k, k] += part * model.Q[k, k] * (walk_factor(settings, model.memories.push, push[i]) - 1.0)
+    for i in range(walk.size):
+        P[zeta + i, zeta + i] += part * walk[i] * walk_factor(settings, model.memories.push, push[i])
     for i in range(model.state_mean.size):
         k = error + i
         P[k, k] += part * model.Q[k, k] * settings.extrapolation * away * away
     symmetrise(P)
-    _move(model, z, net.out, part)
 
 
 @njit(cache=True, error_model="numpy")

@@ -29,7 +29,8 @@ from twinbench.methods.deeponet_kalman.safeguards import Envelope, Settings, emp
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import THRESHOLD, FrontEnd
 from twinbench.methods.kalman import linear_filter
-from twinbench.methods.noise import coloured_keep, health_walk_var
+from twinbench.methods.modes import in_the_long_run, modes_of
+from twinbench.methods.noise import coloured_keep
 from twinbench.methods.operator import acting
 from twinbench.methods.reporting import report
 
@@ -93,7 +94,9 @@ class DeepONetKalman(Estimator):
         "model_noise": 4.228,
         "slow_error": 0.5062,
         "error_tau_s": 183.0,
-        "health_walk": 0.597,
+        "health_walk": 2.0,
+        "still": 0.04,
+        "leap": 2.0,
         "trust_reach": 1.0,
         "extrapolation": 1.0,
         "least_information": 0.0429,
@@ -103,11 +106,6 @@ class DeepONetKalman(Estimator):
         "r_most": 25.0,
         "hampel": True,
         "channel_gate": 6.0,
-        "rollback": True,
-        "steps": True,
-        "leap": 3.0,
-        "weighed_s": 10.0,
-        "inflation": 8.132,
         "difference": 0.0,
         "audited": True,
     }
@@ -117,14 +115,15 @@ class DeepONetKalman(Estimator):
         "slow_error": (0.3, 4.0),
         "error_tau_s": (100.0, 1500.0),
         "health_walk": (0.5, 4.0),
-        "q_gain": (0.005, 0.1),
-        "inflation": (1.5, 10.0),
+        "still": (0.01, 0.5),
+        "leap": (0.5, 10.0),
         "least_information": (0.03, 3.0),
     }
     online = frozenset(
         {
             *Settings._fields,
-            *("hampel", "update_every", "model_noise", "slow_error", "error_tau_s", "health_walk", "audited"),
+            *("hampel", "update_every", "model_noise", "slow_error", "error_tau_s", "audited"),
+            *("health_walk", "still", "leap"),
         }
     )
     ablations: ClassVar[dict[str, dict[str, Any]]] = {
@@ -138,8 +137,7 @@ class DeepONetKalman(Estimator):
         "no_conditioning": {"conditioned": False, "audited": False},
         "no_observability": {"least_information": 0.0},
         "no_gate": {"channel_gate": np.inf, "hampel": False},
-        "no_rollback": {"rollback": False},
-        "no_steps": {"steps": False},
+        "no_modes": {"still": 1.0, "leap": 0.0, "health_walk": 0.597},
         "no_slow_errors": {"slow_error": 0.0},
         "no_augmentation": {"augmented": False},
         "no_strata": {"stratified": False},
@@ -227,6 +225,7 @@ class DeepONetKalman(Estimator):
             error_keep,
             Settings(*(self.config[name] for name in Settings._fields)),
             Envelope(a["query.low"], a["query.high"]),
+            modes_of(machine, *(self.config[name] for name in ("health_walk", "still", "leap"))),
         )
         self.scaling = scaling_of(machine, a["query.mean"], a["query.scale"])
         every = self.config["update_every"]
@@ -235,15 +234,14 @@ class DeepONetKalman(Estimator):
         self._fresh = self._before_the_first_sample()
 
     def _process_noise(self, error_keep: float) -> Array:
-        """Q (N, N) of one tick, in the units of z squared."""
+        """Q (N, N) of one tick but for the walk of health, in the units of z squared."""
         parts, machine = self.parts, self.machine
         n, lag = parts.states, slice(parts.states, parts.zeta)
-        health, noise = slice(parts.zeta, parts.noise), slice(parts.noise, parts.error)
-        Q, error = np.zeros((parts.size, parts.size)), slice(parts.error, parts.size)
+        noise, error = slice(parts.noise, parts.error), slice(parts.error, parts.size)
+        Q = np.zeros((parts.size, parts.size))
         Q[:n, :n] = self.config["model_noise"] * self.arrays["audit.residual_cov"]
         scales = np.array([machine.variables[follower.state].scale for follower in followers(machine)])
         Q[lag, lag] = np.diag((LAG_MOVES * scales) ** 2)
-        Q[health, health] = np.diag(health_walk_var(machine, self.config["health_walk"]))
         Q[noise, noise] = np.diag(1.0 - coloured_keep(machine) ** 2)
         Q[error, error] = np.diag((1.0 - error_keep**2) * self._error_var("slow"))
         return Q
@@ -259,7 +257,6 @@ class DeepONetKalman(Estimator):
         for name, part in self.front_end.init(1)._asdict().items():
             fresh[name] = part
         fresh["safety"] = empty_safety(parts, 1)
-        fresh["safety"]["valid"] = mean, self.model.prior_sd
         fresh["z"][:, : parts.zeta] = self.arrays["prior.mean"]
         fresh["z"][:, parts.zeta : parts.noise] = mean
         P, health, error = fresh["P"][0], slice(parts.zeta, parts.noise), slice(parts.error, parts.size)
@@ -267,6 +264,8 @@ class DeepONetKalman(Estimator):
         P[health, health] = cov
         P[parts.noise : parts.error, parts.noise : parts.error] = np.eye(parts.outputs)
         P[error, error] = np.diag(self._error_var("first"))
+        modes = fresh["modes"][0]
+        modes["mu"], modes["z"], modes["P"] = in_the_long_run(self.model.modes.turn), fresh["z"], P
         return fresh
 
     def init(self, batch: int) -> State:

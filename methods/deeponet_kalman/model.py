@@ -13,7 +13,6 @@ import numpy as np
 from twinbench.common.errors import BadInput
 from twinbench.machines.coordinates import Array, Coordinates
 from twinbench.machines.machine import Machine
-from twinbench.methods.deeponet_kalman.causes import Waits, waits_of
 from twinbench.methods.deeponet_kalman.layout import scratch_type
 from twinbench.methods.deeponet_kalman.parts import Parts, followers, parts_of
 from twinbench.methods.deeponet_kalman.records import record
@@ -21,14 +20,12 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     Envelope,
     Memories,
     Settings,
-    gate_of,
     memories_of,
-    safety_type,
     widest_of,
 )
+from twinbench.methods.modes import Modes
 from twinbench.methods.noise import Sheet, coloured_keep, sheet_of
 from twinbench.methods.operator import acting
-from twinbench.methods.weighing import Causes, causes_of
 
 SLOW_STATE_S = 60.0
 """A state that takes longer to cross its spread is slow. More of it lets slow states follow readings of which the
@@ -77,7 +74,7 @@ class Model(NamedTuple):
         state_scale: (n,) their spreads in the same units.
         increment: (n,) spread of the states' change in a tick, in the same units.
         state_low: (n,) lowest values that the states may have, in the same units; -inf where any.
-        Q: (N, N) process noise of one tick, in the units of z squared.
+        Q: (N, N) process noise of one tick but for the walk of health, in the units of z squared.
         noise_keep: (ny,) dimensionless AR(1) factors of the coloured sensor noise.
         error_keep: AR(1) factor of the operator's slow errors.
         zeta_low: (nh,) dimensionless lower bounds of the coordinates, far outside a machine's life.
@@ -86,13 +83,11 @@ class Model(NamedTuple):
         widest: (nh,) dimensionless variance of a coordinate of which nothing is known.
         acting: (na,) dimensionless, which health parameters act on the machine.
         slow: (N,) bool: what changes over minutes: slow states, health, slow errors.
-        gate: (ny,) dimensionless bounds of the NIS of 1, 2, ... channels.
         lags: behind estimated states.
         readings: of the outputs.
         health: the map of its coordinates.
         sheet: the sensors' noise.
-        causes: of a step of the readings.
-        waits: of what is left out.
+        modes: in which health moves and outputs fail.
         memories: of the safeguards.
         settings: of the safeguards.
         envelope: where the operator was trained.
@@ -112,13 +107,11 @@ class Model(NamedTuple):
     widest: Array
     acting: np.ndarray
     slow: np.ndarray
-    gate: Array
     lags: Lags
     readings: Readings
     health: Coordinates
     sheet: Sheet
-    causes: Causes
-    waits: Waits
+    modes: Modes
     memories: Memories
     settings: Settings
     envelope: Envelope
@@ -160,16 +153,18 @@ def model_of(
     error_keep: float,
     settings: Settings,
     envelope: Envelope,
+    modes: Modes,
 ) -> Model:
     """The model of a machine.
 
     Args:
         machine: whose.
         scales: means, spreads and increments (n,) of the training states in their units.
-        Q: (N, N) process noise of one tick, in the units of z squared.
+        Q: (N, N) process noise of one tick but for the walk of health, in the units of z squared.
         error_keep: AR(1) factor of the operator's slow errors.
         settings: of the safeguards.
         envelope: where the operator was trained.
+        modes: in which health moves and outputs fail.
     """
     parts, (mean, scale, increment) = parts_of(machine), scales
     slow = np.zeros(parts.size, np.bool_)
@@ -189,13 +184,11 @@ def model_of(
         widest=widest_of(machine),
         acting=acting(machine),
         slow=slow,
-        gate=gate_of(parts.outputs),
         lags=lags_of(machine),
         readings=readings_of(machine),
         health=machine.coordinates,
         sheet=sheet_of(machine),
-        causes=causes_of(machine),
-        waits=waits_of(machine),
+        modes=modes,
         memories=memories_of(machine),
         settings=settings,
         envelope=envelope,
@@ -203,17 +196,10 @@ def model_of(
     )
 
 
-def rivals_type(parts: Parts) -> np.dtype[np.void]:
-    """Copies of the filter, one for each cause that is weighed: ticks left, log scores, and what a filter carries."""
-    return record(
-        {
-            "left": ("i8", ()),
-            "score": ("f8", (parts.causes,)),
-            "z": ("f8", (parts.causes, parts.size)),
-            "P": ("f8", (parts.causes, parts.size, parts.size)),
-            "safety": (safety_type(parts), (parts.causes,)),
-        }
-    )
+def modes_type(parts: Parts) -> np.dtype[np.void]:
+    """The filters of all modes: their probabilities, means and covariances."""
+    count, n = parts.modes, parts.size
+    return record({"mu": ("f8", (count,)), "z": ("f8", (count, n)), "P": ("f8", (count, n, n))})
 
 
 def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
@@ -228,13 +214,14 @@ def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
         {
             "operator": (scratch_type(weights), ()),
             **dict.fromkeys(("F", "M"), ("f8", (n, n))),
-            **dict.fromkeys(("H", "HP", "X"), ("f8", (ny, n))),
+            **dict.fromkeys(("H", "HP", "own_HP", "X"), ("f8", (ny, n))),
             "K": ("f8", (n, ny)),
-            **dict.fromkeys(("R", "S", "L"), ("f8", (ny, ny))),
-            **dict.fromkeys(("innovation", "used", "r", "now", "read", "whitened"), ("f8", (ny,))),
+            **dict.fromkeys(("R", "S", "own_S", "L"), ("f8", (ny, ny))),
+            **dict.fromkeys(("innovation", "used", "own", "r", "now", "whitened"), ("f8", (ny,))),
             **dict.fromkeys(("accuracy", "surprise"), ("f8", (ny,))),
-            "probability": ("f8", (parts.causes,)),
-            "column": ("f8", (n,)),
+            **dict.fromkeys(("ahead", "score", "weight"), ("f8", (parts.modes,))),
+            "mixed": (modes_type(parts), ()),
+            **dict.fromkeys(("before", "apart", "column"), ("f8", (n,))),
             "rows": ("f8", (nh, ny)),
             "push": ("f8", (nh,)),
             "variance": ("f8", (nh,)),

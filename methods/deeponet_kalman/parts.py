@@ -12,7 +12,7 @@ from numba import njit
 
 from twinbench.machines.machine import Machine
 from twinbench.machines.parts import Lag
-from twinbench.methods.weighing import causes_of
+from twinbench.methods.modes import count_of
 
 
 class Parts(NamedTuple):
@@ -25,7 +25,7 @@ class Parts(NamedTuple):
         outputs: ny.
         inputs: nu.
         query: entries of the operator's query.
-        causes: of a step of the readings.
+        modes: of ``methods.modes``.
     """
 
     states: int
@@ -34,7 +34,7 @@ class Parts(NamedTuple):
     outputs: int
     inputs: int
     query: int
-    causes: int
+    modes: int
 
     @property
     def zeta(self) -> int:
@@ -71,7 +71,7 @@ def parts_of(machine: Machine) -> Parts:
         outputs=len(machine.outputs),
         inputs=len(machine.inputs),
         query=len(machine.operating),
-        causes=causes_of(machine).count,
+        modes=count_of(machine),
     )
 
 

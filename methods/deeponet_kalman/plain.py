@@ -10,17 +10,12 @@ import numpy as np
 import torch
 
 from twinbench.machines.coordinates import ZETA_SCALE, Array
-from twinbench.methods.deeponet_kalman.causes import free_to_return, let_in, moved, note_way, stepped, suppose
 from twinbench.methods.deeponet_kalman.cycle import UNKNOWN_S, keep_of
 from twinbench.methods.deeponet_kalman.forecast import lagged
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman
 from twinbench.methods.deeponet_kalman.safeguards import (
-    FROZEN,
-    INFLATING,
-    INFLATION_UPDATES,
     KNOWN,
     LEAST_VARIANCE,
-    OUTSIDE,
     REFRESH,
     UPDATES,
     bound_health,
@@ -32,16 +27,13 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     noise_factor,
     note_mismatch,
     note_push,
-    scale_health,
     trust,
     walk_factor,
-    watch,
 )
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT
 from twinbench.methods.deeponet_kalman.tick import LATE, WANDERING
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import (
-    FLAG_FROZEN,
     FLAG_GATED,
     FLAG_MISSING,
     FLAG_SPIKE,
@@ -52,11 +44,11 @@ from twinbench.methods.estimator import (
 )
 from twinbench.methods.frontend import HAMPEL_WINDOW, Memory, gate_one
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
+from twinbench.methods.modes import FAILS_FROM, log_likelihood
 from twinbench.methods.noise import output_sd
 from twinbench.methods.operator import SLOW_TAU_S, Operator, slow_channels
 from twinbench.methods.reporting import report
 from twinbench.methods.training import load_weights
-from twinbench.methods.weighing import log_likelihood
 
 
 class PlainTwin:
@@ -66,7 +58,11 @@ class PlainTwin:
         dtype: of the operator. In double precision what differs is the compiled form's round-off alone.
 
     Attributes:
-        rivals: of each cause that is weighed z (N,), P (N, N) and safety, in the units of z.
+        z: (N,) mean of the modes' mixture, in the units of z.
+        P: (N, N) its covariance, in those units squared.
+        mu: (M,) dimensionless probabilities of the modes.
+        zs: (M, N) their means.
+        Ps: (M, N, N) their covariances.
     """
 
     def __init__(self, twin: DeepONetKalman, dtype: torch.dtype = torch.float64) -> None:
@@ -82,8 +78,7 @@ class PlainTwin:
         self.z, self.P = fresh["z"][0].copy(), fresh["P"][0].copy()
         self.memory = Memory(*(part[0] for part in self.front_end.init(1)))
         self.safety = fresh["safety"][0].copy()
-        self.rivals: list[tuple[Array, Array, np.void]] = []
-        self.score, self.left = self.model.causes.log_prior.copy(), 0
+        self.mu, self.zs, self.Ps = (fresh["modes"][name][0].copy() for name in ("mu", "z", "P"))
         self.ticks = 0
         self.mask = np.zeros(self.parts.channels)  # of the last sample, which the window takes in with the next one
 
@@ -151,84 +146,36 @@ class PlainTwin:
         S, nis, at = np.zeros((outputs, outputs)), np.nan, 0.0
         when = np.where(lag > LATE, 1.0 - lag, 1.0)
         measured = np.where(when >= 0.0, measured, np.nan)  # older than the last tick
+        if self.ticks > 0:
+            self._mix()
         for to in sorted({*when[~np.isnan(measured)], 1.0}):
-            part = to - at if self.ticks > 0 else 0.0
-            own, used, own_S, own_nis = self._piece(np.where(when == to, measured, np.nan), away, part)
+            if self.ticks > 0 and to > at:
+                self._predict(away, to - at)
+            own, used, own_S, own_nis = self._correct(np.where(when == to, measured, np.nan))
             there = ~np.isnan(own)
             told = there if to < 1.0 else there | np.isnan(innovation)
             S = np.where(np.outer(there, there) | (np.outer(told, told) & (to == 1.0)), own_S, S)
             innovation, accepted = np.where(there, own, innovation), np.where(there, ~np.isnan(used), accepted)
             nis = np.nansum([nis, own_nis]) if np.isfinite([nis, own_nis]).any() else np.nan
             at = to
-        self.left = max(self.left - 1, 0)
-        safety = self.safety
-        gated = (safety["steps"]["out"] > 0) | (~accepted & ~np.isnan(innovation))
+        gated = (self.mu @ m.modes.out > FAILS_FROM) | (~accepted & ~np.isnan(innovation))
         uninformed = (np.diag(self.P)[self.health] > (KNOWN * m.prior_sd) ** 2).any()
-        flags = FLAG_FROZEN * (safety["counts"][FROZEN] > 0) | FLAG_UNINFORMED * uninformed | FLAG_GATED * gated.any()
+        flags = FLAG_UNINFORMED * uninformed | FLAG_GATED * gated.any()
         age_s = np.empty((1, self.parts.channels))
         return Info(innovation[None], S[None], np.array([nis]), accepted[None], np.array([flags]), age_s)
 
-    def _piece(self, now: Array, away: float, part: float) -> tuple[Array, Array, Array, float]:
-        """A part of the tick and the readings (ny,) at its end, alone or as one rival for each cause."""
-        if self.left == 0:
-            if part > 0.0:
-                self._predict(away, part)
-            seen = self._foresee(now)
-            innovation, H, _, S = seen
-            which = -1
-            if self.model.settings.steps:
-                which = stepped(self.safety["steps"], self.safety["unknown"], innovation, S)
-            if which < 0:
-                return self._correct(now, seen, True)
-            self._begin(which, innovation[which], H[which])
-            part = 0.0
-        shown, unknown = int(np.argmax(self.score)), self.safety["unknown"]
-        told = []
-        for k, rival in enumerate(self.rivals):
-            self.z, self.P, self.safety = rival
-            self.safety["unknown"] = unknown
-            if part > 0.0:
-                self._predict(away, part)
-            seen = self._foresee(now)
-            if unknown == 0:
-                out, room = self.safety["steps"]["out"], np.empty_like(seen[-1])
-                self.score[k] += log_likelihood(seen[0], seen[-1], out, room, np.empty_like(seen[0]))
-            told.append(self._correct(now, seen, False))
-            self.rivals[k] = self.z, self.P, self.safety
-        self.safety = self.rivals[int(np.argmax(self.score))][2].copy()
-        weight = np.exp(self.score - self.score.max())
-        weight /= weight.sum()
-        self.z = np.sum([w * z for w, (z, _, _) in zip(weight, self.rivals, strict=True)], axis=0)
-        self.P = np.sum(
-            [w * (P + np.outer(z - self.z, z - self.z)) for w, (z, P, _) in zip(weight, self.rivals, strict=True)],
-            axis=0,
-        )
-        return told[shown]
+    def _mix(self) -> None:
+        """Each mode starts from a mixture of all."""
+        joint = self.mu[:, None] * self.model.modes.turn
+        self.mu = joint.sum(axis=0)
+        mixtures = [self._merged(weight) for weight in (joint / self.mu).T]
+        self.zs, self.Ps = (np.array(part) for part in zip(*mixtures, strict=True))
 
-    def _begin(self, which: int, innovation: float, slope: Array) -> None:
-        """A copy of the filter for every cause why output ``which`` stepped."""
-        m, zeta, entry = self.model, self.parts.zeta, self.model.readings.shifts[which]
-        causes, waits, leap = m.causes, m.waits, m.settings.leap
-        self.left = max(round(m.settings.weighed_s / m.period_s), 1)
-        self.score, self.rivals = causes.log_prior.copy(), []
-        for k in range(causes.count):
-            z, P, safety = self.z.copy(), self.P.copy(), self.safety.copy()
-            if k == causes.back and not moved(waits, safety["steps"]["way"], safety["counts"][UPDATES], z, P, zeta):
-                self.score[k] = -np.inf
-            safety["counts"][[OUTSIDE, FROZEN, INFLATING]] = 0
-            suppose(causes, waits, k, safety["steps"], safety["counts"][UPDATES], z, P, zeta, leap)
-            if k == causes.back:
-                P[entry, entry] += (innovation / slope[entry]) ** 2
-                self._explain_without(z)
-            self.rivals.append((z, P, safety))
-
-    def _explain_without(self, z: Array) -> None:
-        """What the biases of z (N,) do not explain any more is the machine's: its states move, in place."""
-        m, n = self.model, self.parts.states
-        less = m.health.to_theta(self.z[self.health]) - m.health.to_theta(z[self.health])
-        for gain, source, bias in zip(m.readings.gain, m.readings.source, m.readings.bias, strict=True):
-            if bias >= 0:
-                z[[source, m.lags.of[source - n]] if source >= n else [source]] += less[bias] / gain
+    def _merged(self, weight: Array) -> tuple[Array, Array]:
+        """Mean (N,) and covariance (N, N) of the modes, each with its weight (M,)."""
+        mean = weight @ self.zs
+        off = self.zs - mean
+        return mean, np.einsum("k,kij->ij", weight, self.Ps + off[:, :, None] * off[:, None, :])
 
     def _predict(self, away: float, part: float) -> None:
         """Eqs. (6) and (7) over a part of the tick."""
@@ -251,16 +198,20 @@ class PlainTwin:
         D[error:, error:] = (m.error_keep - 1.0) * np.eye(n)
         F = np.eye(size) + part * D
         Q = m.Q.copy()
-        walk = [walk_factor(m.settings, m.memories.push, push) for push in safety["push"]]
-        Q[self.health, self.health] = np.diag(np.diag(m.Q)[self.health] * walk)
         Q[error:, error:] *= 1.0 + m.settings.extrapolation * away**2
-        self.P = F @ self.P @ F.T + part * Q
         if safety["unknown"] > 0:
-            self.P[:n, :n] += part * np.diag((WANDERING * m.increment) ** 2)
+            Q[:n, :n] += np.diag((WANDERING * m.increment) ** 2)
         moves[:n] = scaled * m.increment + z[error:]
         moves[noise] = (m.noise_keep - 1.0) * z[noise]
         moves[error:] = (m.error_keep - 1.0) * z[error:]
+        self.zs = z + part * moves + (self.zs - z) @ F.T
         self.z = z + part * moves
+        factor = np.array([walk_factor(m.settings, m.memories.push, push) for push in safety["push"]])
+        for k, walk in enumerate(m.modes.walk):
+            own = Q.copy()
+            own[self.health, self.health] += np.diag(walk * factor)
+            self.Ps[k] = F @ self.Ps[k] @ F.T + part * own
+        _, self.P = self._merged(self.mu)
         if m.settings.least_information > 0.0:
             carry_sensitivity(safety["sensitivity"], F, zeta, np.empty_like(safety["sensitivity"]))
 
@@ -284,81 +235,54 @@ class PlainTwin:
         R *= [noise_factor(m.settings, keep, mismatch, R[c], updates, c) for c in range(outputs)]
         return measured - expected, H, np.diag(R)
 
-    def _gain(self, innovation: Array, H: Array, R: Array) -> tuple[Array, Array, float]:
-        """K (N, ny) with zeros for what is missing, S (ny, ny), NIS."""
-        S, K = H @ self.P @ H.T + R, np.zeros(H.T.shape)
-        there = np.flatnonzero(~np.isnan(innovation))
-        if not len(there):
-            return K, S, np.nan
-        own = S[np.ix_(there, there)]
-        K[:, there] = np.linalg.solve(own, H[there] @ self.P).T
-        return K, S, float(innovation[there] @ np.linalg.solve(own, innovation[there]))
-
-    def _foresee(self, measured: Array) -> tuple[Array, Array, Array, Array]:
-        """Innovation (ny,), H (ny, N), R (ny, ny) and S (ny, ny) of readings (ny,), before anything is judged."""
-        counts, settings = self.safety["counts"], self.model.settings
-        if counts[INFLATING] > 0:
-            if counts[INFLATING] == INFLATION_UPDATES:
-                free_to_return(self.safety["steps"]["way"], self.z, self.P, self.parts.zeta)
-            counts[INFLATING] -= 1
-            more = np.full(self.parts.health, settings.inflation ** (1.0 / INFLATION_UPDATES))
-            scale_health(self.P, self.parts.zeta, more)
+    def _correct(self, measured: Array) -> tuple[Array, Array, Array, float]:
+        """Eqs. (8)-(13) with readings (ny,), mode by mode: the mixture's innovation, that used, S, NIS."""
+        m, safety, centre = self.model, self.safety, self.z
         innovation, H, R = self._observe(measured)
-        return innovation, H, R, H @ self.P @ H.T + R
-
-    def _correct(
-        self, measured: Array, seen: tuple[Array, Array, Array, Array], alone: bool
-    ) -> tuple[Array, Array, Array, float]:
-        """Eqs. (9)-(14) with readings (ny,) and what ``_foresee`` says of them: innovation, that used, S, NIS."""
-        m, safety, counts = self.model, self.safety, self.safety["counts"]
-        settings = m.settings
-        innovation, H, R, S = seen
-        let_in(m.waits, safety["steps"], innovation, S, H, m.readings.shifts, self.P)
-        measured = np.where(safety["steps"]["out"] > 0, np.nan, measured)
-        innovation = np.where(safety["steps"]["out"] > 0, np.nan, innovation)
-        K, S, nis = self._gain(innovation, H, R)
-        present = int((~np.isnan(innovation)).sum())
-        if alone and settings.rollback and safety["unknown"] == 0 and watch(m.gate, counts, nis, present):
-            self.z[self.health] = safety["valid"][0]
-            scale_health(self.P, self.parts.zeta, safety["valid"][1] / np.sqrt(np.diag(self.P)[self.health]))
-            innovation, H, R = self._observe(measured)
-            K, S, nis = self._gain(innovation, H, R)
+        S = H @ self.P @ H.T + R
         used = innovation.copy()
-        left_out(settings, counts, used, S)
-        if (~np.isnan(used)).sum() < present:
-            K, S, nis = self._gain(used, H, R)
-        limit = INNOVATION_CLIP_SD * np.sqrt(np.diag(S))
-        bounded = np.clip(used, -limit, limit)
-        if counts[FROZEN] == 0 and counts[INFLATING] == 0:
-            note_mismatch(m.memories.mismatch, safety["mismatch"], bounded, S - R)
-        bounded = np.nan_to_num(bounded)
-        self._hold_back(K, S, bounded)
-        self.z = self.z + K @ bounded
-        rest = np.eye(len(K)) - K @ H
-        self.P = rest @ self.P @ rest.T + K @ R @ K.T
-        self.P = 0.5 * (self.P + self.P.T)
-        bound_health(self.P, self.parts.zeta, m.widest, np.empty(len(K)))
-        states = slice(0, self.parts.states)
-        self.z[states] = np.maximum(self.z[states], m.state_low)
-        self.z[self.health] = np.clip(self.z[self.health], m.zeta_low, m.zeta_high)
+        left_out(m.settings, safety["counts"], used, S)
+        bounded = _bounded(used, S)
+        note_mismatch(m.memories.mismatch, safety["mismatch"], bounded, S - R)
+        if safety["unknown"] == 0:
+            rows = _gain(self.P, used, H, S)[self.health]
+            pushes = rows @ np.nan_to_num(bounded)
+            note_push(m.memories.push, safety["push"], pushes, np.diag(rows @ S @ rows.T).copy())
+        score = np.zeros(len(self.mu))
+        for k, out in enumerate(m.modes.out):
+            own, own_S = used - H @ (self.zs[k] - centre), H @ self.Ps[k] @ H.T + R
+            if safety["unknown"] == 0:
+                score[k] = log_likelihood(own, own_S, out, np.empty_like(own_S), np.empty_like(own))
+            self._correct_one(k, np.where(out > 0, np.nan, own), H, R, own_S)
+        self.mu = self.mu * np.exp(score - score.max())
+        self.mu /= self.mu.sum()
+        self.z, self.P = self._merged(self.mu)
+        used = np.where(self.mu @ m.modes.out > FAILS_FROM, np.nan, used)
         self._remember(H, used)
+        there = np.flatnonzero(~np.isnan(used))
+        own = S[np.ix_(there, there)]
+        nis = float(used[there] @ np.linalg.solve(own, used[there])) if len(there) else np.nan
         return innovation, used, S, nis
 
-    def _hold_back(self, K: Array, S: Array, bounded: Array) -> None:
-        """Of K, in place, the rows of what is not to be corrected or only along some directions."""
-        safety = self.safety
-        if safety["unknown"] > 0:
-            K[self.model.slow] = 0.0
-        elif safety["counts"][FROZEN] > 0:
-            K[self.health] = 0.0
-        else:
-            rows = K[self.health].copy()
-            note_push(self.model.memories.push, safety["push"], rows @ bounded, np.diag(rows @ S @ rows.T).copy())
-            if self.model.settings.least_information > 0.0:
-                K[self.health] = safety["observable"] @ rows
+    def _correct_one(self, k: int, innovation: Array, H: Array, R: Array, S: Array) -> None:
+        """Mode k, with its own innovation (ny,) and S (ny, ny)."""
+        m, P = self.model, self.Ps[k]
+        K = _gain(P, innovation, H, S)
+        if self.safety["unknown"] > 0:
+            K[m.slow] = 0.0
+        elif m.settings.least_information > 0.0:
+            K[self.health] = self.safety["observable"] @ K[self.health]
+        z, rest = self.zs[k] + K @ np.nan_to_num(_bounded(innovation, S)), np.eye(len(K)) - K @ H
+        P = rest @ P @ rest.T + K @ R @ K.T
+        P = 0.5 * (P + P.T)
+        bound_health(P, self.parts.zeta, m.widest, np.empty(len(K)))
+        states = slice(0, self.parts.states)
+        z[states] = np.maximum(z[states], m.state_low)
+        z[self.health] = np.clip(z[self.health], m.zeta_low, m.zeta_high)
+        self.zs[k], self.Ps[k] = z, P
 
     def _remember(self, H: Array, used: Array) -> None:
-        """What the update told about health, and whether its posterior is one to return to."""
+        """What the outputs that were used (ny,) told about health."""
         safety, counts, m = self.safety, self.safety["counts"], self.model
         least, zeta = m.settings.least_information, self.parts.zeta
         if least > 0.0:
@@ -369,8 +293,18 @@ class PlainTwin:
             if counts[UPDATES] % REFRESH == 0:
                 room = np.empty((self.parts.health, 2 * self.parts.health), complex)
                 informed(safety["information"], least, safety["observable"], room)
-        note_way(m.waits, safety["steps"]["way"], counts[UPDATES], self.z[self.health])
         counts[UPDATES] += 1
-        if counts[OUTSIDE] == 0 and counts[FROZEN] == 0 and counts[INFLATING] == 0:
-            safety["valid"][0] = self.z[self.health]
-            safety["valid"][1] = np.sqrt(np.diag(self.P)[self.health])
+
+
+def _gain(P: Array, innovation: Array, H: Array, S: Array) -> Array:
+    """K (N, ny) of P (N, N), with zeros for the innovations (ny,) that are missing."""
+    K, there = np.zeros(H.T.shape), np.flatnonzero(~np.isnan(innovation))
+    if len(there):
+        K[:, there] = np.linalg.solve(S[np.ix_(there, there)], H[there] @ P).T
+    return K
+
+
+def _bounded(innovation: Array, S: Array) -> Array:
+    """Innovations (ny,) within the bound; NaN where missing."""
+    limit = INNOVATION_CLIP_SD * np.sqrt(np.diag(S))
+    return np.clip(innovation, -limit, limit)

@@ -6,10 +6,7 @@
   health is corrected along the directions that they inform about, and along no other.
 - *Adaptation*, Eqs. (13) and (14): noise beyond the data sheet widens R, innovations that keep
   pushing a health parameter the same way widen its random walk; both within bounds.
-- *Gates*: a channel that is far off is left out for a few updates. If the innovation as a whole stays
-  outside its chi-square gate, health returns to the last valid posterior and is frozen while the
-  operator goes on predicting; afterwards its covariance is inflated, smoothly, over eight updates.
-  What a step of the readings means is in ``causes``.
+- *Gate*: a channel that is far off is left out for a few updates. What it means that it stays away, the modes weigh.
 
 Each is a small function on arrays, which ``augmented`` calls in its tick; what it needs room for, it is given. Their
 memory is of ``safety_type``.
@@ -21,23 +18,14 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.stats import chi2
 
 from twinbench.machines.coordinates import Array
 from twinbench.machines.machine import Machine
-from twinbench.methods.deeponet_kalman.causes import steps_type
 from twinbench.methods.deeponet_kalman.parts import Parts
 from twinbench.methods.deeponet_kalman.records import record
 
-BY_CHANCE = 1e-3
-"""Share of consistent innovations that are outside the chi-square gate. Less of it finds fewer inconsistent ones."""
-OUTSIDE_MOST = 5
-"""Consecutive updates outside the gate until health is frozen."""
-FROZEN_MOST = 20
-"""Updates after which even what is still inconsistent is let through: it is no glitch but a change."""
-INSIDE_LEAST = 3
-"""Consecutive updates inside the gate that end a freeze."""
-INFLATION_UPDATES = 8
+FAR_MOST = 5
+"""Updates for which a channel that is far off is left out at most. Then it is no glitch but a change."""
 OBSERVED_S = 60.0
 """Memory of the stacked sensitivities."""
 MOST_SENSITIVE = 1e4
@@ -48,9 +36,8 @@ KNOWN = 0.9
 """Share of its first sd below which a health parameter is known. More of it calls parameters known sooner."""
 REFRESH = 20
 """Updates between two looks at their singular values."""
-UPDATES, OUTSIDE, FROZEN, INFLATING, CHANNEL = 0, 1, 2, 3, 4
-"""Columns of counts: updates so far, consecutive ones outside the gate, frozen ones, inflations left, per channel
-consecutive ones left out."""
+UPDATES, CHANNEL = 0, 1
+"""Columns of counts: updates so far, then per channel consecutive ones left out."""
 PUSH_S = 5.0
 """Memory of the direction of corrections."""
 PUSHED = 6.63
@@ -80,11 +67,6 @@ def memories_of(machine: Machine) -> Memories:
     return Memories(*(max(1.0 - tick_s / seconds, 0.0) for seconds in (OBSERVED_S, PUSH_S, MISMATCH_S)))
 
 
-def gate_of(channels: int) -> Array:
-    """Points of chi-square with 1, 2, ... channels that a NIS exceeds by chance in BY_CHANCE of all updates."""
-    return np.asarray(np.round(chi2.isf(BY_CHANCE, np.arange(1, channels + 1)), 3))
-
-
 def widest_of(machine: Machine) -> Array:
     """Variance (nh,) of health of which nothing is known, in coordinates: two sd reach the end of a machine's life."""
     ends = machine.coordinates.to_zeta(np.array([h.ends for h in machine.health]).T)
@@ -102,11 +84,6 @@ class Settings(NamedTuple):
     r_gain: float  # the same for R, smaller [0]
     r_most: float
     channel_gate: float  # sd beyond which a channel is left out at first [inf]
-    rollback: bool  # freeze, roll back, inflate
-    steps: bool  # weigh what made the readings step
-    leap: float  # sd of a leap of health that is weighed, in its coordinates
-    weighed_s: float  # for which causes of a step are weighed
-    inflation: float  # of the health parameters' sd, all eight updates together
     difference: float  # sensitivities by finite differences of this step instead of derivatives [0]
 
 
@@ -132,8 +109,6 @@ def safety_type(parts: Parts) -> np.dtype[np.void]:
             "observable": ("f8", (nh, nh)),  # projector onto what that informs about
             "mismatch": ("f8", (ny, ny)),  # C of Eq. (13)
             "push": ("f8", (nh,)),  # mean of the normalised corrections
-            "valid": ("f8", (2, nh)),  # health and its sd at the last valid posterior
-            "steps": (steps_type(parts), ()),
             "unknown": ("i8", ()),  # updates for which the operator's query, or its window of it, is not known
             "counts": ("i8", (CHANNEL + ny,)),  # see the constants
         }
@@ -144,7 +119,6 @@ def empty_safety(parts: Parts, batch: int) -> np.ndarray:
     """Of B machines (B,), before the first update."""
     safety = np.zeros(batch, safety_type(parts))
     safety["observable"] = np.eye(parts.health)
-    safety["valid"][:, 1] = 1.0
     return safety
 
 
@@ -289,48 +263,11 @@ def left_out(settings, counts, innovation, S):  # type: ignore[no-untyped-def]
         if np.isnan(innovation[c]):
             continue
         far = abs(innovation[c]) > settings.channel_gate * np.sqrt(S[c, c])
-        if far and counts[CHANNEL + c] < OUTSIDE_MOST:
+        if far and counts[CHANNEL + c] < FAR_MOST:
             counts[CHANNEL + c] += 1
             innovation[c] = np.nan
         elif not far:
             counts[CHANNEL + c] = 0
-
-
-@njit(cache=True, error_model="numpy")
-def watch(gate, counts, nis, channels):  # type: ignore[no-untyped-def]
-    """Advance the counts (4 + ny,) by one update with its NIS; True if this is where health rolls back.
-
-    Args:
-        gate: (ny,) of ``gate_of``.
-        channels: how many the NIS is of; 0 leaves everything as it is.
-    """
-    if channels == 0:
-        return False
-    outside = nis > gate[channels - 1]
-    if counts[FROZEN] == 0:
-        counts[OUTSIDE] = counts[OUTSIDE] + 1 if outside else 0
-        if counts[OUTSIDE] < OUTSIDE_MOST or counts[INFLATING] > 0:
-            return False
-        counts[FROZEN] = 1
-        counts[OUTSIDE] = 0
-        return True
-    counts[FROZEN] += 1
-    counts[OUTSIDE] = 0 if outside else counts[OUTSIDE] + 1  # while frozen: consecutive ones inside
-    if counts[OUTSIDE] >= INSIDE_LEAST or counts[FROZEN] > FROZEN_MOST:
-        counts[FROZEN] = 0
-        counts[OUTSIDE] = 0
-        counts[INFLATING] = INFLATION_UPDATES
-    return False
-
-
-@njit(cache=True, error_model="numpy")
-def scale_health(P, at, factor):  # type: ignore[no-untyped-def]
-    """D P D in place with ``factor`` (nh,) on health and 1 elsewhere: correlations and definiteness stay."""
-    for j in range(factor.size):
-        for i in range(P.shape[0]):
-            P[at + j, i] *= factor[j]
-        for i in range(P.shape[0]):
-            P[i, at + j] *= factor[j]
 
 
 @njit(cache=True, error_model="numpy")

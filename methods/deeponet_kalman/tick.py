@@ -1,9 +1,7 @@
-"""One tick of the augmented filter: alone, or as one rival for each cause of a step that is weighed.
+"""One tick of the augmented filter: a filter for each mode of ``methods.modes``, and the mixture that is reported.
 
-While causes are weighed, the machine's own z and P are the rivals' mixture, and its safety is that of the likeliest.
-With these it goes on alone at the end: causes that still look alike leave health as uncertain as they are. Going on
-with the likeliest rival alone would be surer of health, and more often wrong. Steps are not looked for meanwhile: the
-causes are supposed from where the weighing begins, and what comes later is found when it is over.
+The operator is evaluated once a tick, at the mixture's mean. All modes take its slopes there, since their means lie
+near each other. The safeguards are the mixture's.
 """
 
 from __future__ import annotations
@@ -11,23 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from twinbench.machines.coordinates import map_one
-from twinbench.methods.deeponet_kalman.augmented import correct, foresee
-from twinbench.methods.deeponet_kalman.causes import moved, stepped, suppose
-from twinbench.methods.deeponet_kalman.forecast import predict
+from twinbench.methods.deeponet_kalman.augmented import correct, expect, foresee, remember
+from twinbench.methods.deeponet_kalman.forecast import predict, spread
 from twinbench.methods.deeponet_kalman.parts import places
-from twinbench.methods.deeponet_kalman.safeguards import (
-    FROZEN,
-    INFLATING,
-    KNOWN,
-    OUTSIDE,
-    UPDATES,
-    carry_sensitivity,
-    distance,
-)
+from twinbench.methods.deeponet_kalman.safeguards import KNOWN, carry_sensitivity, distance
 from twinbench.methods.deeponet_kalman.stream import fill
-from twinbench.methods.estimator import FLAG_FROZEN, FLAG_GATED, FLAG_UNINFORMED
-from twinbench.methods.weighing import likeliest, log_likelihood, mixture_into, probabilities
+from twinbench.methods.estimator import FLAG_GATED, FLAG_UNINFORMED
+from twinbench.methods.kalman import solve_gain_into
+from twinbench.methods.modes import FAILS_FROM, log_likelihood, merge_into, mix_into, weigh_into
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""
@@ -67,90 +56,85 @@ def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _go_on(w, model, base, safety, z, P, away, part, t):  # type: ignore[no-untyped-def]
+def _begin(model, m, t):  # type: ignore[no-untyped-def]
+    """Each mode's filter starts the tick from a mixture of all."""
+    modes, mixed = m.modes, t.mixed
+    mix_into(modes.mu, model.modes.turn, modes.z, modes.P, t.weight, mixed.mu, mixed.z, mixed.P)
+    fill(modes.mu, mixed.mu)
+    for k in range(modes.mu.size):
+        fill(modes.z[k], mixed.z[k])
+        for i in range(m.z.size):
+            fill(modes.P[k, i], mixed.P[k, i])
+
+
+@njit(cache=True, error_model="numpy")
+def _go_on(w, model, base, m, away, part, t):  # type: ignore[no-untyped-def]
     """Forecast over a part of the tick, in place. The function takes plain arrays because it is compiled."""
-    predict(w, model, base, z, P, away, safety.push[:], part, t)
-    if safety.unknown > 0:
-        for i in range(model.increment.size):
-            P[i, i] += part * (WANDERING * model.increment[i]) ** 2
+    modes, safety, n = m.modes, m.safety, model.increment.size
+    fill(t.before, m.z)
+    predict(w, model, base, m.z[:], away, part, t)
+    for k in range(modes.mu.size):
+        z, P = modes.z[k], modes.P[k]
+        for i in range(z.size):
+            t.apart[i] = z[i] - t.before[i]
+        for i in range(z.size):
+            z[i] = m.z[i]
+            for j in range(z.size):
+                z[i] += t.F[i, j] * t.apart[j]
+        spread(model, P, model.modes.walk[k], away, safety.push[:], part, t)
+        if safety.unknown > 0:
+            for i in range(n):
+                P[i, i] += part * (WANDERING * model.increment[i]) ** 2
+    merge_into(modes.mu, modes.z, modes.P, t.before, m.P)
     if model.settings.least_information > 0.0:
         carry_sensitivity(safety.sensitivity, t.F, places(model)[0], t.after)
 
 
 @njit(cache=True, error_model="numpy")
-def _explain_without(model, z, was):  # type: ignore[no-untyped-def]
-    """What the biases of z do not explain any more, as they were in ``was``, is the machine's: its states move.
-
-    The states are those behind biased readings; what lags there takes along what it follows.
-    """
-    zeta, _, _ = places(model)
-    n = model.state_mean.size
-    for c in range(model.readings.bias.size):
-        bias, source = model.readings.bias[c], model.readings.source[c]
-        if bias < 0:
-            continue
-        more = map_one(model.health, bias, was[zeta + bias])[0] - map_one(model.health, bias, z[zeta + bias])[0]
-        z[source] += more / model.readings.gain[c]
-        if source >= n:
-            z[model.lags.of[source - n]] += more / model.readings.gain[c]
-
-
-@njit(cache=True, error_model="numpy")
-def _begin(model, m, which, t):  # type: ignore[no-untyped-def]
-    """Output ``which`` stepped: a copy of the filter for every cause, in which it is supposed."""
-    rivals, causes, waits, (zeta, _, _) = m.rivals, model.causes, model.waits, places(model)
-    rivals.left = max(round(model.settings.weighed_s / model.period_s), 1)
-    for k in range(rivals.score.size):
-        rivals.score[k] = causes.log_prior[k]
-        fill(rivals.z[k], m.z)
-        for i in range(m.z.size):
-            fill(rivals.P[k, i], m.P[i])
-        rivals.safety[k] = m.safety
-        safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
-        if k == causes.back and not moved(waits, safety.steps.way, safety.counts[UPDATES], z, P, zeta):
-            rivals.score[k] = -np.inf  # a way back that leads nowhere would only let the readings' states be anything
-        safety.counts[OUTSIDE] = safety.counts[FROZEN] = safety.counts[INFLATING] = 0
-        suppose(causes, waits, k, safety.steps, safety.counts[UPDATES], z, P, zeta, model.settings.leap)
-        if k == causes.back:
-            entry = model.readings.shifts[which]
-            P[entry, entry] += (t.innovation[which] / t.H[which, entry]) ** 2
-            _explain_without(model, z, m.z)
-
-
-@njit(cache=True, error_model="numpy")
-def _compete(w, model, m, base, away, part, white_sd, coloured_sd, clip, out, last, t):  # type: ignore[no-untyped-def]
-    """All rivals go on over a part of the tick and take its readings in; their mixture is the machine's.
+def _take_in(model, m, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyped-def]
+    """Correct every mode by the readings in ``t.now``, weigh and merge them. Returns NIS of the mixture.
 
     The function takes plain arrays because it is compiled.
     """
-    rivals = m.rivals
-    shown = likeliest(rivals.score)
-    for k in range(rivals.score.size):
-        safety, z, P = rivals.safety[k], rivals.z[k], rivals.P[k]
-        safety.unknown = m.safety.unknown
-        if part > 0.0:
-            _go_on(w, model, base, safety, z, P, away, part, t)
-        fill(t.read, t.now)
-        foresee(model, safety, z, P, t.read, white_sd, coloured_sd, t)
-        if safety.unknown == 0:
-            rivals.score[k] += log_likelihood(t.innovation, t.S, safety.steps.out, t.L, t.whitened)
-        nis = correct(model, safety, z, P, t.read, white_sd, coloured_sd, clip, rivals.left == 0, t)
-        if k == shown:
-            _report(out, nis, t, last)
-    m.safety = rivals.safety[likeliest(rivals.score)]
-    probabilities(rivals.score, t.probability)
-    mixture_into(t.probability, rivals.z, rivals.P, m.z, m.P)
+    modes, safety, out = m.modes, m.safety, model.modes.out
+    foresee(model, safety, m.z[:], m.P[:], t.now, white_sd, coloured_sd, clip, t)
+    fill(t.before, m.z)
+    fill(t.ahead, modes.mu)
+    for k in range(modes.mu.size):
+        expect(modes.z[k], modes.P[k], t.before, t)
+        t.score[k] = log_likelihood(t.own, t.own_S, out[k], t.L, t.whitened) if safety.unknown == 0 else 0.0
+        for c in range(t.own.size):
+            if out[k, c] > 0.0:
+                t.own[c] = np.nan
+        correct(model, safety, modes.z[k], modes.P[k], clip, t)
+    weigh_into(t.ahead, t.score, modes.mu)
+    merge_into(modes.mu, modes.z, modes.P, m.z, m.P)
+    for c in range(t.used.size):
+        if failing(modes.mu, out, c) > FAILS_FROM:
+            t.used[c] = np.nan
+    remember(model, safety, white_sd, coloured_sd, t)
+    return solve_gain_into(t.used, t.S, t.HP, t.K, t.L, t.X)
+
+
+@njit(cache=True, error_model="numpy")
+def failing(mu, out, c):  # type: ignore[no-untyped-def]
+    """Probability that output ``c`` fails, from those of the modes (M,) and which of them it fails in (M, ny)."""
+    total = 0.0
+    for k in range(mu.size):
+        total += mu[k] * out[k, c]
+    return total
 
 
 @njit(cache=True, error_model="numpy")
 def _flags(model, m, out):  # type: ignore[no-untyped-def]
     """FLAG_ constants of what the filter did."""
-    flags, (zeta, _, _) = FLAG_FROZEN if m.safety.counts[FROZEN] > 0 else 0, places(model)
+    flags, (zeta, _, _) = 0, places(model)
     for i in range(model.prior_sd.size):
         if m.P[zeta + i, zeta + i] > (KNOWN * model.prior_sd[i]) ** 2:
             flags |= FLAG_UNINFORMED
     for c in range(out.innovation.size):
-        if m.safety.steps.out[c] > 0 or (not out.accepted[c] and not np.isnan(out.innovation[c])):
+        failed = failing(m.modes.mu, model.modes.out, c) > FAILS_FROM
+        if failed or (not out.accepted[c] and not np.isnan(out.innovation[c])):
             flags |= FLAG_GATED
     return flags
 
@@ -162,7 +146,7 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
     The function takes plain arrays because it is compiled.
 
     Args:
-        m: the machine's z, P, stream, safety and rivals.
+        m: the machine's z, P, stream, safety and modes.
         query: (q,) standardised, of what the operator has last taken in.
         measured: (ny,) outputs, NaN where missing or rejected.
         lag: (ny,) how long before the tick they were read, in ticks. Up to LATE is at the tick; what is later
@@ -171,30 +155,19 @@ def tick(w, model, m, query, measured, lag, white_sd, coloured_sd, clip, out, t)
         coloured_sd: (ny,) present sd of the outputs' coloured noise, in their units.
         out: innovation (ny,), S (ny, ny), nis, accepted (ny,), flags.
     """
-    away, at = distance(model.envelope, query), 0.0
-    base, z, P = m.stream.base[:], m.z[:], m.P[:]  # of one type with the rivals' own: everything compiles once
+    away, at, started = distance(model.envelope, query), 0.0, m.stream.ticks[0] > 0
     out.nis = np.nan
     for i in range(measured.size):
         out.innovation[i], out.accepted[i] = np.nan, False
         for j in range(measured.size):
             out.S[i, j] = 0.0
+    if started:
+        _begin(model, m, t)
     while at < 1.0:
         to = _next_readings(measured, lag, t.now)
-        part = to - at if m.stream.ticks[0] > 0 else 0.0
-        if m.rivals.left == 0:
-            if part > 0.0:
-                _go_on(w, model, base, m.safety, z, P, away, part, t)
-                part = 0.0
-            fill(t.read, t.now)
-            foresee(model, m.safety, z, P, t.read, white_sd, coloured_sd, t)
-            which = stepped(m.safety.steps, m.safety.unknown, t.innovation, t.S) if model.settings.steps else -1
-            if which >= 0:
-                _begin(model, m, which, t)
-            else:
-                nis = correct(model, m.safety, z, P, t.read, white_sd, coloured_sd, clip, m.rivals.left == 0, t)
-                _report(out, nis, t, to == 1.0)
-        if m.rivals.left > 0:
-            _compete(w, model, m, base, away, part, white_sd, coloured_sd, clip, out, to == 1.0, t)
+        if started and to > at:
+            _go_on(w, model, m.stream.base[:], m, away, to - at, t)
+        nis = _take_in(model, m, white_sd, coloured_sd, clip, t)
+        _report(out, nis, t, to == 1.0)
         at = to
-    m.rivals.left = max(m.rivals.left - 1, 0)
     out.flags = _flags(model, m, out)

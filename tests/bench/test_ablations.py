@@ -22,11 +22,11 @@ from twinbench.methods.estimator import ablated
 
 
 def test_an_ablation_is_the_estimator_with_other_settings():
-    kind = find("deeponet_kalman:no_rollback")
-    assert kind.name == "deeponet_kalman:no_rollback"
-    assert not kind().config["rollback"]
+    kind = find("deeponet_kalman:no_observability")
+    assert kind.name == "deeponet_kalman:no_observability"
+    assert not kind().config["least_information"]
     changed = {name for name, value in kind.settings.items() if value != DeepONetKalman.settings[name]}
-    assert changed == {"rollback"}
+    assert changed == {"least_information"}
 
 
 def test_an_ablation_that_is_none_is_refused_in_one_line():
@@ -36,16 +36,16 @@ def test_an_ablation_that_is_none_is_refused_in_one_line():
 
 def test_what_fit_does_not_read_is_not_trained_anew(tmp_path):
     """And a profile's settings hold in an ablation, but for those that the ablation is about."""
-    more = "[settings.deeponet_kalman]\niterations = 40\nfeasibility = 0.3\ninflation = 2.0\n"
+    more = "[settings.deeponet_kalman]\niterations = 40\nfeasibility = 0.3\nslow_error = 2.0\n"
     profile = load_profile(str(write_profile(tmp_path, more=more)))
     whole, online, offline = (
         make_cell(name, 0, profile)
-        for name in ("deeponet_kalman", "deeponet_kalman:no_rollback", "deeponet_kalman:no_feasibility")
+        for name in ("deeponet_kalman", "deeponet_kalman:no_observability", "deeponet_kalman:no_feasibility")
     )
     assert online.fit == whole.fit
     assert len({whole.estimates, online.estimates, offline.estimates}) == 3
     assert offline.fit != whole.fit
-    assert dict(offline.settings) == {"iterations": 40, "feasibility": 0.0, "inflation": 2.0}
+    assert dict(offline.settings) == {"iterations": 40, "feasibility": 0.0, "slow_error": 2.0}
 
 
 def scores(**values: list[float]) -> pd.DataFrame:
@@ -85,7 +85,7 @@ def test_whether_the_lead_hangs_on_the_test_for_steps_is_said():
         (name, 0, f"test-{i:02d}", "health_life_pct", level + 0.3 * rng.normal())
         for name, level in (
             ("deeponet_kalman", 3.0),
-            ("deeponet_kalman:no_steps", 5.0),
+            ("deeponet_kalman:no_modes", 5.0),
             ("pinn_ukf", 5.1),
             ("gru_kf", 8.0),
         )
@@ -100,7 +100,7 @@ def test_whether_the_lead_hangs_on_the_test_for_steps_is_said():
     assert "ranked in this run Nominal IMM and DeepONet-Kalman alone weigh what" in without_steps(too, {})[0]
     far = scores.assign(value=scores["value"] + 2.0 * (scores["estimator"] == "pinn_ukf"))
     assert without_steps(far, {})[0].endswith("so they are told apart.")
-    assert without_steps(scores[scores["estimator"] != "deeponet_kalman:no_steps"], {}) == []
+    assert without_steps(scores[scores["estimator"] != "deeponet_kalman:no_modes"], {}) == []
 
 
 def test_a_failed_ablation_says_so():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from augmented_filter import OFF, SIZE
+from augmented_filter import ALIKE, OFF, SIZE
 
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.layout import pack
@@ -27,7 +27,7 @@ def problem():
         np.array([0.003, 0.0065, 0.53, 0.0023, 0.0083]),
     )
     envelope = Envelope(np.full(5, -3.0), np.full(5, 3.0))
-    model = model_of(COMPRESSOR, scales, A @ A.T, 0.999, OFF, envelope)._replace(
+    model = model_of(COMPRESSOR, scales, A @ A.T, 0.999, OFF, envelope, ALIKE)._replace(
         noise_keep=np.array([0.88, 0.98, 0.92]),
         zeta_low=np.full(5, -10.0),
         zeta_high=np.full(5, 10.0),

@@ -24,24 +24,18 @@ from augmented_filter import (
 
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.cycle import roll_out, scratch
-from twinbench.methods.deeponet_kalman.forecast import predict, predict_mean
+from twinbench.methods.deeponet_kalman.forecast import predict, predict_mean, spread
 from twinbench.methods.deeponet_kalman.model import room_type
-from twinbench.methods.deeponet_kalman.safeguards import (
-    FROZEN,
-    INFLATION_UPDATES,
-    INSIDE_LEAST,
-    OUTSIDE_MOST,
-    UPDATES,
-    empty_safety,
-)
+from twinbench.methods.deeponet_kalman.safeguards import UPDATES, empty_safety
 from twinbench.physics.compressor import M_REF_KG_S
 
 
-def predicted(problem, z, P, away=0.0, push=(0.0,) * 5, part=1.0, model=None):
+def predicted(problem, z, P, away=0.0, push=(0.0,) * 5, part=1.0, model=None, walk=(0.0,) * 5):
     """z and P a tick ahead, and the Jacobian."""
     weights, _, base, *_ = problem
-    z, P, room = z.copy(), P.copy(), np.zeros(1, room_type(weights, PARTS))
-    predict(weights[0], kept(problem, model), base, z, P, away, np.array(push), part, room[0])
+    z, P, room, own = z.copy(), P.copy(), np.zeros(1, room_type(weights, PARTS)), kept(problem, model)
+    predict(weights[0], own, base, z, away, part, room[0])
+    spread(own, P, np.array(walk), away, np.array(push), part, room[0])
     return z, P, room["F"][0]
 
 
@@ -105,40 +99,12 @@ def test_correction_is_the_textbook(problem):
     S = H @ P @ H.T + np.diag(white**2)
     K = P @ H.T @ np.linalg.inv(S)
     r = measured - np.array([z[1], z[PROBE] + bias, M_REF_KG_S * z[4]]) - coloured * z[NOISE : NOISE + 3]
-    z1, P1, innovation, used, S1, nis = corrected(
-        problem, empty_safety(PARTS, 1), z, P, measured, white, coloured, np.inf
-    )
+    z1, P1, innovation, used, S1 = corrected(problem, empty_safety(PARTS, 1), z, P, measured, white, coloured, np.inf)
     assert used == pytest.approx(innovation)
     assert innovation == pytest.approx(r)
     assert S1 == pytest.approx(S)
     assert z1 == pytest.approx(z + K @ r)
     assert P1 == pytest.approx((np.eye(SIZE) - K @ H) @ P, abs=1e-12)
-    assert nis == pytest.approx(r @ np.linalg.inv(S) @ r)
-
-
-def test_an_inconsistent_spell_leaves_health_where_it_was_and_lets_it_move_faster_afterwards(problem):
-    _, model, _, z, P = problem
-    guarded = model._replace(settings=OFF._replace(rollback=True, inflation=4.0))
-    safety = empty_safety(PARTS, 1)
-    z, P = z.copy(), 1e-4 * np.eye(SIZE)
-    for _ in range(3):
-        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.3), WHITE, COLOURED, np.inf, guarded)
-    valid, sd = z[ZETA:NOISE].copy(), np.sqrt(np.diag(P)[ZETA:NOISE])
-    for k in range(OUTSIDE_MOST + 3):
-        moved, P, *_ = corrected(problem, safety, z, P, off_by(z, 40.0), WHITE, COLOURED, np.inf, guarded)
-        assert (moved[:5] != z[:5]).any()
-        z = moved
-        if k >= OUTSIDE_MOST - 1:
-            assert safety["counts"][0][FROZEN] > 0
-            assert z[ZETA:NOISE] == pytest.approx(valid, abs=1e-12)
-    for _ in range(INSIDE_LEAST):
-        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
-    assert safety["counts"][0][FROZEN] == 0
-    z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
-    assert np.sqrt(P[ZETA, ZETA]) > 1.1 * sd[0]
-    for _ in range(INFLATION_UPDATES):
-        z, P, *_ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
-    assert np.sqrt(P[ZETA, ZETA]) == pytest.approx(4.0 * sd[0], rel=0.1)
 
 
 def test_directions_of_which_nothing_is_known_are_not_corrected(problem):
@@ -158,12 +124,12 @@ def test_noise_beyond_the_data_sheet_widens_r(problem):
     safety = empty_safety(PARTS, 1)
     safety["counts"][0][UPDATES] = 5000
     safety["mismatch"] = 9.0 * np.diag(WHITE**2)
-    *_, S, _ = corrected(problem, empty_safety(PARTS, 1), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
-    *_, wide, _ = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
+    *_, S = corrected(problem, empty_safety(PARTS, 1), z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf)
+    *_, wide = corrected(problem, safety, z, P, off_by(z, 0.0), WHITE, COLOURED, np.inf, guarded)
     assert np.diag(wide - S) / WHITE**2 == pytest.approx(np.full(3, 8.0), rel=0.05)
 
 
-def test_a_channel_far_off_is_left_out_of_the_correction_and_of_the_nis(problem):
+def test_a_channel_far_off_is_left_out_of_the_correction(problem):
     _, model, _, z, P = problem
     guarded = model._replace(settings=OFF._replace(channel_gate=5.0))
     measured = off_by(z, 0.5)
@@ -191,10 +157,11 @@ def test_what_is_pushed_one_way_walks_faster(problem):
     _, model, _, z, P = problem
     quick = model._replace(settings=OFF._replace(q_gain=1.0))
     push = np.array([1.0, 0.0, 0.0, 0.0, 0.0])
-    calm = predicted(problem, z, P, model=quick)[1]
-    pushed = predicted(problem, z, P, 0.0, push, model=quick)[1]
+    walk = np.full(5, 1e-6)
+    calm = predicted(problem, z, P, model=quick, walk=walk)[1]
+    pushed = predicted(problem, z, P, 0.0, push, model=quick, walk=walk)[1]
     more = np.diag(pushed - calm)
-    assert more[ZETA] == pytest.approx((OFF.q_most - 1.0) * model.Q[ZETA, ZETA], rel=1e-6)
+    assert more[ZETA] == pytest.approx((OFF.q_most - 1.0) * walk[0], rel=1e-6)
     assert np.abs(np.delete(more, ZETA)).max() < 1e-12
 
 

@@ -26,6 +26,7 @@ from twinbench.methods.deeponet_kalman.parts import parts_of
 from twinbench.methods.deeponet_kalman.stream import STANDARDISED_LIMIT, heads_with_jacobian, push
 from twinbench.methods.deeponet_kalman.windows import query_of
 from twinbench.methods.estimator import Sample
+from twinbench.methods.modes import in_the_long_run
 from twinbench.methods.operator import SLOW_TAU_S, WINDOW, Operator
 from twinbench.methods.training import load_weights
 
@@ -36,7 +37,7 @@ to_theta = COMPRESSOR.coordinates.to_theta
 PAGE = (Path(__file__).parents[2] / "docs/controller.md").read_text(encoding="utf-8")
 LOOP, ON_A_RECORDING, ONLINE = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
 UNGUARDED = {
-    "hampel": False, "channel_gate": np.inf, "rollback": False, "steps": False, "least_information": 0.0,
+    "hampel": False, "channel_gate": np.inf, "least_information": 0.0,
     "q_gain": 0.0, "r_gain": 0.0, "trust_reach": np.inf, "extrapolation": 0.0,
 }  # fmt: skip
 TICKS = 400
@@ -154,6 +155,8 @@ def unguarded(twin: DeepONetKalman) -> DeepONetKalman:
     plain = DeepONetKalman(COMPRESSOR, **DeepONetKalman.contract_settings, **UNGUARDED)
     plain.arrays = twin.arrays
     plain.restore()
+    modes = plain.twin["filter"]["modes"][0]  # one filter, with the mean walk
+    modes["walk"], modes["out"] = in_the_long_run(modes["turn"]) @ modes["walk"], 0.0
     return plain
 
 

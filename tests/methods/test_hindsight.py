@@ -44,17 +44,3 @@ def test_it_equals_filterpy(kept):
     look_back(kept)
     np.testing.assert_allclose(kept.z, means, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(kept.P, covs, rtol=1e-9, atol=1e-12)
-
-
-def test_nothing_is_carried_back_over_a_seam(kept):
-    seam = 25
-    kept.seam[seam] = True
-    before, after = (Pass(*(part[own].copy() for part in kept)) for own in (slice(seam), slice(seam + 1, None)))
-    there = kept.z[seam].copy(), kept.P[seam].copy()
-    look_back(kept)
-    for part, own in ((before, slice(seam)), (after, slice(seam + 1, None))):
-        means, covs = smoothed_by_filterpy(part)
-        np.testing.assert_allclose(kept.z[own], means, rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(kept.P[own], covs, rtol=1e-9, atol=1e-12)
-    np.testing.assert_array_equal(kept.z[seam], there[0])
-    np.testing.assert_array_equal(kept.P[seam], there[1])

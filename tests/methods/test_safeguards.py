@@ -12,20 +12,13 @@ from scipy import stats
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.deeponet_kalman.safeguards import (
     CHANNEL,
-    FROZEN,
-    FROZEN_MOST,
-    INFLATING,
-    INFLATION_UPDATES,
-    INSIDE_LEAST,
-    OUTSIDE,
-    OUTSIDE_MOST,
+    FAR_MOST,
     PUSHED,
     Envelope,
     bound_health,
     carry_sensitivity,
     distance,
     empty_safety,
-    gate_of,
     gather,
     informed,
     left_out,
@@ -33,16 +26,14 @@ from twinbench.methods.deeponet_kalman.safeguards import (
     noise_factor,
     note_mismatch,
     note_push,
-    scale_health,
     trust,
     walk_factor,
-    watch,
     widest_of,
 )
 from twinbench.methods.estimator import Z95
 from twinbench.methods.kalman import gain, joseph
 
-MEMORIES, GATE = memories_of(COMPRESSOR), gate_of(PARTS.outputs)
+MEMORIES = memories_of(COMPRESSOR)
 BOX = Envelope(np.full(5, -2.0), np.full(5, 2.0))
 
 
@@ -182,64 +173,20 @@ def test_a_parameter_that_is_pushed_one_way_walks_faster_and_the_others_do_not()
 
 def test_what_counts_as_chance_is_chi_square():
     assert stats.chi2.sf(PUSHED, 1) == pytest.approx(0.01, rel=0.01)
-    assert stats.chi2.sf(GATE, [1, 2, 3]) == pytest.approx(1e-3, rel=1e-3)
     assert all(0.0 < keep < 1.0 for keep in MEMORIES)
 
 
 def test_a_channel_far_off_is_left_out_and_a_lasting_shift_is_let_in():
     strength, counts, S = OFF._replace(channel_gate=5.0), empty_safety(PARTS, 1)["counts"][0], np.eye(3)
     kept = []
-    for _ in range(OUTSIDE_MOST + 3):
+    for _ in range(FAR_MOST + 3):
         innovation = np.array([0.5, 40.0, np.nan])
         left_out(strength, counts, innovation, S)
         assert innovation[0] == 0.5
         kept.append(bool(np.isfinite(innovation[1])))
-    assert kept == [False] * OUTSIDE_MOST + [True] * 3
+    assert kept == [False] * FAR_MOST + [True] * 3
     left_out(strength, counts, np.array([0.0, 1.0, np.nan]), S)
     assert counts[CHANNEL + 1] == 0
-
-
-def run_of(nis: float, updates: int, counts: np.ndarray) -> list[bool]:
-    return [bool(watch(GATE, counts, nis, 3)) for _ in range(updates)]
-
-
-def test_five_updates_outside_the_gate_freeze_health_and_consistency_frees_it():
-    counts = empty_safety(PARTS, 1)["counts"][0]
-    assert run_of(100.0, OUTSIDE_MOST - 1, counts) == [False] * (OUTSIDE_MOST - 1)
-    assert run_of(1.0, 1, counts) == [False]
-    assert run_of(100.0, OUTSIDE_MOST, counts)[-1]
-    assert counts[FROZEN] > 0
-    run_of(1.0, INSIDE_LEAST, counts)
-    assert counts[FROZEN] == 0
-    assert counts[INFLATING] == INFLATION_UPDATES
-    assert counts[OUTSIDE] == 0
-
-
-def test_what_stays_inconsistent_is_let_through_after_a_second():
-    counts = empty_safety(PARTS, 1)["counts"][0]
-    run_of(100.0, OUTSIDE_MOST + FROZEN_MOST, counts)
-    assert counts[FROZEN] == 0
-    assert counts[INFLATING] == INFLATION_UPDATES
-
-
-def test_no_reading_says_nothing_about_consistency():
-    counts = empty_safety(PARTS, 1)["counts"][0]
-    run_of(100.0, 2, counts)
-    before = counts.copy()
-    assert not watch(GATE, counts, np.nan, 0)
-    assert np.array_equal(counts, before)
-
-
-@settings(deadline=None)  # the first call compiles
-@given(st.integers(0, 1000), st.floats(0.01, 100.0))
-def test_inflation_keeps_correlations_and_definiteness(seed, size):
-    P = covariance(seed)
-    after = P.copy()
-    scale_health(after, 2, np.full(5, size))
-    sd, sd_after = np.sqrt(np.diag(P)), np.sqrt(np.diag(after))
-    assert after / np.outer(sd_after, sd_after) == pytest.approx(P / np.outer(sd, sd))
-    assert sd_after[2:7] == pytest.approx(size * sd[2:7])
-    assert np.linalg.eigvalsh(after).min() > -1e-9 * sd_after.max() ** 2
 
 
 @settings(deadline=None)
@@ -247,7 +194,8 @@ def test_inflation_keeps_correlations_and_definiteness(seed, size):
 def test_a_variance_is_bounded_by_a_reading_without_news(seed):
     P = covariance(seed)
     P /= 2.0 * np.sqrt(np.outer(np.diag(P), np.diag(P)))
-    scale_health(P, 2, np.array([1.0, 1.0, 4.0, 1.0, 1.0]))  # only the third is known too badly
+    worse = np.where(np.arange(8) == 4, 4.0, 1.0)
+    P *= np.outer(worse, worse)  # only the third is known too badly
     variance, H = P[4, 4], np.zeros((1, 8))
     H[0, 4] = 1.0
     R = np.array([[variance / (variance - 1.0)]])
