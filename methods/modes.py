@@ -104,7 +104,11 @@ def chain(parameters: int, failing: int, tick_s: float) -> Array:
 
 
 def in_the_long_run(turn: Array) -> Array:
-    """Probabilities (M,) of the modes of a chain ``turn`` (M, M), dimensionless, that has gone on for long."""
+    """Probabilities (M,) of the modes of a chain that has gone on for long.
+
+    Args:
+        turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
+    """
     return np.asarray(np.linalg.matrix_power(turn, 2**20)[0])
 
 

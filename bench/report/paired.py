@@ -17,6 +17,8 @@ from twinbench.bench.statistics.scores import definitions_of, ideal
 from twinbench.bench.statistics.subject import PAPERS, Subject
 from twinbench.bench.statistics.summary import LIFE, PARAMETERS
 
+ONE_FILTER = ("no_modes", "no_steps")
+"""The ablation that leaves one filter and no weighing; the second is its name in runs of earlier code."""
 INTERVAL = (
     "mean over the test sequences; in brackets its 95 % interval: bootstrap over whole sequences, seeds averaged "
     "inside each first. Of errors more than 0 says that {says}; marked is what differs from 0 for sure."
@@ -57,10 +59,10 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
         scores: as of ``rivals_table``, ablations among them.
         failures: likewise.
     """
-    less = f"{PROPOSED}{ABLATION}no_modes"
     table = sequence_scores(scores[scores["metric"] == LIFE], LIFE, failures)
+    less = next((e for e in map(f"{PROPOSED}{ABLATION}{{}}".format, ONE_FILTER) if e in complete(table)), "")
     rivals = [e for e in complete(table) if not is_ablation(e) and e not in (*UNRANKED, *WEIGHS_STEPS)]
-    if less not in complete(table) or PROPOSED not in complete(table) or not rivals:
+    if not less or PROPOSED not in complete(table) or not rivals:
         return []
     mean = {e: float(table.row(e).mean()) for e in (PROPOSED, less, *rivals)}
     nearest = min(rivals, key=lambda e: mean[e])

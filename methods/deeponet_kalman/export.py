@@ -224,6 +224,14 @@ def _one_of_each(machine: Machine) -> tuple[Growth, float, float]:
     return growths[0], float(theta[machine.plant.index(lag.tau_s)]), power
 
 
+def _mean_noise(estimator: DeepONetKalman) -> Array:
+    """Q (N, N) of one tick in the units of z squared, with the mean walk of health over all modes."""
+    modes, health = estimator.model.modes, np.arange(estimator.parts.zeta, estimator.parts.noise)
+    Q = estimator.model.Q.copy()
+    Q[health, health] = in_the_long_run(modes.turn) @ modes.walk
+    return Q
+
+
 def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
     """What a filter around the graph needs, for z as in ``methods.deeponet_kalman.augmented``.
 
@@ -255,8 +263,6 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
     F[:n, error:] = np.eye(n)
     np.fill_diagonal(F[noise:, noise:], np.append(model.noise_keep, np.full(n, model.error_keep)))
     H[range(parts.outputs), model.readings.source] = model.readings.gain
-    Q, health_at = model.Q.copy(), np.arange(parts.zeta, noise)
-    Q[health_at, health_at] = in_the_long_run(model.modes.turn) @ model.modes.walk
     z_low, z_high = np.full(parts.size, -np.inf), np.full(parts.size, np.inf)
     z_low[:n], z_low[parts.zeta : noise], z_high[parts.zeta : noise] = model.state_low, model.zeta_low, model.zeta_high
     slope = health.theta_and_slope(np.zeros(parts.health))[1]
@@ -268,7 +274,7 @@ def filter_arrays(estimator: DeepONetKalman) -> dict[str, np.ndarray]:
         "z0": fresh["z"],
         "P0": fresh["P"],
         "F": F,
-        "Q": Q,
+        "Q": _mean_noise(estimator),
         "H": H,
         "z_low": z_low,
         "z_high": z_high,
