@@ -119,7 +119,8 @@ def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
     assert table["merit"].min() < FAILED
 
 
-ROUNDS = {"first": 20, "second": 20, "third": 20, "fourth": 20, "fifth": 20, "sixth": 12, "seventh": 12}
+EARLIER = {"first": 20, "second": 20, "third": 20, "fourth": 20, "fifth": 20, "sixth": 12, "seventh": 12}
+ROUNDS = EARLIER | {"modes/compressor": 12}
 """The rounds of tuning, in their order, and how many trials each estimator had in them."""
 
 
@@ -131,7 +132,8 @@ def test_the_settings_are_those_that_the_last_round_of_trials_chose(name):
         if path.is_file():
             best |= tomllib.loads(path.read_text())["settings"][name]
             assert len(pd.read_csv(path.with_suffix(".csv"))) == trials
-    assert {setting: find(name).settings[setting] for setting in best} == best
+    own = find(name).settings  # some of earlier rounds are no settings any more
+    assert {setting: own[setting] for setting in best if setting in own} == {s: v for s, v in best.items() if s in own}
 
 
 @pytest.mark.parametrize(
