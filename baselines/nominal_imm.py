@@ -19,6 +19,10 @@ class NominalIMM(ModesEKF, NominalEKF):
     implementations: ClassVar[tuple[str, ...]] = ("compiled",)
     settings: ClassVar[dict[str, Any]] = {
         **{name: value for name, value in NominalEKF.settings.items() if name != "implementation"},
-        **{name: ModesEKF.settings[name] for name in ("still", "leap")},
+        "health_walk": 1.319,
+        "state_walk": 14.04,
+        "slow_error": 0.7499,
+        "still": 0.05028,
+        "leap": 0.7052,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {**NominalEKF.search_space, **ModesEKF.search_space}
