@@ -95,9 +95,9 @@ def chain(parameters: int, failing: int, tick_s: float) -> Array:
     turn = np.zeros((len(kind) + failing,) * 2)
     moving, fails = slice(len(kind)), slice(len(kind), None)
     turn[moving, moving] = leave[:, None] * NEXT[np.ix_(kind, kind)] / np.bincount(kind)[kind] + np.diag(1.0 - leave)
-    turn[moving] *= 1.0 - failing * tick_s / FAILS_EVERY_S
-    turn[moving, fails] = tick_s / FAILS_EVERY_S
-    ends = min(tick_s / FAILED_S, 1.0)
+    begins, ends = min(tick_s / FAILS_EVERY_S, 0.5 / max(failing, 1)), min(tick_s / FAILED_S, 1.0)
+    turn[moving] *= 1.0 - failing * begins
+    turn[moving, fails] = begins
     turn[fails, fails] = (1.0 - ends) * np.eye(failing)
     turn[fails, 0] = ends
     return turn

@@ -70,6 +70,14 @@ def test_the_chain_goes_somewhere_and_stays_as_long_as_it_says(parameters, faili
     np.testing.assert_allclose(usual @ turn, usual, atol=1e-12)
 
 
+@pytest.mark.parametrize("tick_s", [1e-3, 60.0, 7200.0])
+def test_however_long_a_tick_is_the_chain_has_probabilities(tick_s):
+    turn = chain(4, 3, tick_s)
+    np.testing.assert_allclose(turn.sum(axis=1), 1.0)
+    assert (turn >= 0.0).all()
+    assert (turn.sum(axis=0) > 0.0).all()
+
+
 def test_a_machines_modes_are_one_for_each_way_to_change():
     walk, out, turn = modes_of(COMPRESSOR, 1.0, 0.1, 2.0)
     parameters = len(HEALTH)
