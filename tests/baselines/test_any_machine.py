@@ -125,7 +125,9 @@ def test_a_filter_follows_the_states_that_it_reads(machine, kind):
             assert np.sqrt(np.mean(off**2)) < np.hypot(noise.white, noise.coloured) / reading.gain
 
 
-@MACHINES
+@pytest.mark.parametrize(
+    "machine", [TWO_TANKS, LONE_TANK, pytest.param(MOTOR, marks=pytest.mark.slow)], ids=lambda m: m.name
+)
 def test_the_oracle_knows_more_of_health_than_the_prior(machine):
     split = population(machine, 15.0, 8, 6)
     errors = []
