@@ -35,7 +35,7 @@ from twinbench.methods.reporting import clean_flags
 
 @njit(cache=True, error_model="numpy")
 def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info):  # type: ignore[no-untyped-def]
-    """Machine ``b`` a tick on, in place. Returns the modes' probabilities (M,) before the readings.
+    """Machine ``b`` a tick on, in place.
 
     The function takes plain arrays because it is compiled.
 

@@ -60,10 +60,11 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
         failures: likewise.
     """
     table = sequence_scores(scores[scores["metric"] == LIFE], LIFE, failures)
-    less = next((e for e in map(f"{PROPOSED}{ABLATION}{{}}".format, ONE_FILTER) if e in complete(table)), "")
+    left = [e for e in (f"{PROPOSED}{ABLATION}{name}" for name in ONE_FILTER) if e in complete(table)]
     rivals = [e for e in complete(table) if not is_ablation(e) and e not in (*UNRANKED, *WEIGHS_STEPS)]
-    if not less or PROPOSED not in complete(table) or not rivals:
+    if not left or PROPOSED not in complete(table) or not rivals:
         return []
+    less = left[0]
     mean = {e: float(table.row(e).mean()) for e in (PROPOSED, less, *rivals)}
     nearest = min(rivals, key=lambda e: mean[e])
     found = differences(table, less).set_index("estimator").loc[nearest, ["difference", "low", "high"]]

@@ -14,6 +14,8 @@ from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import FLAG_GATED
 from twinbench.methods.modes import (
     FAILED_S,
+    FAILS_EVERY_S,
+    NEXT,
     STAY_S,
     chain,
     in_the_long_run,
@@ -63,9 +65,12 @@ def test_the_chain_goes_somewhere_and_stays_as_long_as_it_says(parameters, faili
     turn = chain(parameters, failing, 0.05)
     np.testing.assert_allclose(turn.sum(axis=1), 1.0)
     assert (turn >= 0.0).all()
-    stays = np.repeat([*STAY_S, FAILED_S], (1, parameters, parameters, failing))
-    # One ramp may go over into another, and any of them ends where an output fails.
-    np.testing.assert_allclose(0.05 / (1.0 - np.diagonal(turn)), stays, rtol=0.25)
+    moving, own = slice(1 + 2 * parameters), np.repeat([0.0, NEXT[1, 1] / parameters, 0.0], (1, parameters, parameters))
+    # What ends may begin again as it was, and anything ends where an output fails.
+    leaves = 0.05 / np.repeat(STAY_S, (1, parameters, parameters)) * (1.0 - own)
+    fails = failing * 0.05 / FAILS_EVERY_S
+    np.testing.assert_allclose(1.0 - np.diagonal(turn)[moving], leaves * (1.0 - fails) + fails)
+    np.testing.assert_allclose(0.05 / (1.0 - np.diagonal(turn)[moving.stop :]), FAILED_S)
     usual = in_the_long_run(turn)
     np.testing.assert_allclose(usual @ turn, usual, atol=1e-12)
 

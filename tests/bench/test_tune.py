@@ -119,8 +119,10 @@ def test_settings_that_fail_are_a_bad_trial_and_no_end(tmp_path):
     assert table["merit"].min() < FAILED
 
 
-EARLIER = {"first": 20, "second": 20, "third": 20, "fourth": 20, "fifth": 20, "sixth": 12, "seventh": 12}
-ROUNDS = EARLIER | {"modes/compressor": 12}
+ROUNDS = {
+    **dict.fromkeys(("first", "second", "third", "fourth", "fifth"), 20),
+    **dict.fromkeys(("sixth", "seventh", "modes/compressor"), 12),
+}
 """The rounds of tuning, in their order, and how many trials each estimator had in them."""
 
 
