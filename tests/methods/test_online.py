@@ -47,7 +47,8 @@ def test_it_equals_the_plain_form_over_a_whole_sequence_with_every_fault(twin, r
     """To 1e-5 in what is estimated and its intervals, and in most covariances; never beyond 1e-4 in these.
 
     The operator reckons in single precision: its round-off, 5e-8 of a pressure, is up to 1e-4 of the standard deviation
-    to which that pressure is known, and where covariance adapts to innovations, it gets there.
+    to which that pressure is known, and where covariance adapts to innovations, it gets there. Once another mode has
+    been the likeliest, 1e-4 bounds the estimates, too: what is mixed is mixed by exponentials of innovations.
     """
     online, plain = Online(twin), PlainTwin(twin)
     least = np.zeros(10)
@@ -62,7 +63,7 @@ def test_it_equals_the_plain_form_over_a_whole_sequence_with_every_fault(twin, r
         for ours, theirs in zip(online.state[:1] + online.state[2:4], state[:1] + state[2:4], strict=True):
             off[k] = max(off[k], (np.abs(ours - theirs) / np.maximum(np.abs(theirs), least)).max())
         likeliest.add(int(plain.mu.argmax()))
-        assert off[k] <= 1e-4, where
+        assert off[k] <= (1e-4 if len(likeliest) > 1 else 1e-5), where
         sd = np.sqrt(np.diagonal(state.cov[0]))
         gaps[k] = np.abs((online.state.cov[0] - state.cov[0]) / np.outer(sd, sd)).max()
         np.testing.assert_allclose(online.info.nis, info.nis, rtol=1e-3, atol=1e-4, err_msg=where)
