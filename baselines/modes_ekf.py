@@ -22,7 +22,8 @@ from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
 from twinbench.methods.modes import (
     FAILS_FROM,
-    in_the_long_run,
+    Failing,
+    at_first,
     linear_modes,
     log_likelihood,
     merge_into,
@@ -32,6 +33,9 @@ from twinbench.methods.modes import (
 )
 from twinbench.methods.reporting import clean_flags
 
+CARRIED = 7
+"""Arrays of a state's memory that are not the front end's: z, P, started, and the modes' four."""
+
 
 @njit(cache=True, error_model="numpy")
 def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info):  # type: ignore[no-untyped-def]
@@ -40,31 +44,34 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
     The function takes plain arrays because it is compiled.
 
     Args:
-        modes: walk (M, n, n) as process noise of z, out and turn as in ``methods.modes.Modes``.
-        carried: probabilities (B, M), means (B, M, n) and covariances (B, M, n, n) of the modes.
+        modes: walk (M, n, n) as process noise of z, the rest as in ``methods.modes.Modes``.
+        carried: of the modes, as ``undecided`` gives them.
         told: what ``filter_inputs`` gives.
         info: innovation (B, ny), S (B, ny, ny) and NIS (B,) are written here.
     """
     before, now, u_sd, measured, white, coloured = told
-    (walk, out, turn), (mu, zs, Ps) = modes, carried
+    (walk, out, turn, lasts, wander), (mu, zs, Ps, offset) = modes, carried
     count, ny = out.shape
     innovation, S, score = np.empty((count, ny)), np.empty((count, ny, ny)), np.empty(count)
-    L, y = np.empty((ny, ny)), np.empty(ny)
-    ahead, centre = mu[b].copy(), z[b].copy()
+    L, y, noise_var = np.empty((ny, ny)), np.empty(ny), np.empty(ny)
+    ahead, stays, centre = mu[b].copy(), np.zeros(count), z[b].copy()
     if started[b]:
-        ahead, zs[b], Ps[b] = mix(mu[b], turn, zs[b], Ps[b])
+        ahead, stays, zs[b], Ps[b] = mix(mu[b], turn, zs[b], Ps[b])
         centre, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
         for j in range(count):
             zs[b, j] = centre + F @ (zs[b, j] - z[b])
             Ps[b, j] = predict_covariance(Ps[b, j], F, Q + walk[j])
     expected, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
+    for c in range(ny):
+        noise_var[c] = R[c, c] + coloured[b, c] ** 2
     for j in range(count):
         innovation[j] = expected - H @ (zs[b, j] - centre)
         used = np.where(out[j] > 0, np.nan, innovation[j])
         zs[b, j], Ps[b, j], S[j], _ = update(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD)
         keep_doubt(model, Ps[b, j])
         bound(model, zs[b, j])
-        score[j] = log_likelihood(innovation[j], S[j], out[j], L, y)
+        failing = Failing(offset[b, j], noise_var, wander)
+        score[j] = log_likelihood(innovation[j], S[j], out[j], lasts[j] * stays[j], failing, L, y)
     weigh_into(ahead, score, mu[b])
     merge_into(mu[b], zs[b], Ps[b], z[b], P[b])
     there = ~np.isnan(measured[b])
@@ -102,41 +109,40 @@ class ModesEKF(ModelEKF):
     def restore(self) -> None:
         """As the base class, and the modes; how health walks is theirs."""
         super().restore()
-        walk, self._out, self._turn = modes_of(
-            self.machine, *(self.config[k] for k in ("health_walk", "still", "leap"))
-        )
+        modes = modes_of(self.machine, *(self.config[k] for k in ("health_walk", "still", "leap")))
         at = np.arange(len(self._model.step), self._sensor)
         Q = self._model.Q.copy()
         Q[at, at] = 0.0
         self._model = self._model._replace(Q=Q)
-        self._walk = np.zeros((len(walk), *Q.shape))
-        self._walk[:, at, at] = walk
+        walk = np.zeros((len(modes.walk), *Q.shape))
+        walk[:, at, at] = modes.walk
+        self._modes = modes._replace(walk=walk)
 
     def init(self, batch: int) -> State:
-        """As the base class. Every mode begins alike; their probabilities are those of the chain in the long run."""
+        """As the base class. Every mode begins alike, and no sensor fails."""
         z, P, started, *front = super().init(batch).memory
         return self._report(z, P, (started, *self.undecided(z, P), *front))
 
-    def undecided(self, z: Array, P: Array) -> tuple[Array, Array, Array]:
-        """Probabilities (B, M), means (B, M, n) and covariances (B, M, n, n) before the first sample.
+    def undecided(self, z: Array, P: Array) -> tuple[Array, Array, Array, Array]:
+        """Of the modes, probabilities (B, M), means (B, M, n), covariances (B, M, n, n) and offsets (B, M, 2) of the
+        output that fails, before the first sample.
 
         Args:
             z: (B, n) mean of the prior, in the units of z.
             P: (B, n, n) its covariance, in those units squared.
         """
-        count = len(self._turn)
-        mu = np.tile(in_the_long_run(self._turn), (len(z), 1))
-        return mu, np.repeat(z[:, None], count, axis=1), np.repeat(P[:, None], count, axis=1)
+        count = len(self._modes.walk)
+        mu, offset = np.tile(at_first(self._modes), (len(z), 1)), np.zeros((len(z), count, 2))
+        return mu, np.repeat(z[:, None], count, axis=1), np.repeat(P[:, None], count, axis=1), offset
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Mix, run every mode's filter, weigh, merge."""
-        z, P, started, mu, zs, Ps, *rest = state.memory
+        own, rest = state.memory[:CARRIED], state.memory[CARRIED:]
         front, clean = self._front_end.step(Memory(*rest), sample.measured)
-        z, P, started, carried = z.copy(), P.copy(), started.copy(), (mu.copy(), zs.copy(), Ps.copy())
-        info = self.blank_info(len(z))
-        modes = self._walk, self._out, self._turn
-        _tick(self._rhs, self._output, self._model, modes, z, P, started, carried, self.told(clean), info)
-        failed = carried[0] @ self._out > FAILS_FROM
+        z, P, started, *modes = (part.copy() for part in own)
+        carried, info = tuple(modes), self.blank_info(len(z))
+        _tick(self._rhs, self._output, self._model, self._modes, z, P, started, carried, self.told(clean), info)
+        failed = carried[0] @ self._modes.out > FAILS_FROM
         accepted = clean.accepted[:, len(self.machine.inputs) :] & ~failed
         flags = clean_flags(clean) | np.where(failed.any(axis=1), FLAG_GATED, 0)
         return self._report(z, P, (started, *carried, *front)), Info(*info, accepted, flags, clean.age_s)

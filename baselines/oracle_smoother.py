@@ -39,7 +39,7 @@ def find_modes(rhs, output, model, modes, z, P, carried, read, mu, info):  # typ
         now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
         tick_modes(rhs, output, model, modes, z, P, started, carried, only, now, info)
         mu[k] = carried[0][0]
-    weigh_afterwards(mu, modes[2])
+    weigh_afterwards(mu, modes.turn)
 
 
 @njit(cache=True, error_model="numpy")
@@ -110,12 +110,11 @@ class OracleSmoother(Oracle):
         read = tuple(np.ascontiguousarray(part[:, None]) for part in parts)
         equations = self._rhs, self._output, self._model
         z, P = self.start(1)
-        mu = np.empty((len(filled), len(self._turn)))
-        modes, carried = (self._walk, self._out, self._turn), self.undecided(z, P)
-        find_modes(*equations, modes, z, P, carried, read, mu, self.blank_info(1))
-        out = (mu @ self._out > FAILS_FROM).astype(float)
+        mu = np.empty((len(filled), len(self._modes.turn)))
+        find_modes(*equations, self._modes, z, P, self.undecided(z, P), read, mu, self.blank_info(1))
+        out = (mu @ self._modes.out > FAILS_FROM).astype(float)
         kept = empty_pass(len(filled), self._size)
         z, P = self.start(1)
-        forward(*equations, np.tensordot(mu, self._walk, 1), z[0], P[0], read, out, kept)
+        forward(*equations, np.tensordot(mu, self._modes.walk, 1), z[0], P[0], read, out, kept)
         look_back(kept)
         return kept

@@ -1,8 +1,13 @@
 """How health and sensors change, as modes of a chain, and how the filters of all modes are mixed and weighed.
 
-At any time health stands still, or one of its parameters ramps, or one leaps, or one output fails. Each mode has a
-filter of its own. Every tick they start from a mixture of each other, by the chain, and are weighed by how likely each
-found the readings (interacting multiple models: Blom and Bar-Shalom, IEEE Trans. Autom. Control 33, 1988). Compiled.
+At any time health stands still, or one of its parameters ramps, or one leaps, or one output is erratic, or is off, or
+has just been mended. Each mode has a filter of its own. Every tick they start from a mixture of each other, by the
+chain, and are weighed by how likely each found the readings (interacting multiple models: Blom and Bar-Shalom, IEEE
+Trans. Autom. Control 33, 1988). Compiled.
+
+An output that fails tells its filter nothing. One that is erratic may read anything at every tick. One that is off
+reads its noise around an offset, which is learnt. Its filter remembers the machine without that output for as long as a
+failure lasts. So it is there when one has crept in, and an output that has been mended is compared with it.
 """
 
 from __future__ import annotations
@@ -24,31 +29,53 @@ for seconds: one second errs by a tenth more on the two tanks, twenty no less. T
 NEXT = np.array([[0.0, 0.7, 0.3], [0.7, 0.15, 0.15], [0.7, 0.3, 0.0]])
 """Dimensionless: which of them follows which. Ramps are commoner than leaps, and most end in standing still."""
 FAILED_S, FAILS_EVERY_S = 60.0, 3600.0
-"""How long an output fails, and how seldom each does, on average. Ten times as seldom costs a failure 2.3 of its score:
-one reading that is clearly off."""
+"""How long an output fails, and how seldom each does in either way, on average. Ten times as seldom costs a failure
+2.3 of its score: one reading that is clearly off."""
 MOST_SURPRISE = 16.0
 """Bound on the NIS of one update: three readings reach it by chance once in a thousand. More lets an outlier decide."""
 FAILS_SD = 30.0
-"""An output that fails reads anything within so many sd. More makes failures less likely: twice as much costs the score
-.7 in every update."""
+"""An output that is erratic, or begins to be off, reads anything within so many sd. Twice as much costs a score .7."""
+WANDERS_SD = 0.3
+"""By how many sd of its noise the offset of an output that is off wanders in a second. With a third of it, or three
+times as much, what health errs by after a drift or a bias of a sensor changes by 6 % at most."""
 FAILS_FROM = 0.5
 """Probability from which an output is reported as failed. What is estimated does not depend on it."""
+FARTHEST = 700.0
+"""Squares of distances in sd beyond which a density stays as small as it is: in double precision it would be nought."""
 NEGLIGIBLE = 1e-12
-"""Probability below which a mode adds nothing to a mixture: round-off is larger."""
+"""Share below which a mode adds nothing to a mixture, or noise to a reading: round-off is larger."""
 
 
 class Modes(NamedTuple):
-    """M modes: health stands still, a parameter ramps or leaps, one each, or an output fails, one each.
+    """M modes: health stands still; a parameter ramps or leaps; an output is erratic, off or mended. One for each.
 
     Attributes:
         walk: (M, nh) dimensionless variances that a tick adds to the coordinates of health.
         out: (M, ny) dimensionless: 1 for an output that is not believed.
         turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
+        lasts: (M,) dimensionless: 1 where an output is off by what it was a tick before, 0 where by anything.
+        wander: dimensionless, of the variance of an output's noise: what a tick adds to that of its offset.
     """
 
     walk: Array
     out: Array
     turn: Array
+    lasts: Array
+    wander: float
+
+
+class Failing(NamedTuple):
+    """What the output reads that fails in a mode: noise around an offset.
+
+    Attributes:
+        offset: (2,) by how much it reads too high, in its unit, and the variance of that, in its unit squared.
+        noise_var: (ny,) variance of all outputs' noise, in their units squared.
+        wander: dimensionless, as in ``Modes``.
+    """
+
+    offset: Array
+    noise_var: Array
+    wander: float
 
 
 def failing_of(machine: Machine) -> np.ndarray:
@@ -58,7 +85,7 @@ def failing_of(machine: Machine) -> np.ndarray:
 
 def count_of(machine: Machine) -> int:
     """How many modes a machine has."""
-    return 1 + 2 * len(machine.health) + len(failing_of(machine))
+    return 1 + 2 * len(machine.health) + 3 * len(failing_of(machine))
 
 
 def modes_of(machine: Machine, health_walk: float, still: float, leap: float) -> Modes:
@@ -77,9 +104,11 @@ def modes_of(machine: Machine, health_walk: float, still: float, leap: float) ->
     each = np.arange(parameters)
     walk[1 + each, each] = ramp
     walk[1 + parameters + each, each] = ramp + leap**2 * min(tick_s / STAY_S[-1], 1.0)
-    out = np.zeros((len(walk), len(machine.outputs)))
-    out[1 + 2 * parameters + np.arange(len(failing)), failing] = 1.0
-    return Modes(walk, out, chain(parameters, len(failing), tick_s))
+    out, lasts = np.zeros((len(walk), len(machine.outputs))), np.zeros(len(walk))
+    erratic = 1 + 2 * parameters + np.arange(len(failing))
+    off = erratic + len(failing)
+    out[erratic, failing] = out[off, failing] = lasts[off] = 1.0
+    return Modes(walk, out, chain(parameters, len(failing), tick_s), lasts, WANDERS_SD**2 * tick_s)
 
 
 def chain(parameters: int, failing: int, tick_s: float) -> Array:
@@ -92,15 +121,29 @@ def chain(parameters: int, failing: int, tick_s: float) -> Array:
     """
     kind = np.repeat(range(len(STAY_S)), (1, parameters, parameters))
     leave = np.minimum(tick_s / np.array(STAY_S), 1.0)[kind]
-    turn = np.zeros((len(kind) + failing,) * 2)
-    moving, fails = slice(len(kind)), slice(len(kind), None)
+    moving = slice(len(kind))
+    fails, mended = slice(len(kind), len(kind) + 2 * failing), slice(len(kind) + 2 * failing, len(kind) + 3 * failing)
+    turn = np.zeros((mended.stop,) * 2)
     turn[moving, moving] = leave[:, None] * NEXT[np.ix_(kind, kind)] / np.bincount(kind)[kind] + np.diag(1.0 - leave)
-    begins, ends = min(tick_s / FAILS_EVERY_S, 0.5 / max(failing, 1)), min(tick_s / FAILED_S, 1.0)
-    turn[moving] *= 1.0 - failing * begins
+    begins, ends = min(tick_s / FAILS_EVERY_S, 0.25 / max(failing, 1)), min(tick_s / FAILED_S, 1.0)
+    turn[moving] *= 1.0 - 2 * failing * begins
     turn[moving, fails] = begins
-    turn[fails, fails] = (1.0 - ends) * np.eye(failing)
-    turn[fails, 0] = ends
+    turn[fails, fails] = (1.0 - ends) * np.eye(2 * failing)
+    turn[fails, mended] = ends * np.tile(np.eye(failing), (2, 1))
+    turn[mended, 0] = 1.0
     return turn
+
+
+def at_first(modes: Modes) -> Array:
+    """Probabilities (M,) before the first reading: those of the long run, two ticks after one at which no output fails.
+
+    Two, since after one none has been mended, and a mode without any probability has no mixture to start from.
+
+    Args:
+        modes: of a machine.
+    """
+    mu = np.where(modes.out.any(axis=1), 0.0, in_the_long_run(modes.turn))
+    return np.asarray(mu / mu.sum() @ modes.turn @ modes.turn)
 
 
 def in_the_long_run(turn: Array) -> Array:
@@ -129,11 +172,12 @@ def merge_into(weight, z, P, mean, cov):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def mix_into(mu, turn, z, P, weight, ahead, z_mixed, P_mixed):  # type: ignore[no-untyped-def]
-    """``mix`` written into ``ahead`` (M,), ``z_mixed`` (M, n) and ``P_mixed`` (M, n, n); ``weight`` (M,) is scratch.
+def mix_into(mu, turn, z, P, weight, mixed):  # type: ignore[no-untyped-def]
+    """``mix`` written into ``mixed``; ``weight`` (M,) is scratch.
 
     The function takes plain arrays because it is compiled.
     """
+    ahead, stays, z_mixed, P_mixed = mixed
     for j in range(mu.size):
         ahead[j] = 0.0
         for i in range(mu.size):
@@ -141,12 +185,13 @@ def mix_into(mu, turn, z, P, weight, ahead, z_mixed, P_mixed):  # type: ignore[n
             ahead[j] += weight[i]
         for i in range(mu.size):
             weight[i] /= ahead[j]
+        stays[j] = weight[j]
         merge_into(weight, z, P, z_mixed[j], P_mixed[j])
 
 
 @njit(cache=True, error_model="numpy")
 def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
-    """Each mode's start of a tick: its probability (M,), mean (M, n) and covariance (M, n, n).
+    """Each mode's start of a tick: its probability (M,), that it goes on (M,), mean (M, n) and covariance (M, n, n).
 
     Args:
         mu: (M,) probabilities of the modes at the tick before.
@@ -154,37 +199,63 @@ def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
         z: (M, n) their means, in the filter's coordinates.
         P: (M, n, n) their covariances.
     """
-    ahead, z_mixed, P_mixed = np.empty_like(mu), np.empty_like(z), np.empty_like(P)
-    mix_into(mu, turn, z, P, np.empty_like(mu), ahead, z_mixed, P_mixed)
-    return ahead, z_mixed, P_mixed
+    mixed = np.empty_like(mu), np.empty_like(mu), np.empty_like(z), np.empty_like(P)
+    mix_into(mu, turn, z, P, np.empty_like(mu), mixed)
+    return mixed
 
 
 @njit(cache=True, error_model="numpy")
-def log_likelihood(innovation, S, out, L, y):  # type: ignore[no-untyped-def]
-    """Of one update under one mode, bounded, but for what all modes share.
+def read_failing(failing, c, stays, innovation, S):  # type: ignore[no-untyped-def]
+    """Output ``c`` is read while it fails: its offset is learnt, in place. Returns NIS and log variance.
+
+    The failure goes on, or has just begun: NIS is twice the negative logarithm of both together.
+
+    Args:
+        stays: dimensionless probability that it goes on.
+        innovation: in the output's unit, of a filter that does not use it.
+        S: its variance, in that unit squared.
+    """
+    offset, noise = failing.offset, max(failing.noise_var[c], NEGLIGIBLE * S)  # a data sheet may promise none
+    known, anything = offset[1] + failing.wander * noise, FAILS_SD**2 * S
+    var = known + noise
+    goes_on = stays * np.exp(-0.5 * min((innovation - offset[0]) ** 2 / var, FARTHEST))
+    begins = (1.0 - stays) * np.sqrt(var / anything) * np.exp(-0.5 * min(innovation**2 / anything, FARTHEST))
+    share = goes_on / (goes_on + begins)
+    mean = offset[0] + known / var * (innovation - offset[0])
+    off = innovation - mean  # one that has just begun is off by what it reads
+    offset[0] = mean + (1.0 - share) * off
+    offset[1] = share * known * noise / var + (1.0 - share) * noise + share * (1.0 - share) * off * off
+    return -2.0 * np.log(goes_on + begins), np.log(var)
+
+
+@njit(cache=True, error_model="numpy")
+def log_likelihood(innovation, S, out, stays, failing, L, y):  # type: ignore[no-untyped-def]
+    """Of one update under one mode, bounded, but for what all modes share. What an output is off by is learnt.
 
     Args:
         innovation: (m,) in the outputs' units; NaN where missing, which is the same under every mode.
         S: (m, m) its covariance, in those units squared.
         out: (m,) positive for outputs that fail under this mode.
+        stays: dimensionless probability that the mode goes on from the tick before.
+        failing: what the output reads that fails in it.
         L: (m, m) scratch.
         y: (m,) scratch.
     """
-    m = 0
+    m, nis, log_det = 0, 0.0, 0.0
     for a in range(innovation.size):
         if np.isnan(innovation[a]):
             continue
+        if out[a] > 0:
+            nis, log_det = read_failing(failing, a, stays, innovation[a], S[a, a])
+            continue
         i = 0
         for b in range(a + 1):
-            if not np.isnan(innovation[b]):
+            if not np.isnan(innovation[b]) and out[b] <= 0:
                 L[m, i] = S[a, b]
                 i += 1
-        if out[a] > 0:
-            L[m, m] += FAILS_SD**2 * S[a, a]
         y[m] = innovation[a]
         m += 1
     factorise(L, m)
-    nis, log_det = 0.0, 0.0
     for i in range(m):
         for k in range(i):
             y[i] -= L[i, k] * y[k]
@@ -235,20 +306,20 @@ def linear_modes(
         turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
     """
     count, m = len(Q), len(R)
-    L, y = np.empty((m, m)), np.empty(m)
+    nothing, L, y = Failing(np.zeros(2), np.zeros(m), 0.0), np.empty((m, m)), np.empty(m)
 
     def run(measured: Array) -> tuple[Array, Array]:
         mu = np.full(count, 1.0 / count)
         z, P = np.repeat(x0[None], count, axis=0), np.repeat(P0[None], count, axis=0)
         means, covs = np.empty((len(measured), len(x0))), np.empty((len(measured), *P0.shape))
         for k, reading in enumerate(measured):
-            mu, z, P = mix(mu, turn, z, P)
+            mu, stays, z, P = mix(mu, turn, z, P)
             score = np.empty(count)
             for j in range(count):
                 z[j], P[j] = F @ z[j], predict_covariance(P[j], F, Q[j])
                 innovation = reading - H @ z[j]
                 z[j], P[j], S, _ = update(z[j], P[j], innovation, H, R, np.inf)
-                score[j] = log_likelihood(innovation, S, np.zeros(m), L, y)
+                score[j] = log_likelihood(innovation, S, np.zeros(m), stays[j], nothing, L, y)
             weigh_into(mu.copy(), score, mu)
             merge_into(mu, z, P, means[k], covs[k])
         return means, covs

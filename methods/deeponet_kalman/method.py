@@ -29,7 +29,7 @@ from twinbench.methods.deeponet_kalman.safeguards import Envelope, Settings, emp
 from twinbench.methods.estimator import Estimator, Info, Sample, State, register
 from twinbench.methods.frontend import THRESHOLD, FrontEnd
 from twinbench.methods.kalman import linear_filter
-from twinbench.methods.modes import in_the_long_run, modes_of
+from twinbench.methods.modes import at_first, modes_of
 from twinbench.methods.noise import coloured_keep
 from twinbench.methods.operator import acting
 from twinbench.methods.reporting import report
@@ -265,7 +265,7 @@ class DeepONetKalman(Estimator):
         P[parts.noise : parts.error, parts.noise : parts.error] = np.eye(parts.outputs)
         P[error, error] = np.diag(self._error_var("first"))
         modes = fresh["modes"][0]
-        modes["mu"], modes["z"], modes["P"] = in_the_long_run(self.model.modes.turn), fresh["z"], P
+        modes["mu"], modes["z"], modes["P"] = at_first(self.model.modes), fresh["z"], P
         return fresh
 
     def init(self, batch: int) -> State:

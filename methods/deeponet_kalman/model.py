@@ -197,9 +197,11 @@ def model_of(
 
 
 def modes_type(parts: Parts) -> np.dtype[np.void]:
-    """The filters of all modes: their probabilities, means and covariances."""
+    """The filters of all modes: their probabilities, that each goes on, means, covariances, and by how much the output
+    that fails in it reads too high, with the variance of that."""
     count, n = parts.modes, parts.size
-    return record({"mu": ("f8", (count,)), "z": ("f8", (count, n)), "P": ("f8", (count, n, n))})
+    filters = {"z": ("f8", (count, n)), "P": ("f8", (count, n, n)), "offset": ("f8", (count, 2))}
+    return record({**dict.fromkeys(("mu", "stays"), ("f8", (count,))), **filters})
 
 
 def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
@@ -217,7 +219,7 @@ def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
             **dict.fromkeys(("H", "HP", "own_HP", "X"), ("f8", (ny, n))),
             "K": ("f8", (n, ny)),
             **dict.fromkeys(("R", "S", "own_S", "L"), ("f8", (ny, ny))),
-            **dict.fromkeys(("innovation", "used", "own", "r", "now", "whitened"), ("f8", (ny,))),
+            **dict.fromkeys(("innovation", "used", "own", "r", "now", "whitened", "noise_var"), ("f8", (ny,))),
             **dict.fromkeys(("accuracy", "surprise"), ("f8", (ny,))),
             **dict.fromkeys(("ahead", "score", "weight"), ("f8", (parts.modes,))),
             "mixed": (modes_type(parts), ()),

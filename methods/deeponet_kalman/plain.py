@@ -44,7 +44,7 @@ from twinbench.methods.estimator import (
 )
 from twinbench.methods.frontend import HAMPEL_WINDOW, Memory, gate_one
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
-from twinbench.methods.modes import FAILS_FROM, log_likelihood
+from twinbench.methods.modes import FAILS_FROM, Failing, log_likelihood
 from twinbench.methods.noise import output_sd
 from twinbench.methods.operator import SLOW_TAU_S, Operator, slow_channels
 from twinbench.methods.reporting import report
@@ -63,6 +63,8 @@ class PlainTwin:
         mu: (M,) dimensionless probabilities of the modes.
         zs: (M, N) their means.
         Ps: (M, N, N) their covariances.
+        stays: (M,) dimensionless probabilities that they go on from the tick before.
+        offset: (M, 2) by how much the output that fails reads too high, in its unit, and the variance of that.
     """
 
     def __init__(self, twin: DeepONetKalman, dtype: torch.dtype = torch.float64) -> None:
@@ -78,7 +80,8 @@ class PlainTwin:
         self.z, self.P = fresh["z"][0].copy(), fresh["P"][0].copy()
         self.memory = Memory(*(part[0] for part in self.front_end.init(1)))
         self.safety = fresh["safety"][0].copy()
-        self.mu, self.zs, self.Ps = (fresh["modes"][name][0].copy() for name in ("mu", "z", "P"))
+        modes = (fresh["modes"][name][0].copy() for name in ("mu", "stays", "z", "P", "offset"))
+        self.mu, self.stays, self.zs, self.Ps, self.offset = modes
         self.ticks = 0
         self.mask = np.zeros(self.parts.channels)  # of the last sample, which the window takes in with the next one
 
@@ -168,6 +171,7 @@ class PlainTwin:
         """Each mode starts from a mixture of all."""
         joint = self.mu[:, None] * self.model.modes.turn
         self.mu = joint.sum(axis=0)
+        self.stays = np.diagonal(joint) / self.mu
         mixtures = [self._merged(weight) for weight in (joint / self.mu).T]
         self.zs, self.Ps = (np.array(part) for part in zip(*mixtures, strict=True))
 
@@ -248,11 +252,15 @@ class PlainTwin:
             rows = _gain(self.P, used, H, S)[self.health]
             pushes = rows @ np.nan_to_num(bounded)
             note_push(m.memories.push, safety["push"], pushes, np.diag(rows @ S @ rows.T).copy())
+        coloured = output_sd(m.sheet, self.memory.filled[None])[1][0]
+        noise_var = np.diagonal(R) + coloured**2
         score = np.zeros(len(self.mu))
         for k, out in enumerate(m.modes.out):
             own, own_S = used - H @ (self.zs[k] - centre), H @ self.Ps[k] @ H.T + R
             if safety["unknown"] == 0:
-                score[k] = log_likelihood(own, own_S, out, np.empty_like(own_S), np.empty_like(own))
+                failing = Failing(self.offset[k], noise_var, m.modes.wander)
+                stays, room = m.modes.lasts[k] * self.stays[k], (np.empty_like(own_S), np.empty_like(own))
+                score[k] = log_likelihood(own, own_S, out, stays, failing, *room)
             self._correct_one(k, np.where(out > 0, np.nan, own), H, R, own_S)
         self.mu = self.mu * np.exp(score - score.max())
         self.mu /= self.mu.sum()

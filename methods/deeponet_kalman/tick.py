@@ -16,7 +16,7 @@ from twinbench.methods.deeponet_kalman.safeguards import KNOWN, carry_sensitivit
 from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_GATED, FLAG_UNINFORMED
 from twinbench.methods.kalman import solve_gain_into
-from twinbench.methods.modes import FAILS_FROM, log_likelihood, merge_into, mix_into, weigh_into
+from twinbench.methods.modes import FAILS_FROM, Failing, log_likelihood, merge_into, mix_into, weigh_into
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""
@@ -59,7 +59,7 @@ def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
 def _begin(model, m, t):  # type: ignore[no-untyped-def]
     """Each mode's filter starts the tick from a mixture of all."""
     modes, mixed = m.modes, t.mixed
-    mix_into(modes.mu, model.modes.turn, modes.z, modes.P, t.weight, mixed.mu, mixed.z, mixed.P)
+    mix_into(modes.mu, model.modes.turn, modes.z, modes.P, t.weight, (mixed.mu, modes.stays, mixed.z, mixed.P))
     fill(modes.mu, mixed.mu)
     for k in range(modes.mu.size):
         fill(modes.z[k], mixed.z[k])
@@ -100,9 +100,16 @@ def _take_in(model, m, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyp
     foresee(model, safety, m.z[:], m.P[:], t.now, white_sd, coloured_sd, clip, t)
     fill(t.before, m.z)
     fill(t.ahead, modes.mu)
+    for c in range(t.noise_var.size):
+        t.noise_var[c] = t.R[c, c] + coloured_sd[c] ** 2
     for k in range(modes.mu.size):
         expect(modes.z[k], modes.P[k], t.before, t)
-        t.score[k] = log_likelihood(t.own, t.own_S, out[k], t.L, t.whitened) if safety.unknown == 0 else 0.0
+        if safety.unknown == 0:
+            failing = Failing(modes.offset[k], t.noise_var, model.modes.wander)
+            stays = model.modes.lasts[k] * modes.stays[k]
+            t.score[k] = log_likelihood(t.own, t.own_S, out[k], stays, failing, t.L, t.whitened)
+        else:
+            t.score[k] = 0.0
         for c in range(t.own.size):
             if out[k, c] > 0.0:
                 t.own[c] = np.nan
@@ -110,14 +117,14 @@ def _take_in(model, m, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyp
     weigh_into(t.ahead, t.score, modes.mu)
     merge_into(modes.mu, modes.z, modes.P, m.z, m.P)
     for c in range(t.used.size):
-        if failing(modes.mu, out, c) > FAILS_FROM:
+        if failure(modes.mu, out, c) > FAILS_FROM:
             t.used[c] = np.nan
     remember(model, safety, white_sd, coloured_sd, t)
     return solve_gain_into(t.used, t.S, t.HP, t.K, t.L, t.X)
 
 
 @njit(cache=True, error_model="numpy")
-def failing(mu, out, c):  # type: ignore[no-untyped-def]
+def failure(mu, out, c):  # type: ignore[no-untyped-def]
     """Probability that output ``c`` fails, from those of the modes (M,) and which of them it fails in (M, ny)."""
     total = 0.0
     for k in range(mu.size):
@@ -133,7 +140,7 @@ def _flags(model, m, out):  # type: ignore[no-untyped-def]
         if m.P[zeta + i, zeta + i] > (KNOWN * model.prior_sd[i]) ** 2:
             flags |= FLAG_UNINFORMED
     for c in range(out.innovation.size):
-        failed = failing(m.modes.mu, model.modes.out, c) > FAILS_FROM
+        failed = failure(m.modes.mu, model.modes.out, c) > FAILS_FROM
         if failed or (not out.accepted[c] and not np.isnan(out.innovation[c])):
             flags |= FLAG_GATED
     return flags

@@ -17,7 +17,7 @@ from twinbench.methods.modes import failing_of, modes_of
 
 SAMPLE_PERIOD_S, FAILING = COMPRESSOR.sample_period_s, failing_of(COMPRESSOR).tolist()
 PARAMETERS = len(COMPRESSOR.health)
-LEAPS, FAILS = 1 + PARAMETERS, 1 + 2 * PARAMETERS
+LEAPS, FAILS = 1 + PARAMETERS, 1 + 2 * PARAMETERS  # of the modes that fail, the erratic ones come first
 MODES = modes_of(COMPRESSOR, 1.0, 0.01, 2.0)
 NOTHING_READ = (np.nan, np.nan, np.nan)
 BEGIN = 100
@@ -73,7 +73,7 @@ def test_a_leap_of_the_bias_is_found_and_keeps_every_sensor_in(problem):
 @pytest.mark.parametrize("output", FAILING)
 def test_an_output_that_fails_is_found_and_left_out_and_health_stays(problem, output):
     memory, z, likeliest, said = watched(problem, fails=output, size=25.0 * WHITE[output], ticks=320)
-    assert set(likeliest[BEGIN + 10 : BEGIN + 200]) == {FAILS + FAILING.index(output)}
+    assert set(likeliest[BEGIN + 10 : BEGIN + 200]) == {FAILS + len(FAILING) + FAILING.index(output)}
     assert said["accepted"][0].tolist() == [c != output for c in range(3)]
     assert said["flags"][0] & FLAG_GATED
     assert memory["z"][ZETA:NOISE] == pytest.approx(z[ZETA:NOISE], abs=0.2)
