@@ -205,6 +205,22 @@ def test_a_sensor_that_fails_is_left_out_until_it_fits_again(oracle, channel):
     assert off.mean() < usual.mean() + 1.0
 
 
+@pytest.mark.parametrize("channel", ["p_dis_bar", "m_flow_kg_s"])
+@pytest.mark.parametrize("creeps", [False, True])
+def test_a_sensor_that_is_off_by_six_sd_is_left_out_even_where_that_crept_in(oracle, channel, creeps):
+    readings, health = machine()
+    c, off_by = CHANNELS.index(channel), 0.03 * np.linspace(0.0, 1.0, 800) ** creeps  # of the reading: six sd of noise
+    faulty = readings.copy()
+    faulty[:, 1000:1800, c] *= 1.0 + off_by
+    said, sane = record(oracle, faulty), record(oracle, readings)
+    out = ~said.accepted[:, 0, c - 4]
+    assert out[1600:1790].mean() > 0.95
+    assert out[1900:].mean() < 0.1
+    typical = np.array([v.scale for v in PLANT.parameters[:5]])
+    wrong, usual = (np.abs(each.mean[-200:, 0, 5:] - health[:, -1]) / typical for each in (said, sane))
+    assert wrong.mean() < usual.mean() + 0.5
+
+
 def test_hindsight_knows_when_health_leapt(oracle):
     readings, health = machine("capacity", -0.06)
     ticks = np.arange(readings.shape[1])
