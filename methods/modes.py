@@ -53,6 +53,7 @@ class Modes(NamedTuple):
         walk: (M, nh) dimensionless variances that a tick adds to the coordinates of health.
         out: (M, ny) dimensionless: 1 for an output that is not believed.
         turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
+        pools, pool: ``pools_of`` of turn.
         lasts: (M,) dimensionless: 1 where an output is off by what it was a tick before, 0 where by anything.
         wander: dimensionless, of the variance of an output's noise: what a tick adds to that of its offset.
     """
@@ -60,6 +61,8 @@ class Modes(NamedTuple):
     walk: Array
     out: Array
     turn: Array
+    pools: Array
+    pool: np.ndarray
     lasts: Array
     wander: float
 
@@ -108,7 +111,8 @@ def modes_of(machine: Machine, health_walk: float, still: float, leap: float) ->
     erratic = 1 + 2 * parameters + np.arange(len(failing))
     off = erratic + len(failing)
     out[erratic, failing] = out[off, failing] = lasts[off] = 1.0
-    return Modes(walk, out, chain(parameters, len(failing), tick_s), lasts, WANDERS_SD**2 * tick_s)
+    turn = chain(parameters, len(failing), tick_s)
+    return Modes(walk, out, turn, *pools_of(turn), lasts, WANDERS_SD**2 * tick_s)
 
 
 def chain(parameters: int, failing: int, tick_s: float) -> Array:
@@ -132,6 +136,31 @@ def chain(parameters: int, failing: int, tick_s: float) -> Array:
     turn[fails, mended] = ends * np.tile(np.eye(failing), (2, 1))
     turn[mended, 0] = 1.0
     return turn
+
+
+def pools_of(turn: Array) -> tuple[Array, np.ndarray]:
+    """Modes that are come to alike from all others share a pool, so that it need be mixed once.
+
+    Args:
+        turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
+
+    Returns:
+        Dimensionless probabilities (G, M) of going from a mode to each of one pool's, and of which pool (M,) each is.
+        What is on the diagonal of ``turn`` beyond these is staying.
+    """
+    pools: list[Array] = []
+    pool, members = np.zeros(len(turn), np.int64), np.arange(len(turn))
+    for j in members:
+        for i in members[:j]:
+            others = (members != i) & (members != j)
+            if (turn[others, i] == turn[others, j]).all():
+                pool[j] = pool[i]
+                pools[pool[i]][i], pools[pool[i]][j] = turn[i, j], turn[j, i]
+                break
+        else:
+            pool[j] = len(pools)
+            pools.append(np.where(members == j, 0.0, turn[:, j]))
+    return np.array(pools), pool
 
 
 def at_first(modes: Modes) -> Array:
@@ -167,40 +196,58 @@ def merge_into(weight, z, P, mean, cov):  # type: ignore[no-untyped-def]
     for i in range(weight.size):
         if weight[i] > NEGLIGIBLE:
             for a in range(n):
-                for b in range(n):
-                    cov[a, b] += weight[i] * (P[i, a, b] + (z[i, a] - mean[a]) * (z[i, b] - mean[b]))
+                off = z[i, a] - mean[a]
+                for b in range(a + 1):
+                    cov[a, b] += weight[i] * (P[i, a, b] + off * (z[i, b] - mean[b]))
+    for a in range(n):
+        for b in range(a):
+            cov[b, a] = cov[a, b]
 
 
 @njit(cache=True, error_model="numpy")
-def mix_into(mu, turn, z, P, weight, mixed):  # type: ignore[no-untyped-def]
-    """``mix`` written into ``mixed``; ``weight`` (M,) is scratch.
+def mix_into(mu, modes, z, P, room, mixed):  # type: ignore[no-untyped-def]
+    """``mix`` written into ``mixed``; ``room`` is scratch: (M,), (n,) and (n, n).
 
     The function takes plain arrays because it is compiled.
     """
+    weight, mean, cov = room
     ahead, stays, z_mixed, P_mixed = mixed
-    for j in range(mu.size):
-        ahead[j] = 0.0
+    for g in range(modes.pools.shape[0]):
+        total = 0.0
         for i in range(mu.size):
-            weight[i] = mu[i] * turn[i, j]
-            ahead[j] += weight[i]
+            weight[i] = mu[i] * modes.pools[g, i]
+            total += weight[i]
         for i in range(mu.size):
-            weight[i] /= ahead[j]
-        stays[j] = weight[j]
-        merge_into(weight, z, P, z_mixed[j], P_mixed[j])
+            weight[i] /= total
+        merge_into(weight, z, P, mean, cov)
+        for j in range(mu.size):
+            if modes.pool[j] != g:
+                continue
+            own = mu[j] * (modes.turn[j, j] - modes.pools[g, j])
+            ahead[j] = total + own
+            stays[j] = own / ahead[j]
+            come = 1.0 - stays[j]
+            for a in range(mean.size):
+                off = come * (z[j, a] - mean[a])
+                z_mixed[j, a] = come * mean[a] + stays[j] * z[j, a]
+                for b in range(mean.size):
+                    apart = off * stays[j] * (z[j, b] - mean[b])
+                    P_mixed[j, a, b] = come * cov[a, b] + stays[j] * P[j, a, b] + apart
 
 
 @njit(cache=True, error_model="numpy")
-def mix(mu, turn, z, P):  # type: ignore[no-untyped-def]
+def mix(mu, modes, z, P):  # type: ignore[no-untyped-def]
     """Each mode's start of a tick: its probability (M,), that it goes on (M,), mean (M, n) and covariance (M, n, n).
 
     Args:
         mu: (M,) probabilities of the modes at the tick before.
-        turn: (M, M) dimensionless, of going from one to another.
+        modes: how they follow each other.
         z: (M, n) their means, in the filter's coordinates.
         P: (M, n, n) their covariances.
     """
+    n = z.shape[1]
     mixed = np.empty_like(mu), np.empty_like(mu), np.empty_like(z), np.empty_like(P)
-    mix_into(mu, turn, z, P, np.empty_like(mu), mixed)
+    mix_into(mu, modes, z, P, (np.empty_like(mu), np.empty(n), np.empty((n, n))), mixed)
     return mixed
 
 
@@ -307,19 +354,20 @@ def linear_modes(
     """
     count, m = len(Q), len(R)
     nothing, L, y = Failing(np.zeros(2), np.zeros(m), 0.0), np.empty((m, m)), np.empty(m)
+    modes = Modes(Q, np.zeros((count, m)), turn, *pools_of(turn), np.zeros(count), 0.0)
 
     def run(measured: Array) -> tuple[Array, Array]:
         mu = np.full(count, 1.0 / count)
         z, P = np.repeat(x0[None], count, axis=0), np.repeat(P0[None], count, axis=0)
         means, covs = np.empty((len(measured), len(x0))), np.empty((len(measured), *P0.shape))
         for k, reading in enumerate(measured):
-            mu, stays, z, P = mix(mu, turn, z, P)
+            mu, stays, z, P = mix(mu, modes, z, P)
             score = np.empty(count)
             for j in range(count):
                 z[j], P[j] = F @ z[j], predict_covariance(P[j], F, Q[j])
                 innovation = reading - H @ z[j]
                 z[j], P[j], S, _ = update(z[j], P[j], innovation, H, R, np.inf)
-                score[j] = log_likelihood(innovation, S, np.zeros(m), stays[j], nothing, L, y)
+                score[j] = log_likelihood(innovation, S, modes.out[j], stays[j], nothing, L, y)
             weigh_into(mu.copy(), score, mu)
             merge_into(mu, z, P, means[k], covs[k])
         return means, covs

@@ -59,7 +59,8 @@ def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
 def _begin(model, m, t):  # type: ignore[no-untyped-def]
     """Each mode's filter starts the tick from a mixture of all."""
     modes, mixed = m.modes, t.mixed
-    mix_into(modes.mu, model.modes.turn, modes.z, modes.P, t.weight, (mixed.mu, modes.stays, mixed.z, mixed.P))
+    room, to = (t.weight, t.before, t.M), (mixed.mu, modes.stays, mixed.z, mixed.P)
+    mix_into(modes.mu, model.modes, modes.z, modes.P, room, to)
     fill(modes.mu, mixed.mu)
     for k in range(modes.mu.size):
         fill(modes.z[k], mixed.z[k])
