@@ -20,17 +20,8 @@ from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
 from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
-from twinbench.methods.modes import (
-    FAILS_FROM,
-    Failing,
-    at_first,
-    linear_modes,
-    log_likelihood,
-    merge_into,
-    mix,
-    modes_of,
-    weigh_into,
-)
+from twinbench.methods.mixing import FAILS_FROM, Failing, linear_modes, log_likelihood, merge_into, mix, weigh_into
+from twinbench.methods.modes import at_first, modes_of
 from twinbench.methods.reporting import clean_flags
 
 CARRIED = 7

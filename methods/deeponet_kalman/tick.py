@@ -16,7 +16,7 @@ from twinbench.methods.deeponet_kalman.safeguards import KNOWN, carry_sensitivit
 from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_GATED, FLAG_UNINFORMED
 from twinbench.methods.kalman import solve_gain_into
-from twinbench.methods.modes import FAILS_FROM, Failing, log_likelihood, merge_into, mix_into, weigh_into
+from twinbench.methods.mixing import FAILS_FROM, Failing, log_likelihood, merge_into, mix_into, weigh_into
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""

@@ -12,6 +12,7 @@ from twinbench.bench.contract.subject import record, small_benchmark
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import FLAG_GATED
+from twinbench.methods.mixing import linear_modes, merge_into, mix, weigh_afterwards
 from twinbench.methods.modes import (
     FAILED_S,
     FAILS_EVERY_S,
@@ -21,12 +22,8 @@ from twinbench.methods.modes import (
     at_first,
     chain,
     in_the_long_run,
-    linear_modes,
-    merge_into,
-    mix,
     modes_of,
     pools_of,
-    weigh_afterwards,
 )
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate
