@@ -60,14 +60,16 @@ def test_one_number_for_one_thing():
     assert len(both) == len(run)
     for column in ("p50_us", "p95_us", "p99_us", "max_us"):
         assert (both[column] == both[f"{column}_suite"]).all()
-    ours = both.query("estimator == 'deeponet_kalman' and implementation == 'in place'").iloc[0]
+    ours = both.query("estimator == 'deeponet_kalman' and implementation == 'in place'")
     claims = pd.read_csv(ROOT / "results/paper/tables/claims.csv").set_index("says")["ours"]
     ranks = pd.read_csv(ROOT / "results/paper/tables/ranks.csv").set_index("estimator").loc["deeponet_kalman"]
-    assert claims["Fig. 7a, median update"] == pytest.approx(ours["p50_us"] / 1e3)
-    assert claims["weights, tensors and buffers"] == pytest.approx(ours["memory_kB"] / 1e3)
-    assert (ranks["latency_p50_us"], ranks["memory_kB"]) == (ours["p50_us"], ours["memory_kB"])
-    assert f"takes {ours['p50_us']:.0f} µs on one core" in words("README.md")
-    assert f"and {ours['memory_kB']:.0f} kB with everything" in words("README.md")
+    p50_us, memory_kB = ours[["p50_us", "memory_kB"]].iloc[0] if len(ours) else (np.nan, np.nan)
+    assert claims["Fig. 7a, median update"] == pytest.approx(p50_us / 1e3, nan_ok=True)
+    assert claims["weights, tensors and buffers"] == pytest.approx(memory_kB / 1e3, nan_ok=True)
+    assert (ranks["latency_p50_us"], ranks["memory_kB"]) == pytest.approx((p50_us, memory_kB), nan_ok=True)
+    says = f"takes {p50_us:.0f} µs on one core and {memory_kB:.0f} kB with everything"
+    page = words("README.md")
+    assert says in page if len(ours) else "DeepONet-Kalman and of the oracle have not been timed since" in page
 
 
 def test_the_nominal_model_delivers_as_much_too_much_as_the_page_says():
