@@ -20,17 +20,8 @@ from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
 from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
-from twinbench.methods.modes import (
-    FAILS_FROM,
-    Failing,
-    at_first,
-    linear_modes,
-    log_likelihood,
-    merge_into,
-    mix,
-    modes_of,
-    weigh_into,
-)
+from twinbench.methods.mixing import FAILS_FROM, Failing, linear_modes, log_likelihood, merge_into, mix, weigh_into
+from twinbench.methods.modes import at_first, modes_of
 from twinbench.methods.reporting import clean_flags
 
 CARRIED = 7
@@ -50,17 +41,17 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
         info: innovation (B, ny), S (B, ny, ny) and NIS (B,) are written here.
     """
     before, now, u_sd, measured, white, coloured = told
-    (walk, out, turn, lasts, wander), (mu, zs, Ps, offset) = modes, carried
+    out, (mu, zs, Ps, offset) = modes.out, carried
     count, ny = out.shape
     innovation, S, score = np.empty((count, ny)), np.empty((count, ny, ny)), np.empty(count)
     L, y, noise_var = np.empty((ny, ny)), np.empty(ny), np.empty(ny)
     ahead, stays, centre = mu[b].copy(), np.zeros(count), z[b].copy()
     if started[b]:
-        ahead, stays, zs[b], Ps[b] = mix(mu[b], turn, zs[b], Ps[b])
+        ahead, stays, zs[b], Ps[b] = mix(mu[b], modes, zs[b], Ps[b])
         centre, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
         for j in range(count):
             zs[b, j] = centre + F @ (zs[b, j] - z[b])
-            Ps[b, j] = predict_covariance(Ps[b, j], F, Q + walk[j])
+            Ps[b, j] = predict_covariance(Ps[b, j], F, Q + modes.walk[j])
     expected, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
     for c in range(ny):
         noise_var[c] = R[c, c] + coloured[b, c] ** 2
@@ -70,8 +61,8 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
         zs[b, j], Ps[b, j], S[j], _ = update(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD)
         keep_doubt(model, Ps[b, j])
         bound(model, zs[b, j])
-        failing = Failing(offset[b, j], noise_var, wander)
-        score[j] = log_likelihood(innovation[j], S[j], out[j], lasts[j] * stays[j], failing, L, y)
+        failing = Failing(offset[b, j], noise_var, modes.wander)
+        score[j] = log_likelihood(innovation[j], S[j], out[j], modes.lasts[j] * stays[j], failing, L, y)
     weigh_into(ahead, score, mu[b])
     merge_into(mu[b], zs[b], Ps[b], z[b], P[b])
     there = ~np.isnan(measured[b])

@@ -16,7 +16,7 @@ from twinbench.baselines.oracle import Oracle
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import State, register
 from twinbench.methods.hindsight import Pass, empty_pass, look_back
-from twinbench.methods.modes import FAILS_FROM, weigh_afterwards
+from twinbench.methods.mixing import FAILS_FROM, weigh_afterwards
 from twinbench.methods.noise import input_sd, output_sd
 from twinbench.methods.reporting import report
 

@@ -44,7 +44,7 @@ from twinbench.methods.estimator import (
 )
 from twinbench.methods.frontend import HAMPEL_WINDOW, Memory, gate_one
 from twinbench.methods.kalman import INNOVATION_CLIP_SD
-from twinbench.methods.modes import FAILS_FROM, Failing, log_likelihood
+from twinbench.methods.mixing import FAILS_FROM, Failing, log_likelihood
 from twinbench.methods.noise import output_sd
 from twinbench.methods.operator import SLOW_TAU_S, Operator, slow_channels
 from twinbench.methods.reporting import report

@@ -16,7 +16,7 @@ from twinbench.methods.deeponet_kalman.safeguards import KNOWN, carry_sensitivit
 from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_GATED, FLAG_UNINFORMED
 from twinbench.methods.kalman import solve_gain_into
-from twinbench.methods.modes import FAILS_FROM, Failing, log_likelihood, merge_into, mix_into, weigh_into
+from twinbench.methods.mixing import FAILS_FROM, Failing, log_likelihood, merge_into, mix_into, weigh_into
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""
@@ -59,7 +59,8 @@ def _report(out, nis, t, last):  # type: ignore[no-untyped-def]
 def _begin(model, m, t):  # type: ignore[no-untyped-def]
     """Each mode's filter starts the tick from a mixture of all."""
     modes, mixed = m.modes, t.mixed
-    mix_into(modes.mu, model.modes.turn, modes.z, modes.P, t.weight, (mixed.mu, modes.stays, mixed.z, mixed.P))
+    room, to = (t.weight, t.before, t.M), (mixed.mu, modes.stays, mixed.z, mixed.P)
+    mix_into(modes.mu, model.modes, modes.z, modes.P, room, to)
     fill(modes.mu, mixed.mu)
     for k in range(modes.mu.size):
         fill(modes.z[k], mixed.z[k])

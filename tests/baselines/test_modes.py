@@ -12,18 +12,18 @@ from twinbench.bench.contract.subject import record, small_benchmark
 from twinbench.data.corrupt import Corruption, corrupt
 from twinbench.machines.compressor import COMPRESSOR
 from twinbench.methods.estimator import FLAG_GATED
+from twinbench.methods.mixing import linear_modes, merge_into, mix, weigh_afterwards
 from twinbench.methods.modes import (
     FAILED_S,
     FAILS_EVERY_S,
     NEXT,
     STAY_S,
+    Modes,
     at_first,
     chain,
     in_the_long_run,
-    linear_modes,
-    merge_into,
     modes_of,
-    weigh_afterwards,
+    pools_of,
 )
 from twinbench.physics.compressor import PLANT
 from twinbench.physics.integrate import Varying, simulate
@@ -89,7 +89,7 @@ def test_however_long_a_tick_is_the_chain_has_probabilities(tick_s):
 
 def test_a_machines_modes_are_one_for_each_way_to_change():
     modes = modes_of(COMPRESSOR, 1.0, 0.1, 2.0)
-    walk, out, turn, lasts, _ = modes
+    walk, out, turn, lasts = modes.walk, modes.out, modes.turn, modes.lasts
     parameters, failing = len(HEALTH), int(out.sum()) // 2
     assert len(walk) == len(out) == len(turn) == len(lasts) == 1 + 2 * parameters + 3 * failing
     faster = walk > 1.5 * walk[0]
@@ -114,6 +114,30 @@ def test_a_mixtures_moments_are_those_of_draws_from_it():
     merge_into(mu, z, P, mean, cov)
     np.testing.assert_allclose(mean, draws.mean(axis=0), atol=0.02)
     np.testing.assert_allclose(cov, np.cov(draws.T), atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "turn", [chain(5, 2, 0.05), chain(1, 0, 60.0), np.random.default_rng(0).dirichlet(np.ones(4), 4)]
+)
+def test_mixing_pool_by_pool_is_mixing_one_by_one(turn):
+    rng, count = np.random.default_rng(1), len(turn)
+    mu, z, P = rng.dirichlet(np.ones(count)), rng.normal(size=(count, 3)), rng.normal(size=(count, 3, 3))
+    P = P @ P.swapaxes(1, 2)
+    nothing = np.zeros((count, 1))
+    pools, pool = pools_of(turn)
+    ahead, _, means, covs = mix(mu, Modes(nothing, nothing, turn, pools, pool, nothing[:, 0], 0.0), z, P)
+    joint = mu[:, None] * turn
+    np.testing.assert_allclose(ahead, joint.sum(axis=0))
+    for weight, mean, cov in zip((joint / ahead).T, means, covs, strict=True):
+        off = z - weight @ z
+        np.testing.assert_allclose(mean, weight @ z, rtol=1e-9, atol=1e-12)
+        expected = np.einsum("k,kij->ij", weight, P + off[:, :, None] * off[:, None, :])
+        np.testing.assert_allclose(cov, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_modes_that_are_come_to_alike_share_a_pool():
+    _, pool = pools_of(chain(5, 2, 0.05))
+    assert pool.tolist() == [0] + [1] * 5 + [2] * 5 + [3] * 4 + [4, 5]
 
 
 def test_a_leap_is_followed_sooner_than_by_a_walk_alone():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from twinbench.methods.modes import FAILS_SD, MOST_SURPRISE, Failing, log_likelihood, read_failing
+from twinbench.methods.mixing import FAILS_SD, MOST_SURPRISE, Failing, log_likelihood, read_failing
 
 NONE_OUT = np.zeros(3)
 
