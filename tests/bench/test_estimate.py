@@ -211,8 +211,8 @@ HOSTILE = {
     "speed ten times": (scaled(10.0, "N_rpm"), UNLIKE, "N_rpm has the median 1"),
     "speed a tenth": (scaled(0.1, "N_rpm"), UNLIKE, "N_rpm has the median"),
     "discharge pressure is gauge": (gauge(P_DIS), UNLIKE, "is it in barg? Then say --map 'COLUMN[barg]=p_dis_bar'"),
-    "discharge pressure a third too high": (scaled(4 / 3, P_DIS), UNLIKE, "p_dis_bar was rejected in 9"),
-    "flow a tenth too high": (scaled(1.1, "m_flow_kg_s"), UNLIKE, "the readings contradict each other, median NIS"),
+    "discharge pressure a third too high": (scaled(4 / 3, P_DIS), UNLIKE, "it is 0.8 bar above the estimate"),
+    "flow a tenth too high": (scaled(1.1, "m_flow_kg_s"), UNLIKE, "m_flow_kg_s was rejected in 99 %"),
     "no speed": (lambda t: changed(t, N_rpm=np.nan), "channels are missing", "N_rpm; on the validation recordings"),
     "no valve": (lambda t: changed(t, valve=np.nan), "channels are missing", "valve"),
     "no outputs": (
