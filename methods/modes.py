@@ -38,7 +38,8 @@ class Modes(NamedTuple):
         walk: (M, nh) dimensionless variances that a tick adds to the coordinates of health.
         out: (M, ny) dimensionless: 1 for an output that is not believed.
         turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
-        pools, pool: ``pools_of`` of turn.
+        pools: (G, M) dimensionless probabilities of going from a mode to each of one pool's, as ``pools_of`` has them.
+        pool: (M,) dimensionless numbers of the modes' pools.
         lasts: (M,) dimensionless: 1 where an output is off by what it was a tick before, 0 where by anything.
         wander: dimensionless, of the variance of an output's noise: what a tick adds to that of its offset.
     """
