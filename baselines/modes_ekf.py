@@ -24,9 +24,6 @@ from twinbench.methods.mixing import FAILS_FROM, Failing, linear_modes, log_like
 from twinbench.methods.modes import at_first, modes_of
 from twinbench.methods.reporting import clean_flags
 
-CARRIED = 7
-"""Arrays of a state's memory that are not the front end's: z, P, started, and the modes' four."""
-
 
 @njit(cache=True, error_model="numpy")
 def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info):  # type: ignore[no-untyped-def]
@@ -128,9 +125,9 @@ class ModesEKF(ModelEKF):
 
     def step(self, state: State, sample: Sample) -> tuple[State, Info]:
         """Mix, run every mode's filter, weigh, merge."""
-        own, rest = state.memory[:CARRIED], state.memory[CARRIED:]
-        front, clean = self._front_end.step(Memory(*rest), sample.measured)
-        z, P, started, *modes = (part.copy() for part in own)
+        ends = len(state.memory) - len(Memory._fields)
+        front, clean = self._front_end.step(Memory(*state.memory[ends:]), sample.measured)
+        z, P, started, *modes = (part.copy() for part in state.memory[:ends])
         carried, info = tuple(modes), self.blank_info(len(z))
         _tick(self._rhs, self._output, self._model, self._modes, z, P, started, carried, self.told(clean), info)
         failed = carried[0] @ self._modes.out > FAILS_FROM

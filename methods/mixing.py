@@ -30,7 +30,7 @@ NEGLIGIBLE = 1e-12
 
 
 class Failing(NamedTuple):
-    """What the output reads that fails in a mode: noise around an offset.
+    """What a failing output reads: noise around an offset.
 
     Attributes:
         offset: (2,) by how much it reads too high, in its unit, and the variance of that, in its unit squared.
@@ -143,7 +143,7 @@ def log_likelihood(innovation, S, out, stays, failing, L, y):  # type: ignore[no
         S: (m, m) its covariance, in those units squared.
         out: (m,) positive for outputs that fail under this mode.
         stays: dimensionless probability that the mode goes on from the tick before.
-        failing: what the output reads that fails in it.
+        failing: what the output that fails in it reads.
         L: (m, m) scratch.
         y: (m,) scratch.
     """

@@ -111,14 +111,14 @@ def chain(parameters: int, failing: int, tick_s: float) -> Array:
 
 
 def pools_of(turn: Array) -> tuple[Array, np.ndarray]:
-    """Modes that are come to alike from all others share a pool, so that it need be mixed once.
+    """Modes that all others turn into with the same probability share a pool. What comes in is mixed once for a pool.
 
     Args:
         turn: (M, M) dimensionless probabilities of going from one mode to another in a tick.
 
     Returns:
-        Dimensionless probabilities (G, M) of going from a mode to each of one pool's, and of which pool (M,) each is.
-        What is on the diagonal of ``turn`` beyond these is staying.
+        Dimensionless probabilities (G, M) of going from a mode to each of one pool's, and the pool (M,) of each mode.
+        What the diagonal of ``turn`` has beyond these is staying.
     """
     pools: list[Array] = []
     pool, members = np.zeros(len(turn), np.int64), np.arange(len(turn))

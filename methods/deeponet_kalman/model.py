@@ -197,8 +197,8 @@ def model_of(
 
 
 def modes_type(parts: Parts) -> np.dtype[np.void]:
-    """The filters of all modes: their probabilities, that each goes on, means, covariances, and by how much the output
-    that fails in it reads too high, with the variance of that."""
+    """The filters of all modes. ``mu`` is how likely each is, ``stays`` how likely it goes on from the tick before, and
+    ``offset`` by how much the output that fails in it reads too high, with the variance of that."""
     count, n = parts.modes, parts.size
     filters = {"z": ("f8", (count, n)), "P": ("f8", (count, n, n)), "offset": ("f8", (count, 2))}
     return record({**dict.fromkeys(("mu", "stays"), ("f8", (count,))), **filters})

@@ -252,8 +252,7 @@ class PlainTwin:
             rows = _gain(self.P, used, H, S)[self.health]
             pushes = rows @ np.nan_to_num(bounded)
             note_push(m.memories.push, safety["push"], pushes, np.diag(rows @ S @ rows.T).copy())
-        coloured = output_sd(m.sheet, self.memory.filled[None])[1][0]
-        noise_var = np.diagonal(R) + coloured**2
+        noise_var = np.diagonal(R) + np.diagonal(H[:, self.parts.noise : self.parts.error]) ** 2
         score = np.zeros(len(self.mu))
         for k, out in enumerate(m.modes.out):
             own, own_S = used - H @ (self.zs[k] - centre), H @ self.Ps[k] @ H.T + R
