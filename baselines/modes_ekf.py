@@ -19,7 +19,7 @@ from twinbench.baselines.nominal_filter import nis_of
 from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
 from twinbench.methods.frontend import Memory
-from twinbench.methods.kalman import INNOVATION_CLIP_SD, predict_covariance, update
+from twinbench.methods.kalman import INNOVATION_CLIP_SD, carry_into, room_for, update_into
 from twinbench.methods.mixing import FAILS_FROM, Failing, linear_modes, log_likelihood, merge_into, mix, weigh_into
 from twinbench.methods.modes import at_first, modes_of
 from twinbench.methods.reporting import clean_flags
@@ -41,21 +41,25 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
     out, (mu, zs, Ps, offset) = modes.out, carried
     count, ny = out.shape
     innovation, S, score = np.empty((count, ny)), np.empty((count, ny, ny)), np.empty(count)
-    L, y, noise_var = np.empty((ny, ny)), np.empty(ny), np.empty(ny)
+    L, y, noise_var, used = np.empty((ny, ny)), np.empty(ny), np.empty(ny), np.empty(ny)
+    room, FP = room_for(z.shape[1], ny), np.empty(P[b].shape)
     ahead, stays, centre = mu[b].copy(), np.zeros(count), z[b].copy()
     if started[b]:
         ahead, stays, zs[b], Ps[b] = mix(mu[b], modes, zs[b], Ps[b])
         centre, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
         for j in range(count):
             zs[b, j] = centre + F @ (zs[b, j] - z[b])
-            Ps[b, j] = predict_covariance(Ps[b, j], F, Q + modes.walk[j])
+            carry_into(Ps[b, j], F, model.step.size, FP)
+            Ps[b, j] += Q + modes.walk[j]
     expected, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
     for c in range(ny):
         noise_var[c] = R[c, c] + coloured[b, c] ** 2
     for j in range(count):
         innovation[j] = expected - H @ (zs[b, j] - centre)
-        used = np.where(out[j] > 0, np.nan, innovation[j])
-        zs[b, j], Ps[b, j], S[j], _ = update(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD)
+        for c in range(ny):
+            used[c] = np.nan if out[j, c] > 0 else innovation[j, c]
+        update_into(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD, room)
+        S[j] = room[1]
         keep_doubt(model, Ps[b, j])
         bound(model, zs[b, j])
         failing = Failing(offset[b, j], noise_var, modes.wander)

@@ -25,6 +25,36 @@ def predict_covariance(P, F, Q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def carry_into(P, F, moving, FP):  # type: ignore[no-untyped-def]
+    """``F P F'`` in P's place, for an F whose rows from ``moving`` on have nothing off the diagonal.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        FP: (n, n) scratch.
+    """
+    n = len(P)
+    for i in range(moving):
+        for j in range(n):
+            FP[i, j] = 0.0
+        for k in range(n):
+            if F[i, k] != 0.0:
+                for j in range(n):
+                    FP[i, j] += F[i, k] * P[k, j]
+    for i in range(moving, n):
+        for j in range(moving):
+            P[i, j] = P[j, i] = F[i, i] * FP[j, i]
+        for j in range(moving, i + 1):
+            P[i, j] = P[j, i] = F[i, i] * F[j, j] * P[i, j]
+    for i in range(moving):
+        for j in range(i + 1):
+            carried = 0.0
+            for k in range(n):
+                carried += FP[i, k] * F[j, k]
+            P[i, j] = P[j, i] = carried
+
+
+@njit(cache=True, error_model="numpy")
 def factorise(S, m):  # type: ignore[no-untyped-def]
     """The lower Cholesky factor of S's leading (m, m), in its place; small m, written out."""
     for i in range(m):
@@ -167,31 +197,33 @@ def bounded(innovation, S, clip):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def joseph_into(P, K, H, R, HP, M):  # type: ignore[no-untyped-def]
+def joseph_into(P, K, H, R, HP, X):  # type: ignore[no-untyped-def]
     """``joseph`` in P's place: ``(I - K H) P (I - K H)' + K R K'``, the products of rank m.
 
+    The function takes plain arrays because it is compiled.
+
     Args:
-        HP: (m, n) ``H P`` of the prior.
-        M: (n, n) scratch.
+        HP: (m, n) ``H P`` of the prior; K' is written there, whose rows are read quicker than columns of K.
+        X: (m, n) scratch.
     """
     n, m = K.shape
     for i in range(n):
-        for j in range(n):
-            M[i, j] = P[i, j]
         for a in range(m):
             for j in range(n):
-                M[i, j] -= K[i, a] * HP[a, j]
-    for i in range(n):
-        for j in range(n):
-            P[i, j] = M[i, j]
-        for a in range(m):
-            weight = 0.0
-            for k in range(n):
-                weight -= M[i, k] * H[a, k]
+                P[i, j] -= K[i, a] * HP[a, j]
+    for a in range(m):
+        for i in range(n):
+            X[a, i], HP[a, i] = 0.0, K[i, a]
             for b in range(m):
-                weight += K[i, b] * R[b, a]
+                X[a, i] += K[i, b] * R[b, a]
+        for k in range(n):
+            if H[a, k] != 0.0:  # few are not
+                for i in range(n):
+                    X[a, i] -= P[i, k] * H[a, k]
+    for i in range(n):
+        for a in range(m):
             for j in range(n):
-                P[i, j] += weight * K[j, a]
+                P[i, j] += X[a, i] * HP[a, j]
     symmetrise(P)
 
 
@@ -206,9 +238,35 @@ def symmetrise(P):  # type: ignore[no-untyped-def]
 @njit(cache=True, error_model="numpy")
 def joseph(P, K, H, R):  # type: ignore[no-untyped-def]
     """Eq. (11): posterior covariance under any gain K, symmetrised."""
-    P = P.copy()
-    joseph_into(P, K, H, R, H @ P, np.empty_like(P))
+    P, HP = P.copy(), H @ P
+    joseph_into(P, K, H, R, HP, np.empty_like(H))
     return P
+
+
+@njit(cache=True, error_model="numpy")
+def room_for(n, m):  # type: ignore[no-untyped-def]
+    """Scratch of one correction of n states by m readings: K, S, ``H P``, two of ``gain_into`` and bounded innovations.
+
+    The function takes plain numbers because it is compiled.
+    """
+    return np.empty((n, m)), np.empty((m, m)), np.empty((m, n)), np.empty((m, m)), np.empty((m, n)), np.empty(m)
+
+
+@njit(cache=True, error_model="numpy")
+def update_into(z, P, innovation, H, R, clip, room):  # type: ignore[no-untyped-def]
+    """``update`` in the place of z and P; ``room`` is of ``room_for``, and keeps S. Returns NIS.
+
+    The function takes plain arrays because it is compiled.
+    """
+    K, S, HP, L, X, r = room
+    nis = gain_into(P, innovation, H, R, K, S, HP, L, X)
+    if not np.isnan(nis):
+        bound_into(innovation, S, clip, r)
+        for i in range(z.size):
+            for a in range(r.size):
+                z[i] += K[i, a] * r[a]
+        joseph_into(P, K, H, R, HP, X)
+    return nis
 
 
 @njit(cache=True, error_model="numpy")
@@ -228,10 +286,9 @@ def update(z, P, innovation, H, R, clip):  # type: ignore[no-untyped-def]
         z (n,), P (n, n) posterior in Joseph form, S (m, m) of all channels, NIS over the channels
         that are there (NaN if none).
     """
-    K, S, nis = gain(P, innovation, H, R)
-    if np.isnan(nis):
-        return z.copy(), P.copy(), S, nis
-    return z + K @ bounded(innovation, S, clip), joseph(P, K, H, R), S, nis
+    z, P, room = z.copy(), P.copy(), room_for(z.size, innovation.size)
+    nis = update_into(z, P, innovation, H, R, clip, room)
+    return z, P, room[1], nis
 
 
 @njit(cache=True, error_model="numpy")

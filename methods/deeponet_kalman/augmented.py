@@ -180,6 +180,6 @@ def correct(model, safety, z, P, clip, t):  # type: ignore[no-untyped-def]
     for i in range(t.K.shape[0]):
         for c in range(t.K.shape[1]):
             z[i] += t.K[i, c] * t.r[c]
-    joseph_into(P, t.K, t.H, t.R, t.own_HP, t.M)
+    joseph_into(P, t.K, t.H, t.R, t.own_HP, t.X)
     bound_health(P, zeta, model.widest, t.column)
     _bound(model, z)

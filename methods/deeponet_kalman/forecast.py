@@ -9,7 +9,7 @@ from twinbench.machines.coordinates import ZETA_SCALE
 from twinbench.methods.deeponet_kalman.parts import places
 from twinbench.methods.deeponet_kalman.safeguards import trust, walk_factor
 from twinbench.methods.deeponet_kalman.stream import heads, heads_with_differences, heads_with_jacobian
-from twinbench.methods.kalman import symmetrise
+from twinbench.methods.kalman import carry_into
 
 
 @njit(cache=True, error_model="numpy")
@@ -74,28 +74,6 @@ def _transition(model, z, jacobian, trusted, part, F):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def _times(model, F, A, B):  # type: ignore[no-untyped-def]
-    """``B = (F A)'`` for an F of ``_transition``: only states and lags have rows off its diagonal."""
-    moving, acting, error = places(model)
-    size, n = model.Q.shape[0], model.state_mean.size
-    for i in range(moving):
-        for j in range(size):
-            B[i, j] = 0.0
-        for k in range(acting):  # states, lags and health act on them
-            for j in range(size):
-                B[i, j] += F[i, k] * A[k, j]
-        if i < n:
-            for j in range(size):
-                B[i, j] += F[i, error + i] * A[error + i, j]
-    for i in range(moving, size):
-        for j in range(size):
-            B[i, j] = F[i, i] * A[i, j]
-    for i in range(size):
-        for j in range(i):
-            B[i, j], B[j, i] = B[j, i], B[i, j]
-
-
-@njit(cache=True, error_model="numpy")
 def predict(w, model, base, z, away, part, t):  # type: ignore[no-untyped-def]
     """Eq. (6): z (N,) one tick ahead, in place, and the Jacobian in ``t.F``.
 
@@ -130,8 +108,7 @@ def spread(model, P, walk, away, push, part, t):  # type: ignore[no-untyped-def]
         t: room.
     """
     settings, (zeta, _, error) = model.settings, places(model)
-    _times(model, t.F, P, t.M)
-    _times(model, t.F, t.M, P)
+    carry_into(P, t.F, zeta, t.M)
     for i in range(model.Q.shape[0]):
         for j in range(model.Q.shape[1]):
             P[i, j] += part * model.Q[i, j]
@@ -140,7 +117,6 @@ def spread(model, P, walk, away, push, part, t):  # type: ignore[no-untyped-def]
     for i in range(model.state_mean.size):
         k = error + i
         P[k, k] += part * model.Q[k, k] * settings.extrapolation * away * away
-    symmetrise(P)
 
 
 @njit(cache=True, error_model="numpy")

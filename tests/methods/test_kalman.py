@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twinbench.methods.kalman import cholesky_solve, predict_covariance, update
+from twinbench.methods.kalman import carry_into, cholesky_solve, predict_covariance, update
 
 
 def random_problem(seed: int, n: int = 6, m: int = 3):
@@ -82,6 +82,20 @@ def test_prediction_composes_and_correction_shrinks(seed):
     assert once == pytest.approx(F @ P @ F.T + Q)
     corrected = update(z, P, r, H, R, np.inf)[1]
     assert np.linalg.eigvalsh(P - corrected).min() > -1e-8
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10_000))
+def test_what_stands_still_is_carried_as_by_the_whole_product(seed):
+    _, P, _, _, _ = random_problem(seed)
+    rng, n = np.random.default_rng(seed), len(P)
+    moving = int(rng.integers(0, n + 1))
+    F = np.diag(rng.uniform(0.5, 1.0, n))
+    F[:moving] = rng.normal(size=(moving, n)) * (rng.random((moving, n)) < 0.5)
+    carried = P.copy()
+    carry_into(carried, F, moving, np.full_like(P, np.nan))
+    assert carried == pytest.approx(F @ P @ F.T)
+    assert np.array_equal(carried, carried.T)
 
 
 def test_cholesky_solve_is_numpys():
