@@ -20,14 +20,70 @@ from twinbench.machines.coordinates import Array
 from twinbench.methods.estimator import FLAG_GATED, Info, Sample, State
 from twinbench.methods.frontend import Memory
 from twinbench.methods.kalman import INNOVATION_CLIP_SD, carry_into, room_for, update_into
-from twinbench.methods.mixing import FAILS_FROM, Failing, linear_modes, log_likelihood, merge_into, mix, weigh_into
+from twinbench.methods.mixing import (
+    FAILS_FROM,
+    Failing,
+    failure,
+    linear_modes,
+    log_likelihood,
+    merge_into,
+    mix,
+    weigh_into,
+)
 from twinbench.methods.modes import at_first, modes_of
 from twinbench.methods.reporting import clean_flags
 
 
 @njit(cache=True, error_model="numpy")
-def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info):  # type: ignore[no-untyped-def]
-    """Machine ``b`` a tick on, in place.
+def _foresee(model, modes, F, Q, z, P, before, centre):  # type: ignore[no-untyped-def]
+    """Every mode's z (M, n) and P (M, n, n) a tick on, in place: the equations are linear about their common mean.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        before: (n,) the common mean.
+        centre: (n,) where the equations take it.
+    """
+    count, n = z.shape
+    apart, FP = np.empty(n), np.empty((n, n))
+    for j in range(count):
+        for i in range(n):
+            apart[i] = z[j, i] - before[i]
+        for i in range(n):
+            z[j, i] = centre[i]
+            for k in range(n):
+                if F[i, k] != 0.0:
+                    z[j, i] += F[i, k] * apart[k]
+        carry_into(P[j], F, model.step.size, FP)
+        for i in range(n):
+            for k in range(n):
+                P[j, i, k] += Q[i, k] + modes.walk[j, i, k]
+
+
+@njit(cache=True, error_model="numpy")
+def _tell(ahead, innovation, S, mean, cov):  # type: ignore[no-untyped-def]
+    """The mixture's innovation (ny,) and its covariance (ny, ny); NaN where a reading is missing, under every mode.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        ahead: (M,) probabilities before the readings.
+        innovation: (M, ny) of each mode.
+        S: (M, ny, ny) its covariance.
+    """
+    missing = np.isnan(innovation[0])
+    for c in range(mean.size):
+        if missing[c]:
+            innovation[:, c] = 0.0
+    merge_into(ahead, innovation, S, mean, cov)
+    for c in range(mean.size):
+        if missing[c]:
+            mean[c] = np.nan
+
+
+@njit(cache=True, error_model="numpy")
+def tick_modes(rhs, output, model, modes, z, P, started, carried, told, info):  # type: ignore[no-untyped-def]
+    """B machines a tick on, in place.
 
     The function takes plain arrays because it is compiled.
 
@@ -39,44 +95,37 @@ def tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
     """
     before, now, u_sd, measured, white, coloured = told
     out, (mu, zs, Ps, offset) = modes.out, carried
-    count, ny = out.shape
+    (count, ny), n = out.shape, z.shape[1]
     innovation, S, score = np.empty((count, ny)), np.empty((count, ny, ny)), np.empty(count)
-    L, y, noise_var, used = np.empty((ny, ny)), np.empty(ny), np.empty(ny), np.empty(ny)
-    room, FP = room_for(z.shape[1], ny), np.empty(P[b].shape)
-    ahead, stays, centre = mu[b].copy(), np.zeros(count), z[b].copy()
-    if started[b]:
-        ahead, stays, zs[b], Ps[b] = mix(mu[b], modes, zs[b], Ps[b])
-        centre, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
-        for j in range(count):
-            zs[b, j] = centre + F @ (zs[b, j] - z[b])
-            carry_into(Ps[b, j], F, model.step.size, FP)
-            Ps[b, j] += Q + modes.walk[j]
-    expected, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
-    for c in range(ny):
-        noise_var[c] = R[c, c] + coloured[b, c] ** 2
-    for j in range(count):
-        innovation[j] = expected - H @ (zs[b, j] - centre)
-        for c in range(ny):
-            used[c] = np.nan if out[j, c] > 0 else innovation[j, c]
-        update_into(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD, room)
-        S[j] = room[1]
-        keep_doubt(model, Ps[b, j])
-        bound(model, zs[b, j])
-        failing = Failing(offset[b, j], noise_var, modes.wander)
-        score[j] = log_likelihood(innovation[j], S[j], out[j], modes.lasts[j] * stays[j], failing, L, y)
-    weigh_into(ahead, score, mu[b])
-    merge_into(mu[b], zs[b], Ps[b], z[b], P[b])
-    there = ~np.isnan(measured[b])
-    merge_into(ahead, np.where(there, innovation, 0.0), S, info[0][b], info[1][b])
-    info[0][b] = np.where(there, info[0][b], np.nan)
-    info[2][b] = nis_of(np.where(mu[b] @ out > FAILS_FROM, np.nan, info[0][b]), info[1][b])
-    started[b] = True
-
-
-@njit(cache=True, error_model="numpy")
-def _tick(rhs, output, model, modes, z, P, started, carried, told, info):  # type: ignore[no-untyped-def]
+    L, y, noise_var, used, room = np.empty((ny, ny)), np.empty(ny), np.empty(ny), np.empty(ny), room_for(n, ny)
     for b in range(z.shape[0]):
-        tick_modes(rhs, output, model, modes, z, P, started, carried, b, told, info)
+        ahead, stays, centre = mu[b].copy(), np.zeros(count), z[b].copy()
+        if started[b]:
+            ahead, stays, zs[b], Ps[b] = mix(mu[b], modes, zs[b], Ps[b])
+            centre, F, Q = linearise(rhs, model, z[b], before[b], u_sd[b])
+            _foresee(model, modes, F, Q, zs[b], Ps[b], z[b], centre)
+        expected, H, R = measure(output, model, centre, now[b], measured[b], white[b], coloured[b])
+        for c in range(ny):
+            noise_var[c] = R[c, c] + coloured[b, c] ** 2
+        for j in range(count):
+            for c in range(ny):
+                innovation[j, c] = expected[c]
+                for i in range(n):
+                    innovation[j, c] -= H[c, i] * (zs[b, j, i] - centre[i])
+                used[c] = np.nan if out[j, c] > 0 else innovation[j, c]
+            update_into(zs[b, j], Ps[b, j], used, H, R, INNOVATION_CLIP_SD, room)
+            S[j] = room[1]
+            keep_doubt(model, Ps[b, j])
+            bound(model, zs[b, j])
+            failing = Failing(offset[b, j], noise_var, modes.wander)
+            score[j] = log_likelihood(innovation[j], S[j], out[j], modes.lasts[j] * stays[j], failing, L, y)
+        weigh_into(ahead, score, mu[b])
+        merge_into(mu[b], zs[b], Ps[b], z[b], P[b])
+        _tell(ahead, innovation, S, info[0][b], info[1][b])
+        for c in range(ny):
+            used[c] = np.nan if failure(mu[b], out, c) > FAILS_FROM else info[0][b, c]
+        info[2][b] = nis_of(used, info[1][b])
+        started[b] = True
 
 
 class ModesEKF(ModelEKF):
@@ -133,7 +182,8 @@ class ModesEKF(ModelEKF):
         front, clean = self._front_end.step(Memory(*state.memory[ends:]), sample.measured)
         z, P, started, *modes = (part.copy() for part in state.memory[:ends])
         carried, info = tuple(modes), self.blank_info(len(z))
-        _tick(self._rhs, self._output, self._model, self._modes, z, P, started, carried, self.told(clean), info)
+        equations = self._rhs, self._output, self._model
+        tick_modes(*equations, self._modes, z, P, started, carried, self.told(clean), info)
         failed = carried[0] @ self._modes.out > FAILS_FROM
         accepted = clean.accepted[:, len(self.machine.inputs) :] & ~failed
         flags = clean_flags(clean) | np.where(failed.any(axis=1), FLAG_GATED, 0)

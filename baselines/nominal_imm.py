@@ -19,10 +19,10 @@ class NominalIMM(ModesEKF, NominalEKF):
     implementations: ClassVar[tuple[str, ...]] = ("compiled",)
     settings: ClassVar[dict[str, Any]] = {
         **{name: value for name, value in NominalEKF.settings.items() if name != "implementation"},
-        "health_walk": 1.319,
-        "state_walk": 14.04,
-        "slow_error": 0.7499,
-        "still": 0.05028,
-        "leap": 0.7052,
+        "health_walk": 2.68,
+        "state_walk": 15.01,
+        "slow_error": 0.8677,
+        "still": 0.04017,
+        "leap": 1.13,
     }
     search_space: ClassVar[dict[str, Sequence[float]]] = {**NominalEKF.search_space, **ModesEKF.search_space}

@@ -34,10 +34,9 @@ def find_modes(rhs, output, model, modes, z, P, carried, read, mu, info):  # typ
     """
     u_before, u, u_sd, measured, white, coloured = read
     started = np.zeros(1, np.bool_)
-    only = z.shape[0] - 1  # a plain 0 would be a type of its own, for which everything is compiled again
     for k in range(mu.shape[0]):
         now = u_before[k], u[k], u_sd[k], measured[k], white[k], coloured[k]
-        tick_modes(rhs, output, model, modes, z, P, started, carried, only, now, info)
+        tick_modes(rhs, output, model, modes, z, P, started, carried, now, info)
         mu[k] = carried[0][0]
     weigh_afterwards(mu, modes.turn)
 

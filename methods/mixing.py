@@ -172,6 +172,15 @@ def log_likelihood(innovation, S, out, stays, failing, L, y):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
+def failure(mu, out, c):  # type: ignore[no-untyped-def]
+    """Probability that output ``c`` fails, from those of the modes (M,) and which of them it fails in (M, ny)."""
+    total = 0.0
+    for k in range(mu.size):
+        total += mu[k] * out[k, c]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
 def weigh_into(ahead, score, mu):  # type: ignore[no-untyped-def]
     """Probabilities of the modes after the readings into mu (M,), from those before and the log scores (M,)."""
     most, total = score.max(), 0.0

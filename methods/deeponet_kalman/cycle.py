@@ -177,18 +177,11 @@ def take_in(weights, twin, m, values, t):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-untyped-def]
-    """One machine's update, in place on its memory ``m`` and on what is ``said``."""
-    gate_one(m, twin.front, measured, t.accepted, t.spike, t.confirmed, t.before, t.kept)
-    channels, outputs = measured.size, t.measured.size
-    inputs = channels - outputs
-    if m.ticks > 0:
-        for c in range(channels):
-            t.mask[c] = max(m.mask[c], t.confirmed[c])
-        take_in(weights, twin, m, t.before, t)
+def _hand_over(twin, m, lag_s, t):  # type: ignore[no-untyped-def]
+    """What the filter is to use of the filled readings, and how late, into ``t``; note what the query lacks."""
+    inputs, due = m.filled.size - t.measured.size, m.ticks % twin.update_every == 0
     output_sd_of(twin.filter.sheet, m.filled, t.white, t.coloured)
-    due = m.ticks % twin.update_every == 0
-    for c in range(outputs):
+    for c in range(t.measured.size):
         there = due and t.accepted[inputs + c]
         t.measured[c] = m.filled[inputs + c] if there else np.nan
         t.lag[c] = lag_s[inputs + c] / twin.filter.period_s
@@ -197,17 +190,6 @@ def _update(weights, twin, m, measured, lag_s, said, t):  # type: ignore[no-unty
     for i in range(twin.query.asked.size):
         if m.age_s[twin.query.asked[i]] > UNKNOWN_S:
             m.safety.unknown = m.stream.values.shape[0]  # until the window has forgotten it
-    query, now, lag, white, coloured = t.query[:], t.measured[:], t.lag[:], t.white[:], t.coloured[:]
-    tick(weights, twin.filter, m, query, now, lag, white, coloured, INNOVATION_CLIP_SD, said, t.filter)
-    m.ticks += 1
-    for c in range(channels):
-        m.mask[c] = t.accepted[c]
-        said.age_s[c] = m.age_s[c] + lag_s[c]
-        if t.spike[c]:
-            said.flags |= FLAG_SPIKE
-        elif not t.accepted[c]:
-            said.flags |= FLAG_MISSING
-    report_one(twin.filter.health, m.z, m.P, twin.keep, said.mean, said.cov, said.low, said.high)
 
 
 @njit(cache=True, error_model="numpy")
@@ -223,8 +205,26 @@ def update(weights, twin, memory, measured, lag_s, said, t):  # type: ignore[no-
         said: (B,) of ``said_type``.
         t: (1,) of ``scratch``.
     """
+    w, own, room = weights[0], twin[0], t[0]
     for b in range(memory.size):
-        _update(weights[0], twin[0], memory[b], measured[b], lag_s[b], said[b], t[0])
+        m, out = memory[b], said[b]
+        gate_one(m, own.front, measured[b], room.accepted, room.spike, room.confirmed, room.before, room.kept)
+        if m.ticks > 0:
+            for c in range(m.mask.size):
+                room.mask[c] = max(m.mask[c], room.confirmed[c])
+            take_in(w, own, m, room.before, room)
+        _hand_over(own, m, lag_s[b], room)
+        query, now, lag, white, coloured = room.query[:], room.measured[:], room.lag[:], room.white[:], room.coloured[:]
+        tick(w, own.filter, m, query, now, lag, white, coloured, INNOVATION_CLIP_SD, out, room.filter)
+        m.ticks += 1
+        for c in range(m.mask.size):
+            m.mask[c] = room.accepted[c]
+            out.age_s[c] = m.age_s[c] + lag_s[b, c]
+            if room.spike[c]:
+                out.flags |= FLAG_SPIKE
+            elif not room.accepted[c]:
+                out.flags |= FLAG_MISSING
+        report_one(own.filter.health, m.z, m.P, own.keep, out.mean, out.cov, out.low, out.high)
 
 
 @njit(cache=True, error_model="numpy")

@@ -196,12 +196,16 @@ def model_of(
     )
 
 
-def modes_type(parts: Parts) -> np.dtype[np.void]:
-    """The filters of all modes. ``mu`` is how likely each is, ``stays`` how likely it goes on from the tick before, and
-    ``offset`` by how much the output that fails in it reads too high, with the variance of that."""
+def _mixture(parts: Parts) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Fields of the filters of all modes: how likely each is, and its z and P."""
     count, n = parts.modes, parts.size
-    filters = {"z": ("f8", (count, n)), "P": ("f8", (count, n, n)), "offset": ("f8", (count, 2))}
-    return record({**dict.fromkeys(("mu", "stays"), ("f8", (count,))), **filters})
+    return {"mu": ("f8", (count,)), "z": ("f8", (count, n)), "P": ("f8", (count, n, n))}
+
+
+def modes_type(parts: Parts) -> np.dtype[np.void]:
+    """What the filters of all modes carry. ``stays`` is how likely each goes on from the tick before, and ``offset`` by
+    how much the output that fails in it reads too high, with the variance of that."""
+    return record({**_mixture(parts), "stays": ("f8", (parts.modes,)), "offset": ("f8", (parts.modes, 2))})
 
 
 def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
@@ -222,7 +226,7 @@ def room_type(weights: np.ndarray, parts: Parts) -> np.dtype[np.void]:
             **dict.fromkeys(("innovation", "used", "own", "r", "now", "whitened", "noise_var"), ("f8", (ny,))),
             **dict.fromkeys(("accuracy", "surprise"), ("f8", (ny,))),
             **dict.fromkeys(("ahead", "score", "weight"), ("f8", (parts.modes,))),
-            "mixed": (modes_type(parts), ()),
+            "mixed": (record(_mixture(parts)), ()),
             **dict.fromkeys(("before", "apart", "column"), ("f8", (n,))),
             "rows": ("f8", (nh, ny)),
             "push": ("f8", (nh,)),

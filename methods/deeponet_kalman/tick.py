@@ -16,7 +16,7 @@ from twinbench.methods.deeponet_kalman.safeguards import KNOWN, carry_sensitivit
 from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_GATED, FLAG_UNINFORMED
 from twinbench.methods.kalman import solve_gain_into
-from twinbench.methods.mixing import FAILS_FROM, Failing, log_likelihood, merge_into, mix_into, weigh_into
+from twinbench.methods.mixing import FAILS_FROM, Failing, failure, log_likelihood, merge_into, mix_into, weigh_into
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""
@@ -122,15 +122,6 @@ def _take_in(model, m, white_sd, coloured_sd, clip, t):  # type: ignore[no-untyp
             t.used[c] = np.nan
     remember(model, safety, white_sd, coloured_sd, t)
     return solve_gain_into(t.used, t.S, t.HP, t.K, t.L, t.X)
-
-
-@njit(cache=True, error_model="numpy")
-def failure(mu, out, c):  # type: ignore[no-untyped-def]
-    """Probability that output ``c`` fails, from those of the modes (M,) and which of them it fails in (M, ny)."""
-    total = 0.0
-    for k in range(mu.size):
-        total += mu[k] * out[k, c]
-    return total
 
 
 @njit(cache=True, error_model="numpy")
