@@ -2,48 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-
 import pandas as pd
 
+from twinbench.bench.benchmarks.multiples import INTERVALS, compared
 from twinbench.bench.benchmarks.slopes import CORRECTED, NO_SLOPE
-from twinbench.bench.report.table_formats import Cell, Column, Table, number, span
+from twinbench.bench.report.table_formats import Cell, Column, Table
 from twinbench.bench.roster import PROPOSED, REFERENCE, label
-from twinbench.bench.statistics.bootstrap import SequenceScores, means, ratios
 from twinbench.bench.statistics.subject import PAPERS
 
 HEALTH_ERRORS = {"health_life_pct": "mean of five", **{f"{h.name}_life_pct": h.label for h in PAPERS.health}}
 """Metrics of health, and what their columns are called."""
 LATER = " s later"
 """What the names of rows with a delay end with."""
-INTERVALS = "In brackets: the 95 % interval over recordings. ×: the paired multiple of {of}, with its interval."
 OF_THE_FIRST = INTERVALS.format(of="the first row")
-
-
-def _of(scores: pd.DataFrame, metric: str, names: Sequence[str]) -> SequenceScores:
-    wide = scores[scores["metric"] == metric].pivot(index="row", columns="sequence", values="value").loc[list(names)]
-    return SequenceScores(metric, tuple(names), tuple(wide.columns), wide.to_numpy(), {}, ())
-
-
-def _compared(
-    scores: pd.DataFrame, metrics: Mapping[str, str], names: Sequence[str], first: str
-) -> tuple[pd.DataFrame, list[list[Cell]]]:
-    """By name, the mean of each metric, and its multiple of that of the ``first`` row: all numbers, and cells."""
-    frames, columns = [], []
-    for metric in metrics:
-        table = _of(scores, metric, names)
-        mean, times = means(table).set_index("estimator"), ratios(table, first).set_index("estimator")
-        times = times[["ratio", "low", "high"]].add_prefix("times_")
-        frame = mean[["mean", "low", "high"]].join(times)
-        frames.append(frame.assign(metric=metric).reset_index(names="row"))
-        columns.append([_cell(*row) for row in frame.to_numpy().tolist()])
-    return pd.concat(frames, ignore_index=True), columns
-
-
-def _cell(mean: float, low: float, high: float, times: float, times_low: float, times_high: float) -> Cell:
-    more = f"×{times:.2f} [{times_low:.2f}–{times_high:.2f}]" if math.isfinite(times) else ""
-    return Cell(number(mean), span(low, high), more)
 
 
 def delay_table(scores: pd.DataFrame) -> Table:
@@ -53,9 +24,9 @@ def delay_table(scores: pd.DataFrame) -> Table:
         scores: what ``judge_delays`` returns of all.
     """
     ours = [PROPOSED, *(row for row in scores["row"].unique() if row.endswith(LATER))]
-    frame, columns = _compared(scores, HEALTH_ERRORS, ours, PROPOSED)
+    frame, columns = compared(scores, HEALTH_ERRORS, ours, PROPOSED)
     others = [REFERENCE, *sorted(set(scores["row"]) - {*ours, REFERENCE})]
-    beside, more = _compared(scores, HEALTH_ERRORS, others, REFERENCE)
+    beside, more = compared(scores, HEALTH_ERRORS, others, REFERENCE)
     says = [label(PROPOSED), *ours[1:], *map(label, others)]
     coverage = [_lowest(scores, row) for row in [*ours, *others]]
     cells = [[Cell(text) for text in says], *(own + other for own, other in zip(columns, more, strict=True)), coverage]
@@ -89,13 +60,11 @@ def forecast_table(scores: pd.DataFrame) -> Table:
     """
     names = [row for row in scores["row"].unique() if row != CORRECTED]
     metrics = {m: o.says for m, o in zip(PAPERS.forecast_errors, PAPERS.outputs, strict=True)}
-    frame, columns = _compared(scores, metrics, names, NO_SLOPE)
+    frame, columns = compared(scores, metrics, names, NO_SLOPE)
     heads = (Column("forecast"), *(Column(says, "60 s ahead, %") for says in metrics.values()))
     cells = [[Cell(name) for name in names], *columns]
     title = "Forecasts of DeepONet-Kalman a minute ahead"
-    return Table(
-        "slope_forecasts", title, frame, heads, tuple(zip(*cells, strict=True)), (INTERVALS.format(of="the first row"),)
-    )
+    return Table("slope_forecasts", title, frame, heads, tuple(zip(*cells, strict=True)), (OF_THE_FIRST,))
 
 
 def slope_table(scores: pd.DataFrame) -> Table:
@@ -105,7 +74,7 @@ def slope_table(scores: pd.DataFrame) -> Table:
         scores: what ``judge_slopes`` returns.
     """
     names = (NO_SLOPE, CORRECTED)
-    frame, columns = _compared(scores, HEALTH_ERRORS, names, NO_SLOPE)
+    frame, columns = compared(scores, HEALTH_ERRORS, names, NO_SLOPE)
     says = (label(PROPOSED), "corrected by its own slopes")
     heads = (Column("estimate"), *(Column(text, "health, % of life") for text in HEALTH_ERRORS.values()))
     cells = [[Cell(text) for text in says], *columns]
@@ -116,5 +85,5 @@ def slope_table(scores: pd.DataFrame) -> Table:
         frame,
         heads,
         tuple(zip(*cells, strict=True)),
-        (INTERVALS.format(of="the first row"),),
+        (OF_THE_FIRST,),
     )

@@ -88,7 +88,7 @@ def _best_at(summary: Summary, question: str) -> str:
         says = f"{label(best)} {BEST[question]}: {ERROR[question]} {size}. "
         says += f"It differs significantly from every other ({tests})."
     else:
-        named = names_of(f"{label(e)} ({_p(_holm_p(ranking, best, e))})" for e in alike)
+        named = names_of(f"{label(e)} ({p_value(_holm_p(ranking, best, e))})" for e in alike)
         says = f"{label(best)} has the least {ERROR[question]}: {size}. It does not differ significantly from {named}"
         says += f", but does from {names_of(map(label, apart))} ({tests})." if apart else f" ({tests})."
     gap, low, high = summary.difference(second, best, question)
@@ -131,7 +131,7 @@ def _friedman(ranking: Ranking, question: str) -> str:
     if not math.isfinite(ranking.friedman_p):
         return f"By {ERROR[question]}, {n} are too few for Friedman's test."
     differ = "differ significantly" if ranking.friedman_p < FAMILY_LEVEL else "do not differ significantly"
-    return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, {_p(ranking.friedman_p)})."
+    return f"By {ERROR[question]}, {n} {differ} as a group (Friedman, {p_value(ranking.friedman_p)})."
 
 
 def _count(others: int) -> str:
@@ -146,5 +146,6 @@ def names_of(labels: object) -> str:
     return last.join(filter(None, (comma.join(names[:-1]), names[-1])))
 
 
-def _p(p: float) -> str:
+def p_value(p: float) -> str:
+    """``p = 0.012``, dimensionless."""
     return f"p = {p:.2g}" if p >= 1e-4 else "p < 0.0001"
