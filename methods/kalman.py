@@ -25,6 +25,18 @@ def predict_covariance(P, F, Q):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
+def multiply_into(A, P, rows, AP):  # type: ignore[no-untyped-def]
+    """The leading ``rows`` of ``A P`` into those of AP, for an A of which few entries are not zero."""
+    for i in range(rows):
+        for j in range(AP.shape[1]):
+            AP[i, j] = 0.0
+        for k in range(A.shape[1]):
+            if A[i, k] != 0.0:
+                for j in range(AP.shape[1]):
+                    AP[i, j] += A[i, k] * P[k, j]
+
+
+@njit(cache=True, error_model="numpy")
 def carry_into(P, F, moving, FP):  # type: ignore[no-untyped-def]
     """``F P F'`` in P's place, for an F whose rows from ``moving`` on have nothing off the diagonal.
 
@@ -34,13 +46,7 @@ def carry_into(P, F, moving, FP):  # type: ignore[no-untyped-def]
         FP: (n, n) scratch.
     """
     n = len(P)
-    for i in range(moving):
-        for j in range(n):
-            FP[i, j] = 0.0
-        for k in range(n):
-            if F[i, k] != 0.0:
-                for j in range(n):
-                    FP[i, j] += F[i, k] * P[k, j]
+    multiply_into(F, P, moving, FP)
     for i in range(moving, n):
         for j in range(moving):
             P[i, j] = P[j, i] = F[i, i] * FP[j, i]
@@ -95,19 +101,13 @@ def cholesky_solve(S, B):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, error_model="numpy")
 def innovation_cov_into(P, H, R, S, HP):  # type: ignore[no-untyped-def]
-    """Eq. (8): ``S = H P H' + R`` into S (m, m), ``H P`` into HP (m, n); few entries of H are not zero."""
-    n, m_all = P.shape[0], R.shape[0]
-    for a in range(m_all):
-        for j in range(n):
-            HP[a, j] = 0.0
-        for k in range(n):
-            if H[a, k] != 0.0:
-                for j in range(n):
-                    HP[a, j] += H[a, k] * P[k, j]
+    """Eq. (8): ``S = H P H' + R`` into S (m, m), ``H P`` into HP (m, n)."""
+    m_all = R.shape[0]
+    multiply_into(H, P, m_all, HP)
     for a in range(m_all):
         for b in range(m_all):
             S[a, b] = R[a, b]
-            for k in range(n):
+            for k in range(P.shape[0]):
                 S[a, b] += HP[a, k] * H[b, k]
 
 
