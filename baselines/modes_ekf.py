@@ -24,6 +24,7 @@ from twinbench.methods.mixing import (
     FAILS_FROM,
     Failing,
     failure,
+    follow_into,
     linear_modes,
     log_likelihood,
     merge_into,
@@ -47,13 +48,7 @@ def _foresee(model, modes, F, Q, z, P, before, centre):  # type: ignore[no-untyp
     count, n = z.shape
     apart, FP = np.empty(n), np.empty((n, n))
     for j in range(count):
-        for i in range(n):
-            apart[i] = z[j, i] - before[i]
-        for i in range(n):
-            z[j, i] = centre[i]
-            for k in range(n):
-                if F[i, k] != 0.0:
-                    z[j, i] += F[i, k] * apart[k]
+        follow_into(z[j], F, before, centre, apart)
         carry_into(P[j], F, model.step.size, FP)
         for i in range(n):
             for k in range(n):

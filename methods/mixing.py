@@ -172,6 +172,24 @@ def log_likelihood(innovation, S, out, stays, failing, L, y):  # type: ignore[no
 
 
 @njit(cache=True, error_model="numpy")
+def follow_into(z, F, before, after, apart):  # type: ignore[no-untyped-def]
+    """A mode's mean z (n,) a tick on, in place: the common mean goes from ``before`` to ``after``, and F says the rest.
+
+    The function takes plain arrays because it is compiled.
+
+    Args:
+        F: (n, n) how a tick moves the state.
+        apart: (n,) scratch.
+    """
+    for i in range(z.size):
+        apart[i] = z[i] - before[i]
+    for i in range(z.size):
+        z[i] = after[i]
+        for k in range(z.size):
+            z[i] += F[i, k] * apart[k]
+
+
+@njit(cache=True, error_model="numpy")
 def failure(mu, out, c):  # type: ignore[no-untyped-def]
     """Probability that output ``c`` fails, from those of the modes (M,) and which of them it fails in (M, ny)."""
     total = 0.0

@@ -16,7 +16,16 @@ from twinbench.methods.deeponet_kalman.safeguards import KNOWN, carry_sensitivit
 from twinbench.methods.deeponet_kalman.stream import fill
 from twinbench.methods.estimator import FLAG_GATED, FLAG_UNINFORMED
 from twinbench.methods.kalman import solve_gain_into
-from twinbench.methods.mixing import FAILS_FROM, Failing, failure, log_likelihood, merge_into, mix_into, weigh_into
+from twinbench.methods.mixing import (
+    FAILS_FROM,
+    Failing,
+    failure,
+    follow_into,
+    log_likelihood,
+    merge_into,
+    mix_into,
+    weigh_into,
+)
 
 WANDERING = 3.0
 """What the states move by in a tick while the query is not known, in training increments."""
@@ -76,12 +85,7 @@ def _go_on(w, model, base, m, away, part, t):  # type: ignore[no-untyped-def]
     predict(w, model, base, m.z[:], away, part, t)
     for k in range(modes.mu.size):
         z, P = modes.z[k], modes.P[k]
-        for i in range(z.size):
-            t.apart[i] = z[i] - t.before[i]
-        for i in range(z.size):
-            z[i] = m.z[i]
-            for j in range(z.size):
-                z[i] += t.F[i, j] * t.apart[j]
+        follow_into(z, t.F, t.before, m.z, t.apart)
         spread(model, P, model.modes.walk[k], away, safety.push[:], part, t)
         if safety.unknown > 0:
             for i in range(n):
