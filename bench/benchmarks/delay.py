@@ -9,11 +9,8 @@ without hindsight. A second table has forecasts, a third what the filter's own s
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import cast
 
 from twinbench.common.threads import pin
@@ -22,24 +19,20 @@ pin()
 
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
 
-from twinbench.bench.benchmarks.coverage import factors_of_the_other, fresh_halves  # noqa: E402
 from twinbench.bench.benchmarks.delay_tables import LATER, delay_table, forecast_table, slope_table  # noqa: E402
+from twinbench.bench.benchmarks.fresh import Halves, factors_of_the_other, fresh_halves, leave, parser  # noqa: E402
 from twinbench.bench.benchmarks.slopes import EVALUATION, with_slopes  # noqa: E402
 from twinbench.bench.cells import Cell, load_fit  # noqa: E402
 from twinbench.bench.estimate.apply import Training, trained_cells  # noqa: E402
 from twinbench.bench.estimate.delay import known_later  # noqa: E402
 from twinbench.bench.estimates import Estimates  # noqa: E402
 from twinbench.bench.evaluate import run as evaluate  # noqa: E402
-from twinbench.bench.profile import load_profile  # noqa: E402
-from twinbench.bench.report.provenance import write_tables  # noqa: E402
-from twinbench.bench.report.table_formats import to_text  # noqa: E402
 from twinbench.bench.roster import PROPOSED, REFERENCE  # noqa: E402
 from twinbench.bench.statistics.scores import score  # noqa: E402
-from twinbench.common.store import Store, write_csv, write_text  # noqa: E402
+from twinbench.common.store import Store  # noqa: E402
 from twinbench.common.threads import pin_torch  # noqa: E402
-from twinbench.common.versions import provenance  # noqa: E402
 from twinbench.common.workers import side_by_side  # noqa: E402
-from twinbench.data.batch import Array, Batch  # noqa: E402
+from twinbench.data.batch import Array  # noqa: E402
 from twinbench.methods.deeponet_kalman.method import DeepONetKalman  # noqa: E402
 
 DELAY_SEED = 58217
@@ -48,8 +41,6 @@ DELAYS_S = (10.0, 30.0, 60.0, 120.0, 300.0)
 """Each has a row; they reach from what causes of a step are weighed for to a sixth of a recording."""
 HINDSIGHT = "oracle_smoother"
 """The reference that has the whole recording."""
-
-Halves = tuple[Batch, Batch]
 
 
 def _scores(halves: Halves, seen: Sequence[Estimates], stretch: Sequence[Array], row: str) -> pd.DataFrame:
@@ -86,25 +77,15 @@ def judge_slopes(store: Store, cell: Cell, halves: Halves) -> pd.DataFrame:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--profile", default="quick")
-    parser.add_argument("--results", type=Path, metavar="DIR")
-    parser.add_argument("--recordings", type=int, default=60, metavar="N", help="fresh ones, both halves together")
-    parser.add_argument("--out", type=Path, default=Path("results/delay"), metavar="DIR")
-    a = parser.parse_args()
-    store, cells = trained_cells(Training(a.profile, a.results), [PROPOSED, REFERENCE, HINDSIGHT])
-    halves = fresh_halves(load_profile(a.profile), a.recordings // 2, DELAY_SEED)
+    asked = parser((__doc__ or "").splitlines()[0], "delay", recordings=60).parse_args()
+    store, cells = trained_cells(Training(asked.profile, asked.results), [PROPOSED, REFERENCE, HINDSIGHT])
+    halves = fresh_halves(asked, DELAY_SEED)
     todo = {f"delays: {cell}": (store, cell, halves) for cell in cells}
     delays = pd.concat(list(side_by_side(judge_delays, todo, print)), ignore_index=True)
     ours = {f"slopes: {cell}": (store, cell, halves) for cell in cells if cell.estimator == PROPOSED}
     slopes = pd.concat(list(side_by_side(judge_slopes, ours, print)), ignore_index=True)
-    write_csv(a.out / "delays.csv", delays)
-    write_csv(a.out / "slopes.csv", slopes)
     shown = [delay_table(delays), forecast_table(slopes), slope_table(slopes)]
-    write_tables(a.out, shown)
-    about = {"profile": a.profile, "recordings": a.recordings, "seed": DELAY_SEED, "provenance": provenance()}
-    write_text(a.out / "delay.json", json.dumps(about, indent=2) + "\n")
-    print("\n".join(map(to_text, shown)))
+    leave(asked, "delay", DELAY_SEED, {"delays.csv": delays, "slopes.csv": slopes}, shown)
 
 
 if __name__ == "__main__":

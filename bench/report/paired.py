@@ -17,8 +17,8 @@ from twinbench.bench.statistics.scores import definitions_of, ideal
 from twinbench.bench.statistics.subject import PAPERS, Subject
 from twinbench.bench.statistics.summary import LIFE, PARAMETERS
 
-ONE_FILTER = ("no_modes", "no_steps")
-"""The ablation that leaves one filter and no weighing; the second is its name in runs of earlier code."""
+ONE_FILTER = f"{PROPOSED}{ABLATION}no_modes"
+"""The ablation that leaves one filter and no weighing."""
 INTERVAL = (
     "mean over the test sequences; in brackets its 95 % interval: bootstrap over whole sequences, seeds averaged "
     "inside each first. Of errors more than 0 says that {says}; marked is what differs from 0 for sure."
@@ -60,21 +60,19 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
         failures: likewise.
     """
     table = sequence_scores(scores[scores["metric"] == LIFE], LIFE, failures)
-    left = [e for e in (f"{PROPOSED}{ABLATION}{name}" for name in ONE_FILTER) if e in complete(table)]
     rivals = [e for e in complete(table) if not is_ablation(e) and e not in (*UNRANKED, *WEIGHS_STEPS)]
-    if not left or PROPOSED not in complete(table) or not rivals:
+    if not {PROPOSED, ONE_FILTER} <= set(complete(table)) or not rivals:
         return []
-    less = left[0]
-    mean = {e: float(table.row(e).mean()) for e in (PROPOSED, less, *rivals)}
+    mean = {e: float(table.row(e).mean()) for e in (PROPOSED, ONE_FILTER, *rivals)}
     nearest = min(rivals, key=lambda e: mean[e])
-    found = differences(table, less).set_index("estimator").loc[nearest, ["difference", "low", "high"]]
+    found = differences(table, ONE_FILTER).set_index("estimator").loc[nearest, ["difference", "low", "high"]]
     worth, low, high = map(float, found)
     those = [label(e) for e in ordered(complete(table)) if e in WEIGHS_STEPS and e not in UNRANKED]
     weigh = f"{names_of(those)} alone weigh{'s' if len(those) == 1 else ''}"
     says = "are told apart" if low > 0.0 or high < 0.0 else "are not told apart"
     return [
         f"Of the estimators ranked in this run {weigh} what may have caused a sudden step. With that the health error "
-        f"of {label(PROPOSED)} is {number(mean[PROPOSED])} % of a life, and without it {number(mean[less])} %. "
+        f"of {label(PROPOSED)} is {number(mean[PROPOSED])} % of a life, and without it {number(mean[ONE_FILTER])} %. "
         f"{label(nearest)}, the best of those that do not, errs {number(mean[nearest])} %. Without that, "
         f"{label(PROPOSED)} differs from it by {number(worth)} percentage points ({span(low, high, to=True)}), so they "
         f"{says}."

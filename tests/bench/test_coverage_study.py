@@ -8,10 +8,10 @@ import pytest
 from helpers.tiny_run import run_arguments, run_here, twinbench, write_profile
 
 from twinbench.bench.benchmarks import exact_posterior
-from twinbench.bench.benchmarks.coverage import fresh_halves, judge
+from twinbench.bench.benchmarks.coverage import SEED, judge
 from twinbench.bench.benchmarks.coverage_tables import errors_table, exact_table, right_pairs
+from twinbench.bench.benchmarks.fresh import fresh_halves, parser
 from twinbench.bench.estimate.apply import Training, trained_cells
-from twinbench.bench.profile import load_profile
 from twinbench.bench.statistics.coverage import coverage_table
 from twinbench.bench.statistics.subject import PAPERS
 from twinbench.bench.statistics.summary import LIFE
@@ -22,7 +22,9 @@ def test_every_fresh_recording_is_judged_once(tmp_path, monkeypatch: pytest.Monk
     profile = write_profile(tmp_path)
     assert twinbench(*run_arguments(profile, tmp_path / "out", ["always_prior"])) == 0
     store, (cell,) = trained_cells(Training(str(profile), tmp_path / "out"), ["always_prior"])
-    halves = fresh_halves(load_profile(str(profile)), 2)
+    asked = parser("", "coverage", recordings=4).parse_args(["--profile", str(profile)])
+    halves = fresh_halves(asked, SEED)
+    assert [len(half.names) for half in halves] == [2, 2]
     rows, scores = judge(store, cell, halves)
     everything = rows[rows["regime"] == "all"]
     assert sorted(everything["sequence"].unique()) == sorted(halves[0].names + halves[1].names)
@@ -81,7 +83,10 @@ def test_errors_stand_beside_the_references_and_a_rival_is_told_apart_only_where
     p, T, m = (output.says for output in PAPERS.outputs)
     asked, limit, rival = made.notes
     assert asked.startswith("60 fresh recordings")
-    assert f"at most 1.15 times as much as the reference in {p} and health." in limit
+    assert limit.startswith(
+        f"DeepONet-Kalman errs this many times as much as the reference (95 % interval): {p} 1.05 ("
+    )
+    assert f"It errs at most 1.15 times as much as the reference in {p} and health." in limit
     assert f"It errs more than 1.15 times as much in {T}." in limit
     assert f"open in {m}." in limit
     assert f"{p} 1.14 (1.14 to 1.14; p < 0.0001)" in rival
