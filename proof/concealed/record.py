@@ -6,7 +6,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from twinbench.physics.simulator import Array
+from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Machine, Noise
+from twinbench.proof.concealed.severity import Take, readings
 
 JITTER = 0.04
 """sd of the sampling instants around their time stamps, in sample periods."""
@@ -31,6 +33,28 @@ def recorded(machine: Machine, channels: tuple[str, ...], clean: Array, rng: np.
         lsb = machine.lsb[name]
         measured[:, c] = lsb * np.round(measured[:, c] / lsb)
     return measured
+
+
+def written(machine: Machine, take: Take, p: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """What the recorder writes while a machine runs from rest under a take's first inputs.
+
+    Args:
+        p: (n_parameters,) of the machine, each in its unit.
+        rng: what the errors are drawn from.
+
+    Returns:
+        Time stamps (N,) in s, and readings (N, C) in the channels' units, inputs before outputs.
+
+    Raises:
+        FloatingPointError: the machine diverges.
+    """
+    rest = machine.settled(take.u, p, take.start_s)
+    clean = readings(machine, take, take.u, rest, Parameters.steady(p), machine.fine)
+    if not np.isfinite(clean).all():
+        raise FloatingPointError(f"machine {machine.name} diverged while {take.name} was recorded")
+    channels = (*machine.inputs, *machine.outputs)
+    time_s = np.round(take.start_s + np.arange(len(take.u)) * machine.period_s, 6)
+    return time_s, recorded(machine, channels, np.concatenate((take.u, clean), axis=1), rng)
 
 
 def _errors(noise: Noise, n: int, period_s: float, rng: np.random.Generator) -> Array:

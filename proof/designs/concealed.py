@@ -14,11 +14,10 @@ from twinbench.mismatch.design.limits import Limits
 from twinbench.physics.simulator import Array, Simulator
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.generate import BACKGROUND_PCT, PAUSE_S, Item, drawn_parameters, drawn_takes
-from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machine import Machine
 from twinbench.proof.concealed.machines import machine_of
-from twinbench.proof.concealed.record import recorded
-from twinbench.proof.concealed.severity import Take, Yardstick, readings
+from twinbench.proof.concealed.record import written
+from twinbench.proof.concealed.severity import Take, Yardstick
 from twinbench.proof.designs.ideal import Truth
 from twinbench.proof.twins import simulator_of
 
@@ -67,14 +66,9 @@ class Concealed:
         Raises:
             FloatingPointError: the machine diverges.
         """
-        machine, p, u = self.machine, self.truth.parameters, take.u
-        clean = readings(machine, take, u, machine.settled(u, p, take.start_s), Parameters.steady(p), machine.fine)
-        if not np.isfinite(clean).all():
-            raise FloatingPointError(f"machine {machine.name} diverged while {take.name} was recorded")
-        channels = (*machine.inputs, *machine.outputs)
         rng = stream(self.seed, "designs", self.case, take.name)
-        values = recorded(machine, channels, np.concatenate((u, clean), axis=1), rng)
-        time_s = np.round(take.start_s + np.arange(len(u)) * machine.period_s, 6)
+        time_s, values = written(self.machine, take, self.truth.parameters, rng)
+        channels = (*self.machine.inputs, *self.machine.outputs)
         order = [channels.index(v.name) for v in (*self.twin.inputs, *self.twin.outputs)]
         return Recording(take.name, time_s, tuple(channels[i] for i in order), values[:, order])
 

@@ -14,10 +14,9 @@ from twinbench.data.scenario import stream
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.changes import change_of
 from twinbench.proof.concealed.generate import drawn_parameters, drawn_takes
-from twinbench.proof.concealed.integrate import Parameters
 from twinbench.proof.concealed.machines import machine_of
-from twinbench.proof.concealed.record import recorded
-from twinbench.proof.concealed.severity import Yardstick, readings
+from twinbench.proof.concealed.record import written
+from twinbench.proof.concealed.severity import Yardstick
 
 KIND = "two_tanks"
 """The cheapest machine."""
@@ -97,13 +96,11 @@ def write(drawn: Drawn, out: Path) -> None:
     for name, one in drawn.machines.items():
         folder = out / name
         folder.mkdir(parents=True, exist_ok=True)
-        machine, parameters = one.yardstick.machine, Parameters.steady(one.p)
-        channels, rng = (*machine.inputs, *machine.outputs), stream(*drawn.seed, "fleet's noise", name)
+        machine, rng = one.yardstick.machine, stream(*drawn.seed, "fleet's noise", name)
         for k, take in enumerate(one.yardstick.takes):
-            x0 = machine.settled(take.u, one.p, take.start_s)
-            y = readings(machine, take, take.u, x0, parameters, machine.fine)
-            noisy = recorded(machine, channels, np.concatenate([take.u, y], axis=-1), rng)
-            time_s = np.round(take.start_s + np.arange(len(take.u)) * machine.period_s, 6)
-            table = pd.DataFrame({"time_s": time_s} | dict(zip(channels, noisy.T, strict=True)))
+            time_s, values = written(machine, take, one.p, rng)
+            table = pd.DataFrame(
+                {"time_s": time_s} | dict(zip((*machine.inputs, *machine.outputs), values.T, strict=True))
+            )
             # The last by name is held out.
             table.to_csv(folder / f"{k + 1}_{take.name}.csv", index=False, float_format="%.8g")
