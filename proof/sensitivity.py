@@ -19,15 +19,12 @@ from typing import Any
 from unittest.mock import patch
 
 import pandas as pd
-from rich.console import Console
 
 from twinbench.common.errors import BadInput
-from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, key_of, write_text
 from twinbench.common.versions import code_version, write_manifest
-from twinbench.common.workers import side_by_side
 from twinbench.proof import blind
-from twinbench.proof.command import refusing
+from twinbench.proof.command import each, refusing
 from twinbench.proof.concealed.engines import ENGINES
 from twinbench.proof.concealed.findings import read_cases, with_marks
 from twinbench.proof.concealed.generate import Item, draw, write
@@ -77,7 +74,7 @@ def scaled(constant: str, factor: float) -> Iterator[None]:
         yield
 
 
-def tried(item: Item, seed: int, out: Path) -> int:
+def tried(item: Item, seed: int, out: Path) -> None:
     """Every trial on one case, one after the other; answers that an earlier run got with the same code are kept."""
     path = out / "cases" / f"{item.case}.json"
     key = key_of(item=list(item.__dict__.values()), seed=seed, code=[code_version(m) for m in _CODE])
@@ -85,13 +82,13 @@ def tried(item: Item, seed: int, out: Path) -> int:
     trials = [AS_IT_IS, *((constant, factor) for constant in CONSTANTS for factor in FACTORS)]
     todo = [trial for trial in trials if list(trial) not in [kept["trial"] for kept in answers]]
     if not todo:
-        return len(trials)
+        return
     try:
         case = draw(item, seed)
     except FloatingPointError:  # a machine that diverges is no case
         nothing = [{"trial": list(trial), "answer": None} for trial in trials]
         write_text(path, json.dumps({"key": key, "truth": None, "answers": nothing}))
-        return len(trials)
+        return
     with tempfile.TemporaryDirectory(prefix="case-") as given:
         write(case, Path(given))
         for constant, factor in todo:
@@ -99,7 +96,6 @@ def tried(item: Item, seed: int, out: Path) -> int:
                 verdict = blind.answer(Path(given), ENGINE)
             answers.append({"trial": [constant, factor], "answer": verdict})
             write_text(path, json.dumps({"key": key, "truth": case.truth, "answers": answers}))
-    return len(trials)
 
 
 _CODE = ("twinbench.proof.concealed.generate", ENGINE.partition(":")[0])
@@ -180,9 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_writable(out)
     items = cases(asked.cases, asked.seed)
     several = {f"case {item.case}": (item, asked.seed, out) for item in items}
-    with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
-        for _ in side_by_side(tried, several, progress.say, out, asked.jobs):
-            going.step(1)
+    each("cases", tried, several, out, asked.jobs)
     rows = [row for item in items for row in rows_of(item, asked.seed, out)]
     write_text(out / "cases.csv", pd.DataFrame(rows, columns=[*TRIAL, *COLUMNS]).to_csv(index=False))
     found = table(read_cases(out / "cases.csv"))

@@ -18,14 +18,11 @@ from twinbench.common.threads import pin
 pin()
 
 import pandas as pd  # noqa: E402  threads are pinned before NumPy is there
-from rich.console import Console  # noqa: E402
 
 from twinbench.common.errors import BadInput  # noqa: E402
-from twinbench.common.progress import Progress  # noqa: E402
 from twinbench.common.store import check_writable, write_text  # noqa: E402
 from twinbench.common.versions import write_manifest  # noqa: E402
-from twinbench.common.workers import side_by_side  # noqa: E402
-from twinbench.proof.command import refusing  # noqa: E402
+from twinbench.proof.command import each, refusing  # noqa: E402
 from twinbench.proof.designs.plan import drawn_items  # noqa: E402
 from twinbench.proof.designs.tables import as_markdown, rows_of, summary  # noqa: E402
 from twinbench.proof.designs.trial import tried  # noqa: E402
@@ -48,9 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     check_writable(out)
     items = drawn_items(asked.draws, asked.seed)
     several = {f"case {item.case}": (item, asked.seed, out) for item in items}
-    with Progress(Console(stderr=True)) as progress, progress.stage("machines", len(items)) as going:
-        for _ in side_by_side(tried, several, progress.say, out, asked.jobs):
-            going.step(1)
+    each("machines", tried, several, out, asked.jobs)
     rows = pd.DataFrame([rows_of(item, out) for item in items])
     write_text(out / "cases.csv", rows.to_csv(index=False))
     table = summary(rows)

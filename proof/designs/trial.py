@@ -35,7 +35,7 @@ SET = "set"
 _CODE = ("twinbench.proof.designs.trial", "twinbench.mismatch")
 
 
-def tried(item: Item, seed: int, out: Path) -> int:
+def tried(item: Item, seed: int, out: Path) -> None:
     """Try a case, unless an earlier run did with the same code."""
     path = out / "cases" / f"{item.case}.json"
     key = key_of(item=list(item.__dict__.values()), seed=seed, code=[code_version(m) for m in _CODE])
@@ -47,7 +47,6 @@ def tried(item: Item, seed: int, out: Path) -> int:
             result = {"status": "diverged", "says": str(error)}
         seconds = round(time.process_time() - began, 1)
         write_text(path, json.dumps({"key": key, "seconds": seconds, **result}, indent=1))
-    return 1
 
 
 def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:

@@ -14,16 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from twinbench.common.errors import BadInput
-from twinbench.common.progress import Progress
 from twinbench.common.store import check_writable, write_text
 from twinbench.common.style import svg
 from twinbench.common.versions import provenance
-from twinbench.common.workers import side_by_side
 from twinbench.mismatch.naming.decision import RULE
-from twinbench.proof.command import refusing
+from twinbench.proof.command import each, refusing
 from twinbench.proof.concealed.plan import cases
 from twinbench.proof.learning.collect import collected, roughened
 from twinbench.proof.learning.fit import learnt
@@ -74,9 +70,7 @@ def _collected(asked: argparse.Namespace) -> list[dict[str, Any]]:
     items = cases(asked.cases, seed)
     items = roughened(items, seed) if asked.rough else items
     several = {f"case {item.case}": (item, seed, out) for item in items}
-    with Progress(Console(stderr=True)) as progress, progress.stage("cases", len(items)) as going:
-        for _ in side_by_side(collected, several, progress.say, out, asked.jobs):
-            going.step(1)
+    each("cases", collected, several, out, asked.jobs)
     return [json.loads((out / f"{seed}-{item.case}.json").read_text()) for item in items]
 
 

@@ -74,7 +74,7 @@ def test_trials_that_are_there_are_not_made_again(tmp_path: Path, monkeypatch: p
     with pytest.raises(KeyboardInterrupt):
         tried(item, 1, tmp_path)
     trials = 1 + len(CONSTANTS) * len(FACTORS)
-    assert tried(item, 1, tmp_path) == trials
+    tried(item, 1, tmp_path)
     assert len(asked) == trials + 1
     assert {0.5 * settle.HOPELESS, 2.0 * settle.HOPELESS} < set(asked)
     assert {row["outcome"] for row in rows_of(item, 1, tmp_path)} == {"abstained"}
