@@ -44,18 +44,22 @@ class _Course(NamedTuple):
     says: str
 
 
-def drawn(simulator: Simulator, limits: Limits, seed: int = ENGINE_SEED) -> list[Candidate]:
+def drawn(simulator: Simulator, limits: Limits, stay: Array | None = None, seed: int = ENGINE_SEED) -> list[Candidate]:
     """As many candidates as the limits ask for, each kind in its turn; each moves one input, or all of them.
 
-    An input that does not move stays in the middle of its range.
+    Args:
+        stay: (nu,) where an input that does not move stays, in its unit, if the limits allow it: where the recordings
+            had it. The middle of its range without recordings.
     """
+    middle = 0.5 * (limits.low + limits.high)
+    still = middle if stay is None else np.clip(stay, limits.low, limits.high)
     time_s, rng = limits.time_s, np.random.default_rng(seed)
     free = np.flatnonzero((limits.high > limits.low) & (limits.rate_per_s > 0.0))
     moving = [[int(i)] for i in free] + ([[int(i) for i in free]] if len(free) > 1 else [])
     found = []
     for k in range(limits.candidates):
         kind, course = list(KINDS.items())[k % len(KINDS)]
-        u = np.tile(0.5 * (limits.low + limits.high), (len(time_s), 1))
+        u = np.tile(still, (len(time_s), 1))
         said = []
         for i in moving[(k // len(KINDS)) % len(moving)]:
             made, v = course(time_s, rng), simulator.inputs[i]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from twinbench.common.errors import BadInput
 from twinbench.mismatch.design.candidates import Candidate
@@ -27,9 +28,9 @@ from twinbench.physics.simulator import Array
 ANCHORED = 12
 """Candidates whose runs say, beside the recordings, where the discrepancy has to be described."""
 FINALISTS = 5
-"""Candidates that are simulated: so many by their expected evidence, and so many by how little they reach out."""
+"""Candidates that are simulated: so many of the likeliest to be enough, and so many of those that reach out least."""
 SURELY, CAME_TRUE = 2.0, 0.5
-"""Sds of its scatter by which evidence has to exceed what a name takes, for a candidate to count as enough; and which
+"""Sds of its scatter by which evidence has to exceed what a name takes, for a candidate to be surely enough; and which
 share of the evidence counts. Forms of a catalogue are not exact, so elsewhere the discrepancy is learnt larger: on
 concealed machines about half of what was foretold came true."""
 TIMES = (1, 2, 3, 4, 6, 8)
@@ -40,26 +41,22 @@ AS_GOOD = 0.02
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """The experiment to make next.
+class Choice:
+    """The best of candidates.
 
     Attributes:
         trial: it.
         groups: (m,) dimensionless labels of rivals, one for those that no experiment here tells apart.
         expected: what it promises, made once; None where nothing is contested.
-        times: how often it has to be made for a name with probability ``WANTED``; 0 if no number tried is enough.
-        repeated: probability of the right name if it is made so often, or as often as was tried.
-        enough_s: the shortest part of it, from its beginning on, that promises as much.
-        worth: (C,) dimensionless, nats of each candidate that can be made: the worst pair's, or what parameters gain.
+        made: all candidates that can be made.
+        worth: (C,) dimensionless, nats of each of them: the worst pair's, or what parameters gain.
         left_out: candidates that could not be made.
     """
 
     trial: Trial
     groups: np.ndarray
     expected: Expected | None
-    times: int
-    repeated: float
-    enough_s: float
+    made: tuple[Candidate, ...]
     worth: Array
     left_out: int
 
@@ -67,6 +64,21 @@ class Proposal:
     def scattered(self) -> bool:
         """Does chance move the evidence further than the experiment does? Then it settles nothing."""
         return self.expected is not None and self.expected.worst < SCATTER
+
+
+@dataclass(frozen=True)
+class Proposal(Choice):
+    """The experiment to make next.
+
+    Attributes:
+        times: how often it has to be made for a name with probability ``WANTED``; 0 if no number tried is enough.
+        repeated: probability of the right name if it is made so often, or as often as was tried.
+        enough_s: the shortest part of it, from its beginning on, that promises as much.
+    """
+
+    times: int
+    repeated: float
+    enough_s: float
 
 
 def hand_of(
@@ -105,7 +117,9 @@ class Ranked:
 
     Attributes:
         made: these.
-        worth: (C,) dimensionless, nats of each.
+        worth: (C,) dimensionless, nats of each: the closest pair's.
+        sure: (C,) bool, does enough come, by ``SURELY``, for a name of whichever rival is true?
+        chance: (C,) dimensionless probability that enough comes, by the rivals' probabilities.
         reach: (C,) dimensionless, how far each leaves what the recordings went through, in scales of its variables.
         groups: (m,) dimensionless labels of rivals, one for those that none of the candidates tells apart.
         left_out: candidates that cannot be made.
@@ -116,23 +130,37 @@ class Ranked:
     groups: np.ndarray
     made: tuple[Candidate, ...]
     worth: Array
+    sure: np.ndarray
+    chance: Array
     reach: Array
     left_out: int
 
     def finalists(self, many: int) -> list[Trial]:
-        """The best, tried once more: all of them at once would fill the memory."""
-        return self._again(range(min(many, len(self.made))))
+        """Those that are enough for a name and reach out least, and the likeliest to be, so many of each.
 
-    def near(self, many: int) -> list[Trial]:
-        """Those that are enough for a name and reach out least, tried once more."""
-        takes = np.log(CREDIBLE / (1.0 - CREDIBLE)) + float(np.ptp(self.hand.logs))
-        comes = CAME_TRUE * np.maximum(self.worth, 0.0)
-        enough = np.flatnonzero(comes - SURELY * np.sqrt(2.0 * comes) > takes)
-        return self._again(enough[np.argsort(self.reach[enough], kind="stable")][:many])
-
-    def _again(self, some: Iterable[int]) -> list[Trial]:
+        They are tried once more: all candidates at once would fill the memory.
+        """
+        sure = np.flatnonzero(self.sure)
+        near = sure[np.argsort(self.reach[sure], kind="stable")][:many]
+        some = dict.fromkeys([*near, *np.argsort(-self.chance, kind="stable")[:many]])
         again = (tried(self.made[i], self.hand, self.clock) for i in some)
         return [trial for trial in again if trial is not None]
+
+
+def enough(hand: Hand, added: Array, groups: np.ndarray) -> tuple[bool, float]:
+    """Does enough evidence come for a name of whichever rival is true? And with what probability does it?
+
+    Args:
+        added: (m, m) dimensionless, nats that a true rival (row) gains on another (column).
+        groups: (m,) dimensionless labels of rivals.
+    """
+    apart = groups[:, None] != groups
+    takes = np.log(CREDIBLE / (1.0 - CREDIBLE)) + hand.logs - hand.logs[:, None]
+    comes = CAME_TRUE * np.maximum(added, 0.0)
+    scatter = np.sqrt(2.0 * comes)
+    sure = bool((comes - SURELY * scatter > takes)[apart].all())
+    each = np.where(apart, ndtr((comes - takes) / np.maximum(scatter, np.finfo(float).eps)), 1.0)
+    return sure, float(hand.probabilities @ each.min(axis=1))
 
 
 def ranked(
@@ -162,15 +190,16 @@ def ranked(
         )
     groups = groups_of(added) if contested else np.zeros(1, dtype=int)
     values = np.array([worst(n, groups) for n in added] if contested else worth)
+    there_is = [enough(hand, n, groups) for n in added] if contested else [(False, value) for value in worth]
     order = np.argsort(-values, kind="stable")
-    left_out = len(candidates) - len(made)
-    there = np.array(reach)[order]
-    return Ranked(hand, clock, groups, tuple(made[i] for i in order), values[order], there, left_out)
+    sure, chance = (np.array(one)[order] for one in zip(*there_is, strict=True))
+    left_out, there = len(candidates) - len(made), np.array(reach)[order]
+    return Ranked(hand, clock, groups, tuple(made[i] for i in order), values[order], sure, chance, there, left_out)
 
 
-def proposed(
+def best_of(
     hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
-) -> Proposal:
+) -> Choice:
     """The best of candidates: of those that promise a name as surely, the one that reaches out least.
 
     Where the recordings were the simulator is known. The farther from there, the more of what nobody asked about shows.
@@ -178,21 +207,33 @@ def proposed(
     Raises:
         BadInput: none of them can be made.
     """
-    order = ranked(hand, candidates, clock, lambda share: progress(0.9 * share))
+    order = ranked(hand, candidates, clock, progress)
     if len(hand.rivals) < 2:
         (best,) = order.finalists(1)
-        return Proposal(
-            best, order.groups, None, 1, np.nan, float(np.ptp(best.track.time_s)), order.worth, order.left_out
-        )
-    finalists = [*order.near(FINALISTS), *order.finalists(FINALISTS)]
+        return Choice(best, order.groups, None, order.made, order.worth, order.left_out)
+    finalists = order.finalists(FINALISTS)
     looked_at = [expected(hand, trial, order.groups) for trial in finalists]
     # Chance decides between probabilities as near as this.
     least = max(e.right for e in looked_at) - AS_GOOD
     k = next(i for i, e in enumerate(looked_at) if e.right >= least)
-    times, repeated = _how_often(hand, finalists[k], looked_at[k], order.groups)
-    enough_s = _how_long(hand, finalists[k], looked_at[k], order.groups)
+    return Choice(finalists[k], order.groups, looked_at[k], order.made, order.worth, order.left_out)
+
+
+def proposed(
+    hand: Hand, candidates: Sequence[Candidate], clock: Clock, progress: Callable[[float], None] = lambda share: None
+) -> Proposal:
+    """The best of candidates, with how often it has to be made and how long.
+
+    Raises:
+        BadInput: none of them can be made.
+    """
+    best = best_of(hand, candidates, clock, lambda share: progress(0.9 * share))
+    times, repeated, enough_s = 1, np.nan, float(np.ptp(best.trial.track.time_s))
+    if best.expected is not None:
+        times, repeated = _how_often(hand, best.trial, best.expected, best.groups)
+        enough_s = _how_long(hand, best.trial, best.expected, best.groups)
     progress(1.0)
-    return Proposal(finalists[k], order.groups, looked_at[k], times, repeated, enough_s, order.worth, order.left_out)
+    return Proposal(**vars(best), times=times, repeated=repeated, enough_s=enough_s)
 
 
 def _how_often(hand: Hand, trial: Trial, once: Expected, groups: np.ndarray) -> tuple[int, float]:

@@ -47,4 +47,4 @@ def _settled(naming: Naming, chosen: Settled, found: Found, name: str) -> Settle
     there, sizes = painter.start(shown, [k], chosen.learnt.s)
     others = [e for i, e in enumerate(chosen.effects_at(there)) if i != found.place]
     effects = [*others, *shown.effects([k], sizes)]
-    return settled(chosen.bare, there[: chosen.first], effects, naming.ground, chosen.learnt.s)
+    return settled(chosen.bare, there[: chosen.first], effects, naming.ground, chosen.learnt.s, naming.far)

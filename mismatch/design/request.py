@@ -89,6 +89,9 @@ def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
         basis = _without(asked, given, limits, candidates)
     else:
         basis = _by_recordings(asked, given, limits, read_found(asked.verdict), progress)
+    if basis.recordings and not limits.runs:
+        everywhere = np.concatenate([r.values[:, : len(given.simulator.inputs)] for r in basis.recordings])
+        candidates = drawn(given.simulator, limits, np.nanmean(everywhere, axis=0))
     weighed = all(name in basis.weights for name in basis.names)
     likely = [basis.weights[n] if weighed else h.log for n, h in zip(basis.names, basis.rivals, strict=True)]
     order = np.argsort(-np.array(likely), kind="stable")

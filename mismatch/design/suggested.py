@@ -51,7 +51,7 @@ def suggested(answer: Answer, claims: Sequence[Claim]) -> Suggested | None:
         order = ranked(question.hand, question.candidates, question.clock)
     except BadInput:  # no run of them stays within the outputs' bounds
         return None
-    best = (*order.near(1), *order.finalists(1))[0]
+    best = order.finalists(1)[0]
     promised = expected(question.hand, best, order.groups)
     return Suggested(tuple(question.names), best.candidate.says, promised.right, promised.worst)
 

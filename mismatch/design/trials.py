@@ -38,6 +38,11 @@ class Shown(NamedTuple):
     means: Array
 
 
+HOLDS, RESTED = 20, 1e-3
+"""An experiment begins where its first inputs lead: they are held as often as this for as long as it lasts, or until
+nothing moves by more than this share of its scale. A machine that takes longer begins a little off its rest."""
+
+
 @dataclass(frozen=True)
 class Trial:
     """One experiment on paper.
@@ -213,10 +218,17 @@ def _rested(problem: Problem, z: Array) -> Array:
     """(nx,) where the machine is after the first inputs were held for long; where it begins, if that has no end."""
     (track,) = problem.tracks
     held = replace(track, u=np.tile(track.u[0], (len(track.u), 1)))
-    start, machine = problem.starts[0], problem.machine
-    end = replace(problem, tracks=[held]).states(0, z)[-1]
-    clocks = np.array([v.name.startswith(CLOCK) for v in machine.states])
-    return np.where(clocks, start, end) if np.isfinite(end).all() else start
+    (start,), states = problem.starts, problem.machine.states
+    clocks = np.array([v.name.startswith(CLOCK) for v in states])
+    least, now = RESTED * np.array([v.scale for v in states]), start
+    for _ in range(HOLDS):
+        end = np.where(clocks, start, replace(problem, tracks=[held], starts=[now]).states(0, z)[-1])
+        if not np.isfinite(end).all():
+            return start
+        now, before = end, now
+        if (np.abs(now - before) <= least).all():
+            break
+    return now
 
 
 def _allowed(readings: Array, hand: Hand) -> bool:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from twinbench.common.errors import BadInput
 from twinbench.mismatch.design.candidates import Candidate, drawn
-from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
+from twinbench.mismatch.design.choice import Choice, best_of, hand_of
 from twinbench.mismatch.design.clock import Clock, clock_of
 from twinbench.mismatch.design.contested import contested, rivals_at
 from twinbench.mismatch.design.hand import Hand, weighed_as
@@ -35,17 +37,18 @@ def question_of(answer: Answer, claims: Sequence[Claim], limits: Limits) -> Ques
         return None
     tracks, ground = answer.chosen.problem.tracks, answer.naming.ground
     clock = clock_of(tracks, ground.noise, limits.sampling_s, tracks[0].linear)
-    candidates = drawn(answer.chosen.problem.machine.simulator, limits)
+    stay = np.concatenate([t.u for t in tracks]).mean(axis=0)
+    candidates = drawn(answer.chosen.problem.machine.simulator, limits, stay)
     hand = weighed_as(hand_of(rivals, names, ground, candidates, clock), claim.found.weights if claim.found else {})
     return Question(names, hand, candidates, clock)
 
 
-def within(answer: Answer, claims: Sequence[Claim], limits: Limits) -> Proposal | None:
+def within(answer: Answer, claims: Sequence[Claim], limits: Limits) -> Choice | None:
     """The best experiment within limits; None where nothing is contested, or no experiment can be made."""
     question = question_of(answer, claims, limits)
     if question is None:
         return None
     try:
-        return proposed(question.hand, question.candidates, question.clock)
+        return best_of(question.hand, question.candidates, question.clock)
     except BadInput:
         return None

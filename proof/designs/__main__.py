@@ -34,7 +34,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command."""
     parser = argparse.ArgumentParser(prog="python -m twinbench.proof.designs", description=__doc__)
-    parser.add_argument("--draws", type=int, default=1000, help="machines to draw; some verdicts on them are sets")
+    parser.add_argument("--draws", type=int, default=1300, help="machines to draw; some verdicts on them are sets")
     parser.add_argument("--seed", type=int, default=1, help="of the draws")
     parser.add_argument("--jobs", type=int, default=0, help="processes; as many as there are cores if 0")
     parser.add_argument("--out", type=Path, default=ROOT / "results" / "designs", help="for cases and tables")

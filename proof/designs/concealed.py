@@ -36,8 +36,8 @@ class Concealed:
 
     Attributes:
         truth: what only the generator and the ideal observer know.
-        ordinary: (N, nu) inputs of an ordinary recording, within the limits of an experiment, in their units. No
-            engine gets it.
+        ordinary: (N, nu) inputs of an ordinary recording, within the limits of an experiment, in their units: as long a
+            part of it as an experiment, the one in which they move most. No engine gets it.
         narrow: recordings at hand, the last one held back.
         limits: of experiments.
         reach: how many times as far as in the narrow recordings they may go.
@@ -116,7 +116,7 @@ def concealed(item: Item, seed: int) -> Concealed:
     truth = replace(truth, amplitude=_scaled(truth, narrow, item.severity))
     twin = simulator_of(machine.simulator, machine.network).with_values(**machine.values)
     twin = replace(twin, calibrate=tuple(machine.calibrate), drifts=())
-    ordinary = far[0].u[: len(limits.time_s)]
+    ordinary = _liveliest(far[0].u, len(limits.time_s), high - low)
     return Concealed(twin, truth, ordinary, narrow, limits, wider / share, length_share, item.case, seed)
 
 
@@ -130,6 +130,12 @@ def _within(takes: Sequence[Take], share: float, centre: Array) -> tuple[Take, .
     low, high = learnt.min(axis=0), learnt.max(axis=0)
     shrunk = [centre + share * (np.clip(t.u, low, high) - 0.5 * (low + high)) for t in takes]
     return tuple(replace(t, u=u) for t, u in zip(takes, shrunk, strict=True))
+
+
+def _liveliest(u: Array, many: int, span: Array) -> Array:
+    """The part (many, nu) of inputs (N, nu) in which they move most, measured by their spans (nu,), in their units."""
+    starts = range(0, max(len(u) - many, 0) + 1, max(1, many // 4))
+    return max((u[k : k + many] for k in starts), key=lambda part: float((np.ptp(part, axis=0) / span).sum()))
 
 
 def _scaled(truth: Truth, takes: Sequence[Take], severity: float) -> float:

@@ -57,10 +57,10 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 def times_random(rows: pd.DataFrame) -> tuple[float, float, float]:
     """How many times as often the proposed experiment gives the right name as a random one: low, value, high.
 
-    The interval holds 95 % of what cases drawn anew give (bootstrap). NaN where a random one never does.
+    The interval holds 95 % of what machines drawn anew give (bootstrap). NaN where a random one never does.
     """
     sets = rows[rows["status"] == SET]
-    right = np.stack([sets[arm].isin(RIGHT) for arm in ARMS[:2]], axis=1).astype(float)
+    right = sets[list(ARMS[:2])].isin(RIGHT).groupby(sets["machine"]).sum().to_numpy(float)
     if not right[:, 1].any():
         return np.nan, np.nan, np.nan
     drawn = right[np.random.default_rng(BOOTSTRAP_SEED).integers(len(right), size=(RESAMPLES, len(right)))].sum(axis=1)
@@ -93,8 +93,11 @@ def as_markdown(table: pd.DataFrame, rows: pd.DataFrame) -> str:
     low, middle, high = times_random(rows)
     lines.append(
         f"\nA right name comes {middle:.2f} times as often after the proposed experiment as after a random one, 95 % "
-        f"interval {low:.2f} to {high:.2f} (bootstrap over cases)."
+        f"interval {low:.2f} to {high:.2f} (bootstrap over machines)."
     )
+    for arm in ARMS[:2]:
+        words = ", ".join(f"{word} {n}" for word, n in sets[arm].value_counts().items())
+        lines.append(f"\nOutcomes after the {arm} experiment: {words}.")
     lines.append(f"\nRight name after so many proposed experiments, in cases: {', '.join(each)}.")
     lines.append("\n" + "\n".join(halves(sets)))
     counts = rows["status"].value_counts().to_dict()

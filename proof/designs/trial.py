@@ -8,51 +8,67 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from twinbench.common.store import key_of, write_text
+import numpy as np
+
+from twinbench.common.errors import BadInput
+from twinbench.common.store import key_of, sha256_of, write_text
 from twinbench.common.versions import code_version
-from twinbench.data.recording import Recording
 from twinbench.data.scenario import stream
 from twinbench.mismatch import Verdict, diagnose
 from twinbench.mismatch.design.candidates import drawn
-from twinbench.mismatch.design.choice import Proposal
+from twinbench.mismatch.design.choice import Choice
 from twinbench.mismatch.design.contested import contested
 from twinbench.mismatch.design.within import within
+from twinbench.mismatch.naming.decision import RULE
 from twinbench.physics.simulator import Array
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.judge import claims
+from twinbench.proof.concealed.machines import machine_of
 from twinbench.proof.concealed.outcome import outcome
 from twinbench.proof.concealed.severity import Take
 from twinbench.proof.designs.concealed import Concealed, concealed
 from twinbench.proof.designs.ideal import seen, sure
 from twinbench.proof.kept import kept
+from twinbench.proof.twins import ROOT
 
 ARMS = ("proposed", "random", "repeated")
 """The proposed experiment, one of the feasible ones by chance, and the inputs of the recordings at hand once more."""
 IN_TURN = 3
 """Proposed experiments one after the other, as long as the verdict is a set."""
-RIGHT = ("name", "class")
+RIGHT, ALIKE = ("name", "class"), "alike"
+"""Outcomes in which one name stands alone, and one in which several do that nobody can tell apart."""
 SET = "set"
+FAILS = FloatingPointError, BadInput, ValueError, np.linalg.LinAlgError
+"""What is raised where a machine or its twin diverges in an experiment. Such an experiment gives no name."""
 _CODE = ("twinbench.proof.designs.trial", "twinbench.mismatch")
 
 
 def tried(item: Item, seed: int, out: Path) -> None:
     """Try a case, unless an earlier run did with the same code."""
     path = out / "cases" / f"{item.case}.json"
-    key = key_of(item=list(item.__dict__.values()), seed=seed, code=[code_version(m) for m in _CODE])
+    code = [*(code_version(m) for m in _CODE), *map(sha256_of, _files(item, seed))]
+    key = key_of(item=list(item.__dict__.values()), seed=seed, code=code)
     if kept(path, key) is None:
         began = time.process_time()
         try:
             result = _tried(item, seed)
-        except FloatingPointError as error:
-            result = {"status": "diverged", "says": str(error)}
+        except FAILS as error:
+            result = {"status": "failed", "says": str(error)}
         seconds = round(time.process_time() - began, 1)
         write_text(path, json.dumps({"key": key, "seconds": seconds, **result}, indent=1))
 
 
+def _files(item: Item, seed: int) -> list[Path]:
+    """What a case depends on beside modules: the learnt rule, and the twin's file if it has one."""
+    file = machine_of(item.machine, seed).simulator.partition(":")[0]
+    return [RULE, ROOT / file] if file.endswith(".py") else [RULE]
+
+
 def judged(truth: Mapping[str, Any], verdict: Verdict) -> str:
-    """What a verdict comes to, in a word of ``outcome``."""
+    """What a verdict comes to: a word of ``outcome``, or ``ALIKE``."""
     found = claims(verdict.to_dict())
-    return outcome(truth, [c.names for c in found], [c.ports for c in found])
+    word = outcome(truth, [c.names for c in found], [c.ports for c in found])
+    return ALIKE if word in RIGHT and any(len(c.names) > 1 for c in found) else word
 
 
 def _tried(item: Item, seed: int) -> dict[str, Any]:
@@ -72,23 +88,20 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
     if not wider.detectable:
         return {"status": "not separable", **about}
     found = within(first.diagnosis.answer, first.diagnosis.claims, c.limits)
-    if found is None:
-        return {"status": "no proposal", **about}
-    assert found.expected is not None
-    experiments = {
-        "proposed": found.trial.candidate.u,
-        "random": _by_chance(c),
-        "repeated": c.narrow[0].u[: len(c.limits.time_s)],
-    }
+    experiments = {"random": _by_chance(c, found), "repeated": c.narrow[0].u[: len(c.limits.time_s)]}
     takes = {arm: c.later(f"{arm}_1", u, c.narrow) for arm, u in experiments.items()}
-    after, rounds = _in_turn(c, told, found)
+    after, rounds = [SET], 0
+    if found is not None and found.expected is not None:
+        about["says"] = found.trial.candidate.says
+        promised = found.expected
+        about["promised"] = {"right": promised.right, "nats": promised.worst, "settles": not found.scattered}
+        takes["proposed"] = c.later("proposed_1", found.trial.candidate.u, c.narrow)
+        after, rounds = _in_turn(c, told, found)
     return {
         "status": SET,
         **about,
-        "says": found.trial.candidate.says,
-        "promised": {"right": found.expected.right, "nats": found.expected.worst, "settles": not found.scattered},
         "proposed": after[0],
-        **{arm: judged(told, _asked_after(c, [c.recorded(takes[arm])])) for arm in ARMS[1:]},
+        **{arm: _after(c, told, [takes[arm]])[0] for arm in ARMS[1:]},
         "in_turn": after,
         "experiments": rounds,
         "ideal": _ideal(c, wider.same, takes),
@@ -97,9 +110,15 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
 
 def _ideal(c: Concealed, same: Collection[str], takes: Mapping[str, Take]) -> dict[str, float]:
     """With which probability the ideal observer is sure of the right class, at hand and after each experiment."""
-    return {"at_hand": sure(c.truth, c.narrow, same)} | {
-        arm: sure(c.truth, _with(c, take), same) for arm, take in takes.items()
-    }
+    several = {"at_hand": c.narrow, **{arm: _with(c, take) for arm, take in takes.items()}}
+    return {arm: _sure(c, some, same) for arm, some in several.items()}
+
+
+def _sure(c: Concealed, takes: Sequence[Take], same: Collection[str]) -> float:
+    try:
+        return sure(c.truth, takes, same)
+    except FAILS:
+        return 0.0
 
 
 def _with(c: Concealed, take: Take) -> list[Take]:
@@ -107,36 +126,34 @@ def _with(c: Concealed, take: Take) -> list[Take]:
     return [*c.narrow[:-1], take, c.narrow[-1]]
 
 
-def _in_turn(c: Concealed, told: Mapping[str, Any], first: Proposal) -> tuple[list[str], int]:
+def _in_turn(c: Concealed, told: Mapping[str, Any], first: Choice) -> tuple[list[str], int]:
     """Outcomes after one proposed experiment, two, ...; and after how many it was the right name, 0 if never."""
-    made, takes, proposal, outcomes = list[Recording](), list(c.narrow), first, list[str]()
+    takes, choice, outcomes = list[Take](), first, list[str]()
     for k in range(1, IN_TURN + 1):
-        takes.append(c.later(f"proposed_{k}", proposal.trial.candidate.u, takes))
-        made.append(c.recorded(takes[-1]))
-        verdict = _asked_after(c, made)
-        outcomes.append(judged(told, verdict))
-        if outcomes[-1] in RIGHT:
+        takes.append(c.later(f"proposed_{k}", choice.trial.candidate.u, [*c.narrow, *takes]))
+        word, verdict = _after(c, told, takes)
+        outcomes.append(word)
+        if word in RIGHT:
             return outcomes, k
-        d = verdict.diagnosis
-        again = within(d.answer, d.claims, c.limits) if outcomes[-1] == SET else None
+        if word != SET or verdict is None:
+            break
+        again = within(verdict.diagnosis.answer, verdict.diagnosis.claims, c.limits)
         if again is None:
             break
-        proposal = again
+        choice = again
     return outcomes, 0
 
 
-def _asked_after(c: Concealed, more: Sequence[Recording]) -> Verdict:
-    """The verdict after further recordings."""
-    return diagnose(c.twin, [*c.at_hand[:-1], *more], hold_out=c.at_hand[-1:])
+def _after(c: Concealed, told: Mapping[str, Any], takes: Sequence[Take]) -> tuple[str, Verdict | None]:
+    """What the verdict after further experiments comes to."""
+    try:
+        verdict = diagnose(c.twin, [*c.at_hand[:-1], *map(c.recorded, takes)], hold_out=c.at_hand[-1:])
+    except FAILS:
+        return "failed", None
+    return judged(told, verdict), verdict
 
 
-def _by_chance(c: Concealed) -> Array:
-    """Inputs (N, nu) of a feasible experiment that nobody chose, and that the machine stands, in their units."""
-    candidates = drawn(c.twin, c.limits)
-    for k in stream(c.seed, "by chance", c.case).permutation(len(candidates)):
-        try:
-            c.recorded(c.later("trial", candidates[k].u, c.narrow))
-        except FloatingPointError:
-            continue
-        return candidates[k].u
-    raise FloatingPointError("no experiment within the limits is stood by the machine")
+def _by_chance(c: Concealed, found: Choice | None) -> Array:
+    """Inputs (N, nu) of an experiment that nobody chose, in their units: one of those that were proposed from."""
+    candidates = found.made if found is not None else drawn(c.twin, c.limits)
+    return candidates[int(stream(c.seed, "by chance", c.case).integers(len(candidates)))].u

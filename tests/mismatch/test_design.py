@@ -11,7 +11,7 @@ from scipy.signal import lsim
 
 from twinbench.mismatch.design.added import sensors
 from twinbench.mismatch.design.candidates import KINDS, Candidate, drawn
-from twinbench.mismatch.design.choice import proposed
+from twinbench.mismatch.design.choice import enough, proposed
 from twinbench.mismatch.design.clock import Clock
 from twinbench.mismatch.design.hand import Hand, at_hand
 from twinbench.mismatch.design.limits import Limits
@@ -181,3 +181,31 @@ def test_candidates_keep_their_limits_and_come_again_from_the_same_seed():
         assert one.u.max() <= 6.0
         assert np.abs(np.diff(one.u[:, 0])).max() <= 0.25 + 1e-12
         assert np.ptp(one.u) > 0.5
+
+
+def test_an_experiment_begins_at_rest_however_short_it_is():
+    short = Candidate("short", "short", TIME_S[:4], np.full((4, 1), GIVEN + 2.0))
+    trial = tried(short, hand(), CLOCK)
+    assert trial is not None
+    rests = GIVEN + 2.0 + SIZE * TAU_S, (GIVEN + 2.0) / (1.0 - SIZE * TAU_S / (GIVEN + SIZE * TAU_S))
+    for shown, rest in zip(trial.shown, rests, strict=True):
+        assert shown.means[:, 0] == pytest.approx(rest, abs=0.05)
+
+
+def test_an_input_that_does_not_move_stays_where_the_recordings_had_it():
+    two = replace(LINEAR, inputs=(*LINEAR.inputs, Variable("v", "1", 0.0, 10.0, 4.0, 1.0)))
+    limits = Limits(np.array([2.0, 2.0]), np.array([6.0, 6.0]), np.array([0.5, 0.5]), 100.0, 0.5, candidates=10)
+    for stay, expected in ((np.array([3.0, 9.0]), (3.0, 6.0)), (None, (4.0, 4.0))):
+        made = drawn(two, limits, stay)
+        still = {(i, float(one.u[0, i])) for one in made for i in range(2) if np.ptp(one.u[:, i]) == 0.0}
+        assert still == {(0, expected[0]), (1, expected[1])}
+
+
+def test_a_rival_that_is_hardly_likely_decides_little_of_what_is_enough():
+    likely = replace(hand(), logs=np.log([0.6, 0.39, 0.01]))
+    told = np.array([[0.0, 60.0, 10.0], [60.0, 0.0, 10.0], [10.0, 10.0, 0.0]])
+    sure, chance = enough(likely, told, np.arange(3))
+    assert not sure, "if it were true, ten nats would not make it likely"
+    assert chance == pytest.approx(0.96, abs=0.01)
+    assert enough(likely, 8.0 * told, np.arange(3))[0]
+    assert enough(likely, 0.0 * told, np.arange(3)) == (False, 0.0)

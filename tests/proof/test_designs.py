@@ -50,6 +50,7 @@ def test_the_ideal_observer_tells_more_with_an_ordinary_recording_within_the_lim
 def test_tables_count_right_and_wrong_names_of_sets_alone():
     rows = pd.DataFrame(
         {
+            "machine": ["motor", "motor", "two_tanks", "motor"],
             "status": ["set", "set", "set", "no set"],
             "reach": [2.0, 4.0, 8.0, ""],
             "length_share": [0.5, 0.2, 0.1, ""],
@@ -68,6 +69,7 @@ def test_tables_count_right_and_wrong_names_of_sets_alone():
     assert table.loc["repeated", ["alone", "other", "p"]].tolist() == [2, 0, 0.5]
     told = as_markdown(summary(rows), rows)
     assert "in cases: 1: 2, 2: 0, 3: 0." in told
+    assert "Outcomes after the proposed experiment: name 1, class 1, wrong 1." in told
     assert "| how far it may go: at most 4 times the recordings | 2 | 100 | 50 |" in told
     assert "| how long it may last: more than 0.2 times the recordings | 1 | 100 | 0 |" in told
     assert "Of 4 machines drawn: set 3, no set 1." in told
