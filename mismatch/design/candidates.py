@@ -11,6 +11,7 @@ from numba import njit, types
 from twinbench.data.recording import Recording
 from twinbench.mismatch.design.limits import Limits
 from twinbench.mismatch.seed import ENGINE_SEED
+from twinbench.mismatch.tracks import Track
 from twinbench.mismatch.words import number, with_unit
 from twinbench.physics.jit import VECTOR
 from twinbench.physics.simulator import Array, Simulator
@@ -69,6 +70,11 @@ def drawn(simulator: Simulator, limits: Limits, stay: Array | None = None, seed:
             said.append(f"a {kind} of {v.name} from {ends}{made.says}")
         found.append(Candidate(kind, " and ".join(said), time_s, u))
     return found
+
+
+def usual(tracks: Sequence[Track]) -> Array:
+    """(nu,) where recordings had each input, in its unit: half of the time lower, half of it higher."""
+    return np.asarray(np.median(np.concatenate([t.u for t in tracks]), axis=0))
 
 
 def of_recordings(recordings: Sequence[Recording], simulator: Simulator) -> list[Candidate]:

@@ -62,8 +62,8 @@ class Choice:
 
     @property
     def scattered(self) -> bool:
-        """Does chance move the evidence further than the experiment does? Then it settles nothing."""
-        return self.expected is not None and self.expected.worst < SCATTER
+        """Does chance move the closest pair's evidence further than any candidate does? Then none settles it."""
+        return self.expected is not None and float(self.worth[0]) < SCATTER
 
 
 @dataclass(frozen=True)
@@ -117,9 +117,10 @@ class Ranked:
 
     Attributes:
         made: these.
-        worth: (C,) dimensionless, nats of each: the closest pair's.
+        worth: (C,) dimensionless, nats of each: the closest pair's, or what parameters gain.
         sure: (C,) bool, does enough come, by ``SURELY``, for a name of whichever rival is true?
-        chance: (C,) dimensionless probability that enough comes, by the rivals' probabilities.
+        chance: (C,) dimensionless probability that enough comes, by the rivals' probabilities; ``worth`` where nothing
+            is contested.
         reach: (C,) dimensionless, how far each leaves what the recordings went through, in scales of its variables.
         groups: (m,) dimensionless labels of rivals, one for those that none of the candidates tells apart.
         left_out: candidates that cannot be made.
@@ -215,7 +216,8 @@ def best_of(
     looked_at = [expected(hand, trial, order.groups) for trial in finalists]
     # Chance decides between probabilities as near as this.
     least = max(e.right for e in looked_at) - AS_GOOD
-    k = next(i for i, e in enumerate(looked_at) if e.right >= least)
+    good = [i for i, e in enumerate(looked_at) if e.right >= least]
+    k = min(good, key=lambda i: hand.reach(finalists[i].candidate.u, finalists[i].shown[0].means))
     return Choice(finalists[k], order.groups, looked_at[k], order.made, order.worth, order.left_out)
 
 

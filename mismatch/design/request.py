@@ -12,7 +12,7 @@ import numpy as np
 from twinbench.data.recording import Recording
 from twinbench.mismatch.asked import Asked, Progress, silent
 from twinbench.mismatch.design.added import Added, sensors
-from twinbench.mismatch.design.candidates import Candidate, drawn, of_recordings
+from twinbench.mismatch.design.candidates import Candidate, drawn, of_recordings, usual
 from twinbench.mismatch.design.choice import Proposal, hand_of, proposed
 from twinbench.mismatch.design.clock import Clock, clock_of
 from twinbench.mismatch.design.found import Found, read_found, rivals_of
@@ -89,9 +89,9 @@ def design(asked: DesignRequest, progress: Progress = silent) -> Designed:
         basis = _without(asked, given, limits, candidates)
     else:
         basis = _by_recordings(asked, given, limits, read_found(asked.verdict), progress)
-    if basis.recordings and not limits.runs:
-        everywhere = np.concatenate([r.values[:, : len(given.simulator.inputs)] for r in basis.recordings])
-        candidates = drawn(given.simulator, limits, np.nanmean(everywhere, axis=0))
+    tracks = basis.rivals[0].problem.tracks
+    if tracks and not limits.runs:
+        candidates = drawn(given.simulator, limits, usual(tracks))
     weighed = all(name in basis.weights for name in basis.names)
     likely = [basis.weights[n] if weighed else h.log for n, h in zip(basis.names, basis.rivals, strict=True)]
     order = np.argsort(-np.array(likely), kind="stable")

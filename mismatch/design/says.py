@@ -48,8 +48,8 @@ def _alike(d: Designed) -> Iterator[str]:
 
 def _promises(p: Proposal) -> Iterator[str]:
     assert p.expected is not None
-    added = number(max(p.expected.worst, 0.0), 2)
-    if p.scattered:
+    added = number(max(float(p.worth[0]), 0.0), 2)
+    if p.scattered and not p.times:
         yield sentence(
             f"no experiment within these limits settles it: the best adds {added} nats for the closest pair, and "
             "chance moves them further than that"

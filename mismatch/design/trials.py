@@ -21,6 +21,11 @@ from twinbench.mismatch.sensors import SensorNoise
 from twinbench.mismatch.tracks import Track
 from twinbench.physics.simulator import Array
 
+HOLDS, RESTED, ENDLESSLY = 20, 1e-3, 0.9
+"""An experiment begins where its first inputs lead: they are held as often as this for as long as it lasts, or until
+nothing moves by more than this share of its scale. A machine that takes longer begins a little off its rest. One that
+in the end moves by this share of what it moved at first has none, as an angle that turns on."""
+
 
 class Shown(NamedTuple):
     """What an experiment shows under one rival.
@@ -36,11 +41,6 @@ class Shown(NamedTuple):
     alone: np.ndarray
     white: Array
     means: Array
-
-
-HOLDS, RESTED = 20, 1e-3
-"""An experiment begins where its first inputs lead: they are held as often as this for as long as it lasts, or until
-nothing moves by more than this share of its scale. A machine that takes longer begins a little off its rest."""
 
 
 @dataclass(frozen=True)
@@ -220,15 +220,16 @@ def _rested(problem: Problem, z: Array) -> Array:
     held = replace(track, u=np.tile(track.u[0], (len(track.u), 1)))
     (start,), states = problem.starts, problem.machine.states
     clocks = np.array([v.name.startswith(CLOCK) for v in states])
-    least, now = RESTED * np.array([v.scale for v in states]), start
+    scales, now, moves = np.array([v.scale for v in states]), start, list[float]()
     for _ in range(HOLDS):
         end = np.where(clocks, start, replace(problem, tracks=[held], starts=[now]).states(0, z)[-1])
         if not np.isfinite(end).all():
             return start
-        now, before = end, now
-        if (np.abs(now - before) <= least).all():
-            break
-    return now
+        moves.append(float((np.abs(end - now) / scales).max()))
+        now = end
+        if moves[-1] <= RESTED:
+            return now
+    return now if moves[-1] < ENDLESSLY * moves[0] else start
 
 
 def _allowed(readings: Array, hand: Hand) -> bool:

@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from twinbench.common.errors import BadInput
-from twinbench.mismatch.design.candidates import Candidate, drawn
+from twinbench.mismatch.design.candidates import Candidate, drawn, usual
 from twinbench.mismatch.design.choice import Choice, best_of, hand_of
 from twinbench.mismatch.design.clock import Clock, clock_of
 from twinbench.mismatch.design.contested import contested, rivals_at
@@ -37,8 +35,7 @@ def question_of(answer: Answer, claims: Sequence[Claim], limits: Limits) -> Ques
         return None
     tracks, ground = answer.chosen.problem.tracks, answer.naming.ground
     clock = clock_of(tracks, ground.noise, limits.sampling_s, tracks[0].linear)
-    stay = np.concatenate([t.u for t in tracks]).mean(axis=0)
-    candidates = drawn(answer.chosen.problem.machine.simulator, limits, stay)
+    candidates = drawn(answer.chosen.problem.machine.simulator, limits, usual(tracks))
     hand = weighed_as(hand_of(rivals, names, ground, candidates, clock), claim.found.weights if claim.found else {})
     return Question(names, hand, candidates, clock)
 

@@ -1,9 +1,9 @@
-"""Does the proposed experiment settle a set? ``python -m twinbench.proof.designs --draws 1000 --seed 1`` tries it.
+"""Does the proposed experiment settle a set? ``python -m twinbench.proof.designs --draws 1300 --seed 1`` tries it.
 
 Concealed machines with one effect are recorded too narrowly. Where the verdict is a set that holds the right name, and
-the ideal observer could tell it by an ordinary recording within the limits, three experiments are made on the machine,
-each by itself: the proposed one, a feasible one by chance, and the old inputs once more. The engine is asked again
-after each, and so is the ideal observer. The same command goes on where it stopped.
+the ideal observer could tell it by an ordinary recording within the limits, up to three experiments are made on the
+machine, each by itself: the proposed one, one by chance of those that it was chosen from, and the old inputs once more.
+The engine is asked again after each, and so is the ideal observer. The same command goes on where it stopped.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def concealed(item: Item, seed: int) -> Concealed:
     truth = replace(truth, amplitude=_scaled(truth, narrow, item.severity))
     twin = simulator_of(machine.simulator, machine.network).with_values(**machine.values)
     twin = replace(twin, calibrate=tuple(machine.calibrate), drifts=())
-    ordinary = _liveliest(far[0].u, len(limits.time_s), high - low)
+    ordinary = liveliest(far[0].u, len(limits.time_s), high - low)
     return Concealed(twin, truth, ordinary, narrow, limits, wider / share, length_share, item.case, seed)
 
 
@@ -132,10 +132,13 @@ def _within(takes: Sequence[Take], share: float, centre: Array) -> tuple[Take, .
     return tuple(replace(t, u=u) for t, u in zip(takes, shrunk, strict=True))
 
 
-def _liveliest(u: Array, many: int, span: Array) -> Array:
+def liveliest(u: Array, many: int, span: Array) -> Array:
     """The part (many, nu) of inputs (N, nu) in which they move most, measured by their spans (nu,), in their units."""
     starts = range(0, max(len(u) - many, 0) + 1, max(1, many // 4))
-    return max((u[k : k + many] for k in starts), key=lambda part: float((np.ptp(part, axis=0) / span).sum()))
+    return max(
+        (u[k : k + many] for k in starts),
+        key=lambda part: float((np.ptp(part, axis=0) / np.maximum(span, np.finfo(float).eps)).sum()),
+    )
 
 
 def _scaled(truth: Truth, takes: Sequence[Take], severity: float) -> float:

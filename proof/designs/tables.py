@@ -35,6 +35,7 @@ def rows_of(item: Item, out: Path) -> dict[str, Any]:
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """For each arm: cases, rates of the right name and of a wrong one with their 95 % intervals (Wilson).
 
+    A right name is one that stands alone: several that nobody can tell apart are ``ALIKE``, which is neither.
     ``ideal`` is how often the ideal observer is sure of the right class. ``alone`` counts cases in which the proposed
     experiment gave the right name and this arm did not, ``other`` those the other way round, ``p`` is McNemar's exact
     test of the two.

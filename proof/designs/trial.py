@@ -8,9 +8,6 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from twinbench.common.errors import BadInput
 from twinbench.common.store import key_of, sha256_of, write_text
 from twinbench.common.versions import code_version
 from twinbench.data.scenario import stream
@@ -38,8 +35,9 @@ IN_TURN = 3
 RIGHT, ALIKE = ("name", "class"), "alike"
 """Outcomes in which one name stands alone, and one in which several do that nobody can tell apart."""
 SET = "set"
-FAILS = FloatingPointError, BadInput, ValueError, np.linalg.LinAlgError
-"""What is raised where a machine or its twin diverges in an experiment. Such an experiment gives no name."""
+FAILS = FloatingPointError, ValueError
+"""What is raised where a machine or its twin diverges in an experiment; ``BadInput`` and NumPy's ``LinAlgError`` are
+among them. Such an experiment gives no name."""
 _CODE = ("twinbench.proof.designs.trial", "twinbench.mismatch")
 
 
@@ -53,7 +51,7 @@ def tried(item: Item, seed: int, out: Path) -> None:
         try:
             result = _tried(item, seed)
         except FAILS as error:
-            result = {"status": "failed", "says": str(error)}
+            result = {"status": "failed", "says": repr(error)}
         seconds = round(time.process_time() - began, 1)
         write_text(path, json.dumps({"key": key, "seconds": seconds, **result}, indent=1))
 
@@ -87,7 +85,7 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
         return {"status": "another set", **about}
     if not wider.detectable:
         return {"status": "not separable", **about}
-    found = within(first.diagnosis.answer, first.diagnosis.claims, c.limits)
+    found = _proposed(c, first)
     experiments = {"random": _by_chance(c, found), "repeated": c.narrow[0].u[: len(c.limits.time_s)]}
     takes = {arm: c.later(f"{arm}_1", u, c.narrow) for arm, u in experiments.items()}
     after, rounds = [SET], 0
@@ -108,9 +106,21 @@ def _tried(item: Item, seed: int) -> dict[str, Any]:
     }
 
 
+def _proposed(c: Concealed, verdict: Verdict) -> Choice | None:
+    """The experiment to make next; None where there is none, or it cannot be worked out."""
+    try:
+        return within(verdict.diagnosis.answer, verdict.diagnosis.claims, c.limits)
+    except FAILS:
+        return None
+
+
 def _ideal(c: Concealed, same: Collection[str], takes: Mapping[str, Take]) -> dict[str, float]:
-    """With which probability the ideal observer is sure of the right class, at hand and after each experiment."""
-    several = {"at_hand": c.narrow, **{arm: _with(c, take) for arm, take in takes.items()}}
+    """With which probability the ideal observer is sure of the right class, at hand and after each experiment.
+
+    Where none was proposed it is as at hand.
+    """
+    several: dict[str, Sequence[Take]] = dict.fromkeys(("at_hand", *ARMS), c.narrow)
+    several |= {arm: _with(c, take) for arm, take in takes.items()}
     return {arm: _sure(c, some, same) for arm, some in several.items()}
 
 
@@ -137,7 +147,7 @@ def _in_turn(c: Concealed, told: Mapping[str, Any], first: Choice) -> tuple[list
             return outcomes, k
         if word != SET or verdict is None:
             break
-        again = within(verdict.diagnosis.answer, verdict.diagnosis.claims, c.limits)
+        again = _proposed(c, verdict)
         if again is None:
             break
         choice = again

@@ -92,7 +92,11 @@ def _size(yardstick: Yardstick, effect: str) -> float:
 
 
 def write(drawn: Drawn, out: Path) -> None:
-    """A folder of recordings for each machine."""
+    """A folder of recordings for each machine.
+
+    Raises:
+        FloatingPointError: a machine diverges.
+    """
     for name, one in drawn.machines.items():
         folder = out / name
         folder.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,10 +11,10 @@ import pytest
 from twinbench.proof.concealed.generate import Item
 from twinbench.proof.designs import plan
 from twinbench.proof.designs.__main__ import main
-from twinbench.proof.designs.concealed import concealed
+from twinbench.proof.designs.concealed import concealed, liveliest
 from twinbench.proof.designs.ideal import sure
 from twinbench.proof.designs.tables import as_markdown, summary
-from twinbench.proof.designs.trial import ARMS
+from twinbench.proof.designs.trial import ALIKE, ARMS, judged
 
 
 def test_items_visit_every_machine_and_each_goes_through_its_effects(monkeypatch: pytest.MonkeyPatch):
@@ -78,3 +80,18 @@ def test_tables_count_right_and_wrong_names_of_sets_alone():
 def test_no_draws_are_refused(capsys: pytest.CaptureFixture[str]):
     assert main(["--draws", "0"]) == 2
     assert "--draws is 0, must be at least 1" in capsys.readouterr().err
+
+
+def test_a_set_of_what_nobody_tells_apart_is_no_single_name():
+    truth = {"cell": "mechanism", "effects": [{"name": "a", "ports": ["p"], "class": ["a", "b"]}]}
+
+    def said(*names: str) -> str:
+        finding = {"mechanism": names[0], "indistinguishable_from": list(names[1:]), "port": "p"}
+        return judged(truth, SimpleNamespace(to_dict=lambda: {"findings": [finding]}))
+
+    assert [said("a"), said("b"), said("a", "b"), said("a", "c"), said("c")] == ["name", "class", ALIKE, "set", "wrong"]
+
+
+def test_an_ordinary_recording_is_cut_where_its_inputs_move_most():
+    u = np.stack([np.where(np.arange(40) < 30, 0.0, 1.0), np.full(40, 2.0)], axis=1)
+    assert np.ptp(liveliest(u, 10, np.array([1.0, 0.0]))[:, 0]) == 1.0
