@@ -133,7 +133,12 @@ def _within(takes: Sequence[Take], share: float, centre: Array) -> tuple[Take, .
 
 
 def liveliest(u: Array, many: int, span: Array) -> Array:
-    """The part (many, nu) of inputs (N, nu) in which they move most, measured by their spans (nu,), in their units."""
+    """The part (many, nu) of inputs in which they move most.
+
+    Args:
+        u: (N, nu) these, in their units.
+        span: (nu,) how far each moves in all, in its unit.
+    """
     starts = range(0, max(len(u) - many, 0) + 1, max(1, many // 4))
     return max(
         (u[k : k + many] for k in starts),
