@@ -50,8 +50,8 @@ OWN_FORM = (
     "form an update takes {times} µs."
 )
 CALLED = (
-    "Of {names} a form with nothing left in Python was timed. All others are called from Python at every tick. In that "
-    "form an update of {proposed} takes {time} µs."
+    "Of {names} a form with nothing left in Python was timed. All others are called from Python at every tick, as "
+    "{proposed} can be: then an update of it takes {time} µs."
 )
 FORM_OF = {"numba_ekf": "nominal_ekf", "numba_ukf": "nominal_ukf"}
 """Filters that latency times beside the estimators, and whose quickest form they are: the same model and filter, with
