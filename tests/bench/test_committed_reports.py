@@ -48,7 +48,9 @@ def copied(name: str, folder: Path) -> Path:
     return Path(shutil.copytree(RESULTS / name, folder / name, ignore=ignored))
 
 
-@pytest.mark.parametrize("name", ["paper", "motor", pytest.param("two_tanks", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "name", ["paper", *(pytest.param(name, marks=pytest.mark.slow) for name in ("motor", "two_tanks"))]
+)
 def test_a_report_made_anew_says_what_is_committed(name, tmp_path, monkeypatch):
     run_here(monkeypatch)
     out = copied(name, tmp_path)

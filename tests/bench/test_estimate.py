@@ -277,7 +277,9 @@ def test_of_two_recordings_the_usable_one_is_written(trained, tmp_path, capsys):
     assert {p.name for p in listing(tmp_path / "out")} == {name.replace("mine", "good") for name in ALL}
 
 
-@pytest.mark.parametrize("every", [4, 20, 40])
+@pytest.mark.parametrize(
+    "every", [pytest.param(4, marks=pytest.mark.slow), 20, pytest.param(40, marks=pytest.mark.slow)]
+)
 def test_an_estimate_survives_seldom_readings_because_inputs_are_joined(trained, estimate, sound, every):
     _, whole, _ = sound(3)
     status, said, _ = estimate(trained.tables[3][::every])

@@ -174,7 +174,7 @@ def contents(case: Case) -> dict[str, bytes]:
     return {str(p.relative_to(case.folder)): p.read_bytes() for p in case.folder.rglob("*") if p.is_file()}
 
 
-@pytest.mark.parametrize("command", WAYS)
+@pytest.mark.parametrize("command", [pytest.param(c, marks=[pytest.mark.slow] * (c != "mismatch")) for c in WAYS])
 def test_every_mutator_makes_its_case_and_the_same_one_again(tmp_path, world, command):
     for index in range(len(WAYS[command])):
         first, again = (make(command, index, 1, tmp_path / f"{k}-{index}", world) for k in "ab")

@@ -36,7 +36,12 @@ def rates(x: np.ndarray, u: np.ndarray, theta: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(
     scope="module",
-    params=[(2, "ModelExchange"), (3, "ModelExchange"), (2, "CoSimulation"), (3, "CoSimulation")],
+    params=[
+        (2, "ModelExchange"),
+        (3, "CoSimulation"),
+        pytest.param((3, "ModelExchange"), marks=pytest.mark.slow),
+        pytest.param((2, "CoSimulation"), marks=pytest.mark.slow),
+    ],
     ids=str,
 )
 def file(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -37,8 +37,10 @@ SEED = 41
 DRAWN = range(20)
 SAMPLES = 600
 EACH_DOMAIN = range(4, 8)
-OF_DRAWN = pytest.mark.parametrize("number", [pytest.param(n, marks=[pytest.mark.slow] * (n > 7)) for n in DRAWN])
-"""Two of each domain; the others by ``make test-slow``, as each has to be compiled."""
+OF_DRAWN = pytest.mark.parametrize(
+    "number", [pytest.param(n, marks=[pytest.mark.slow] * (n not in EACH_DOMAIN)) for n in DRAWN]
+)
+"""One of each domain; the others by ``make test-slow``, as each has to be compiled."""
 
 
 def simulator(machine: Machine) -> Simulator:

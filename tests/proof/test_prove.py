@@ -51,7 +51,10 @@ def dry() -> Case:
 # Drawing.
 
 
-@pytest.mark.parametrize("cell", ["clean", "mechanism", "foreign"])
+@pytest.mark.parametrize(
+    "cell",
+    [pytest.param("clean", marks=pytest.mark.slow), "mechanism", pytest.param("foreign", marks=pytest.mark.slow)],
+)
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(cell: str, dry: Case, tmp_path: Path) -> None:
     effects = {"clean": (), "mechanism": (COULOMB,), "foreign": ("saturating_iron",)}[cell]
     first = dry if cell == "mechanism" else quick(cell, *effects)
@@ -64,7 +67,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(cell: str, d
     assert all(a != c for a, c in zip(bytes_of["a"], bytes_of["c"], strict=True))
 
 
-@pytest.mark.parametrize("machine", sorted(MACHINES))
+@pytest.mark.parametrize(
+    "machine", [pytest.param(m, marks=[pytest.mark.slow] * (m != "motor")) for m in sorted(MACHINES)]
+)
 def test_recordings_hold_sensor_columns_alone_and_the_case_nothing_of_the_truth(machine: str, tmp_path: Path) -> None:
     m = MACHINES[machine]
     case = quick("mechanism", m.effects[0].name, machine=machine)
