@@ -64,9 +64,10 @@ clean:
 	$(PIP) -e '.[export]'
 	@touch $@
 
-# Byte code is made on all cores: pip makes it on one. What packages hold in the syntax of another Python has none.
+# Byte code is made on all cores: pip makes it on one. Tests of packages get none, nor what is in the syntax of another
+# Python.
 .venv/.ready-dev: .venv/bin/python pyproject.toml constraints.txt
 	@echo "Setting up .venv (some minutes, once)"
 	$(PIP) -e '.[dev]'
-	@$(BIN)/python -W ignore -m compileall -qq -j 0 .venv/lib || true
+	@$(BIN)/python -W ignore -m compileall -qq -j 0 -x '/tests/' .venv/lib || true
 	@touch .venv/.ready $@
