@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twinbench.common.store import reading
+from twinbench.machines.coordinates import Array
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Estimates:
         nis_dof: (B, M) int8, dimensionless: accepted channels.
         flags: (B, M) int16, dimensionless: bitwise or of the FLAG_ constants.
         forecast_time_s: (O,) seconds, origins, one a minute.
-        leads_s: (L,) seconds.
+        leads_s: (L,) seconds, as asked: ``ticks_ahead`` says which ticks were foretold.
         forecast: (B, O, L, ny) in the channels' units: the sensors' noise-free readings predicted open
             loop.
         mean_at_origin: (B, O, n) float64, in the quantities' units, the machine's states, then its health.
@@ -102,3 +103,13 @@ class Estimates:
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, must have {shape}")
+
+
+def ticks_ahead(leads_s: Array, period_s: float) -> np.ndarray:
+    """How many ticks after its origin each forecast is for: at least one, where a tick lasts longer than the lead.
+
+    Args:
+        leads_s: (L,) seconds, or a single one.
+        period_s: from tick to tick.
+    """
+    return np.maximum(np.round(leads_s / period_s).astype(int), 1)

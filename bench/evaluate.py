@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twinbench.bench.estimates import Estimates
+from twinbench.bench.estimates import Estimates, ticks_ahead
 from twinbench.bench.profile import Evaluation
 from twinbench.data.batch import Array, Batch
 from twinbench.machines.machine import Machine
@@ -33,7 +33,7 @@ def run(estimator: Estimator, batch: Batch, evaluation: Evaluation, seed: int) -
     B, N = batch.measured.shape[:2]
     machine, period_s = batch.machine, batch.machine.sample_period_s
     stored = np.arange(0, N, evaluation.stride)
-    leads = np.round(np.array(evaluation.leads_s) / period_s).astype(int)
+    leads = ticks_ahead(np.array(evaluation.leads_s), period_s)
     every = round(min(evaluation.origin_every_s / period_s, N))
     origins = _origins(N, every, int(leads.max()))
     inputs = fill_gaps(batch.measured[..., : len(machine.inputs)])

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from twinbench.bench.estimates import Estimates
+from twinbench.bench.estimates import Estimates, ticks_ahead
 from twinbench.bench.statistics.aligned import truth_at
 from twinbench.bench.statistics.censored import CENSORED
 from twinbench.bench.statistics.coverage import inside, nees, nis_scores
@@ -150,7 +150,7 @@ def _state_scores(machine: Machine, estimates: Estimates, at: Truth) -> dict[str
 
 def _open_loop_scores(estimates: Estimates, truth: Batch, first_s: float) -> dict[str, Array]:
     assert truth.truth is not None
-    readings = truth.machine.readings
+    readings, period_s = truth.machine.readings, truth.machine.sample_period_s
     rows = [truth.names.index(name) for name in estimates.names]
     base = truth.truth.outputs[rows][:, truth.time_s >= first_s].mean(axis=1) - np.array([r.zero for r in readings])
     sizes = np.array([abs(r.gain) * r.size for r in readings])
@@ -158,7 +158,7 @@ def _open_loop_scores(estimates: Estimates, truth: Batch, first_s: float) -> dic
     leads = [float(lead) for lead in estimates.leads_s]
     scores: dict[str, Array] = {}
     for lead in LEADS_S:
-        target_s = estimates.forecast_time_s + lead
+        target_s = estimates.forecast_time_s + period_s * ticks_ahead(np.array(lead), period_s)
         known = target_s <= truth.time_s[-1] + 1e-9
         percent = np.full(base.shape, np.nan)
         if known.any() and float(lead) in leads:

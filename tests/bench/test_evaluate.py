@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from twinbench.bench.evaluate import fill_gaps, run
 from twinbench.bench.profile import Evaluation
 from twinbench.data.batch import Batch, Truth
-from twinbench.machines.compressor import CHANNELS, SAMPLE_PERIOD_S
+from twinbench.machines.compressor import CHANNELS, COMPRESSOR, SAMPLE_PERIOD_S
 from twinbench.methods.estimator import Estimator, gaussian_state, no_info
 
 TICKS = 401
@@ -67,6 +67,16 @@ def test_a_recording_shorter_than_the_lead_has_no_forecast() -> None:
     estimates = run(Clock(), recordings(), replace(EVALUATION, leads_s=(60.0,)), seed=0)
     assert estimates.forecast.shape == (2, 0, 1, 3)
     assert estimates.cov_at_origin.shape == (2, 0, 10, 10)
+
+
+def test_a_lead_shorter_than_a_tick_is_one_tick() -> None:
+    slow, many = replace(COMPRESSOR, sample_period_s=4.0), recordings()
+    batch = replace(many, time_s=4.0 * np.arange(TICKS), measured=80.0 * many.measured, machine=slow)
+    estimates = run(Clock(), batch, Evaluation(stride=3, origin_every_s=200.0, leads_s=(1.0, 10.0, 60.0)), seed=0)
+    expected = estimates.forecast_time_s[:, None] + [4.0, 8.0, 60.0]
+    np.testing.assert_allclose(estimates.forecast[1, :, :, 0], expected)
+    alone = run(Clock(), batch, Evaluation(stride=3, origin_every_s=1e9, leads_s=(1.0,)), seed=0)
+    assert alone.forecast.shape == (2, 0, 1, 3)
 
 
 def test_truth_is_refused() -> None:
