@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twinbench.bench.estimates import Estimates
+from twinbench.bench.estimates import Estimates, ticks_ahead
 from twinbench.bench.evaluate import run as evaluate
 from twinbench.bench.profile import Evaluation
 from twinbench.bench.statistics.aligned import truth_at
@@ -82,7 +82,7 @@ def from_truth(estimates: Estimates, batch: Batch, sloped: bool) -> Estimates:
     """
     assert batch.truth is not None
     machine, period_s = batch.machine, batch.machine.sample_period_s
-    ahead, back = (round(s / period_s) for s in (estimates.leads_s[-1], TRUE_OVER_S))
+    ahead, back = int(ticks_ahead(estimates.leads_s[-1], period_s)), round(TRUE_OVER_S / period_s)
     rows = [batch.names.index(name) for name in estimates.names]
     forecast = estimates.forecast.copy()
     for o, origin in enumerate(np.searchsorted(batch.time_s, estimates.forecast_time_s - 0.5 * period_s)):

@@ -160,6 +160,23 @@ def test_open_loop_errors_belong_to_their_lead_and_output(lead):
     np.testing.assert_allclose(table[[f"p_open{other}_pct" for other in (1, 10, 60) if other != lead]], 0.0, atol=1e-9)
 
 
+def test_a_lead_shorter_than_a_tick_is_judged_at_the_next_tick():
+    period_s, estimates = 4.0, perfect()
+    slow = replace(TRUTH, time_s=period_s * np.arange(N), machine=replace(COMPRESSOR, sample_period_s=period_s))
+    origins = np.rint(estimates.forecast_time_s / SAMPLE_PERIOD_S).astype(int)
+    rows = origins[:, None] + [1, 2, 15]  # 4, 8 and 60 s
+    late = replace(
+        estimates,
+        time_s=slow.time_s[::STRIDE],
+        forecast_time_s=slow.time_s[origins],
+        forecast=TRUTH.truth.outputs[:, rows],
+    )
+    table = score(late, slow)
+    kept = table[table["metric"].isin([f"{key}_open{lead}_pct" for key in "pTm" for lead in (1, 10, 60)])]
+    assert len(kept) == 18
+    np.testing.assert_allclose(kept["value"].astype(float), 0.0, atol=1e-9)
+
+
 def test_a_forecast_past_the_end_is_not_judged_but_a_missing_one_is():
     estimates = perfect()
     # 60 s after the origin at 600 s nothing is known.

@@ -21,8 +21,8 @@ def twin() -> DeepONetKalman:
 
 def test_a_sound_twin_stays_sound_and_a_broken_one_is_told(twin):
     recordings = small_batch(2).measured
-    found = run(twin, recordings, 20_000, seed=1)
-    assert found["updates"] == 20_000
+    found = run(twin, recordings, 60_000, seed=1)
+    assert found["updates"] == 60_000
     assert found["unsound_updates"] == 0
     assert found["least_eigenvalue_of_correlation"] > 0.0
     twin.twin["filter"]["Q"][0, 3, 3] = -1.0

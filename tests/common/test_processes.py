@@ -100,7 +100,6 @@ def said(run: Run) -> list[str]:
     return [line for line in lines[begins + 1 :] if not re.match(r"(simulate|train): ", line)]
 
 
-@pytest.mark.slow
 def test_sigterm_takes_the_workers_along(run: Run) -> None:
     run.workers()
     os.kill(run.process.pid, signal.SIGTERM)

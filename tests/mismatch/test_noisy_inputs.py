@@ -110,7 +110,6 @@ def test_noise_that_is_told_is_taken_as_told():
     assert (found.name, found.sd) == ("voltage_V", 2.5)
 
 
-@pytest.mark.slow
 def test_noise_that_is_told_widens_what_is_said_of_the_parameters():
     """Also where the record shows none that could be taken off."""
     many = [record(f"run_{k}", k, seconds=60.0) for k in range(3)]

@@ -65,7 +65,6 @@ def test_a_shaken_machine_is_said_to_be_shaken_with_its_period():
     assert period == pytest.approx(PERIOD_S, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_a_force_that_leaves_its_period_in_the_readings_acts_elsewhere():
     runs = shaken_runs(4.0)
     verdict = diagnosed(MOTOR, runs[:2], runs[2:], [m for m in LISTED if m.name != "periodic@omega_rad_s"])

@@ -59,12 +59,15 @@ def offered() -> list[tuple[str, int]]:
     return [(p.parent.name, int(p.stem[3:])) for p in sorted(SOURCES.glob("*/FMI[23].xml"))]
 
 
-def of_one_version(models: Collection[str]) -> list[Any]:
-    """Those models in both versions, slow in the older one."""
+TAKEN = {model for model, _ in offered()} - set(REFUSED)
+
+
+def in_both_versions(models: Collection[str]) -> list[Any]:
+    """Those models by both versions of the standard. The older one is slow."""
     return [pytest.param(*m, marks=[pytest.mark.slow] * (m[1] == 2)) for m in offered() if m[0] in models]
 
 
-@pytest.mark.parametrize(("model", "version"), of_one_version(REFUSED))
+@pytest.mark.parametrize(("model", "version"), in_both_versions(REFUSED))
 def test_what_cannot_be_examined_is_refused_with_the_reason(model: str, version: int, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=REFUSED[model]):
         simulator_of(built(model, version, tmp_path))
@@ -82,7 +85,7 @@ EQUATIONS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("model", "version"), of_one_version({m for m, _ in offered()} - set(REFUSED)))
+@pytest.mark.parametrize(("model", "version"), in_both_versions(TAKEN))
 def test_trajectories_are_those_of_the_equations(model: str, version: int, tmp_path: Path) -> None:
     found = simulator_of(built(model, version, tmp_path))
     theta, start = found.theta(), np.array([s.nominal for s in found.states])
@@ -94,7 +97,7 @@ def test_trajectories_are_those_of_the_equations(model: str, version: int, tmp_p
     np.testing.assert_allclose(x[0], exact.y.T, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize(("model", "version"), of_one_version({m for m, _ in offered()} - set(REFUSED)))
+@pytest.mark.parametrize(("model", "version"), in_both_versions(TAKEN))
 def test_one_for_co_simulation_that_tells_its_rates_is_the_same_simulator(
     model: str, version: int, tmp_path: Path
 ) -> None:
@@ -109,7 +112,7 @@ def test_one_for_co_simulation_that_tells_its_rates_is_the_same_simulator(
         np.testing.assert_array_equal(co.output(x, u, theta), exchange.output(x, u, theta))
 
 
-@pytest.mark.parametrize(("model", "version"), of_one_version(STEPPED))
+@pytest.mark.parametrize(("model", "version"), in_both_versions(STEPPED))
 def test_one_that_can_only_be_stepped_goes_where_its_authors_say(model: str, version: int, tmp_path: Path) -> None:
     found = simulator_of(mute(built(model, version, tmp_path, but="ModelExchange")))
     assert found.rhs is None

@@ -78,7 +78,6 @@ def test_the_quadratic_drag_of_a_fan_is_named():
     assert paper.answers[0].ours == "quadratic_friction@omega_in_rad_s"
 
 
-@pytest.mark.slow
 def test_a_hatch_that_the_catalogue_lacks_leaves_a_pressure_unexplained():
     paper = causal_chambers.sit(Asked(only=("impedance, our catalogue alone",)), quiet)
     assert [answer.right for answer in paper.answers] == [True]

@@ -67,7 +67,6 @@ def test_an_odd_machine_has_its_own_effect_at_the_severity(drawn: Drawn) -> None
     assert min(yardstick.measure(yardstick.with_parameters(moved))) == pytest.approx(SEVERITY, rel=0.05)
 
 
-@pytest.mark.slow
 def test_the_observer_tells_what_is_there_and_needs_a_size_for_it(drawn: Drawn) -> None:
     seen = observed(drawn)
     assert seen.names
