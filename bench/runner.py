@@ -262,18 +262,23 @@ def _true_start(store: Store, cell: Cell) -> pd.DataFrame:
     return table.assign(estimator=TRUE_START, seed=cell.seed)
 
 
+def who(todo: list[Cell]) -> str:
+    """Names of the estimators that cells are of; of ablations their number beside whole methods, else their names."""
+    names = {c.estimator for c in todo}
+    parts = {name for name in names if is_ablation(name)}
+    several = f", and {len(parts)} ablation{'' if len(parts) == 1 else 's'}" if parts < names and parts else ""
+    return names_of(map(label, ordered(names - parts or parts))) + several
+
+
 def _say_plan(console: Console, profile: Profile, todo: list[Cell], store: Store, out: Path, before: Earlier) -> None:
     """What is about to happen, for whoever just pressed Enter."""
     data = profile.data
-    names = ordered({c.estimator for c in todo if not is_ablation(c.estimator)})
-    parts = len({c.estimator for c in todo}) - len(names)
     done = sum(store.has("estimate", c.estimates) for c in todo)
     others = before.others({c.estimator for c in todo})
     beside = ordered(name for name in others if not is_ablation(name))
     console.print(
-        f"profile {profile.name}: {names_of(map(label, names))}"
-        + (f", and {parts} ablations" if parts else "")
-        + f"\nseeds {', '.join(map(str, profile.seeds))}\n"
+        f"profile {profile.name}: {who(todo)}"
+        f"\nseeds {', '.join(map(str, profile.seeds))}\n"
         f"trained on {data.n_train} simulated recordings of {data.minutes:g} min, tuned on {data.n_validation}, "
         f"calibrated on {data.n_calibration}, "
         f"tested on {data.n_test + data.n_single} others\n{foretold(todo, profile, store, out)}\n"

@@ -17,7 +17,7 @@ from twinbench.bench.cells import make_cell
 from twinbench.bench.cost import foretold
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
-from twinbench.bench.runner import plan
+from twinbench.bench.runner import plan, who
 from twinbench.bench.statistics.scores import METRICS
 from twinbench.common.store import Store
 from twinbench.common.versions import code_version
@@ -229,6 +229,18 @@ def test_what_each_part_cost_is_kept_with_it_and_told_by_every_later_run(
         file.unlink()
     assert twinbench(*run_arguments(inputs[0], out, inputs[1])) == 0
     assert cost()["cpu_s"].isna().all()
+
+
+def test_a_run_says_whom_it_runs_ablations_alone_too() -> None:
+    whole, first, second = "deeponet_kalman", "deeponet_kalman:window_16", "deeponet_kalman:no_gate"
+
+    def said(*names: str) -> str:
+        return who(plan(load_profile("first_seed"), names))
+
+    assert said(whole, "last_value", first, second) == "Last value held and DeepONet-Kalman, and 2 ablations"
+    assert said(whole, first) == "DeepONet-Kalman, and 1 ablation"
+    assert said(first, second) == f"{second} and {first}"
+    assert said(whole) == "DeepONet-Kalman"
 
 
 def test_a_run_says_before_it_starts_what_is_left_and_what_it_will_cost(

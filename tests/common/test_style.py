@@ -83,3 +83,12 @@ def test_every_estimators_line_has_its_marker():
         }
         assert len(seen) >= len(LEVELS) - 1
         assert all(marker not in ("", "None", None) for _, marker in seen)
+
+
+@pytest.mark.parametrize("alone", [("last_value",), ("training_mean", "last_value")])
+def test_rows_that_cost_nothing_are_drawn_where_nobody_else_was_run(alone):
+    truth = make_truth(5, 200)
+    evidence = gather((make_estimates(truth, name, 0, 1.0) for name in alone), truth, {})
+    assert evidence.trajectory is not None
+    axes = state_trajectories(evidence.trajectory).axes
+    assert any(line.get_color() == looks(alone[:1])[alone[0]].colour for line in axes[0].lines)

@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from twinbench.bench.report.evidence import Example
 from twinbench.bench.report.figures.looks import legend_handles, line_of, looks
-from twinbench.bench.roster import PRIOR, PROPOSED, REFERENCE, TRIVIAL, label, ordered
+from twinbench.bench.roster import PROPOSED, REFERENCE, TRIVIAL, label, ordered
 from twinbench.bench.statistics.subject import PAPERS, Subject
 from twinbench.common.style import INK, MOST_POINTS, MUTED, PAGE_MM, ZERO_C_K, canvas, styled, thin
 from twinbench.data.batch import Array
@@ -46,8 +46,9 @@ def _banded(names: list[str]) -> str:
 @styled
 def state_trajectories(example: Example) -> Figure:
     """Fig. 3 on one test sequence: truth and estimates on the left, estimate minus truth on the right."""
-    # The prior's states are a mean over all training: they would only stretch the axes.
-    names = [n for n in ordered(example.tracks) if n not in TRIVIAL] or [PRIOR]
+    # The prior's states are a mean over all training: beside others they would only stretch the axes.
+    everyone = ordered(example.tracks)
+    names = [n for n in everyone if n not in TRIVIAL] or everyone[:1]
     keep = thin(len(example.time_s), MOST_POINTS)
     minutes, true = example.time_s[keep] / 60.0, states(example.truth[keep])
     figure = canvas(PAGE_MM, 128.0)
