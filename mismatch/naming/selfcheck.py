@@ -306,11 +306,16 @@ class Pieces:
 
 
 def unlike(sets: Sets, tried: Key) -> Key:
-    """Columns, the last of a view, that are no parameter and like nothing that may be there; as many as are wanted."""
+    """Columns, the last of a view, that are no parameter and like nothing that may be there; as many as are wanted.
+
+    A column of zeros is none of them: nothing that recordings cannot show is ever named.
+    """
     at, known = np.array(tried, dtype=int), np.arange(sets.many - len(tried))
-    squares = np.maximum(np.diag(sets.reduced.G), 1e-300)
-    like = sets.reduced.G[np.ix_(at, known)] ** 2 / np.outer(squares[at], squares[known])
-    return tuple(int(d) for d in at[sets.usable[at] & (like.max(axis=1, initial=0.0) < ALIEN)][:DECOYS])
+    squares = np.diag(sets.reduced.G)
+    room = np.maximum(squares, 1e-150)  # a product of two of them is no zero
+    like = sets.reduced.G[np.ix_(at, known)] ** 2 / np.outer(room[at], room[known])
+    alien = sets.usable[at] & (squares[at] > 0.0) & (like.max(axis=1, initial=0.0) < ALIEN)
+    return tuple(int(d) for d in at[alien][:DECOYS])
 
 
 def named_decoys(sets: Sets, effects: Sequence[Key], decoys: Key, another: float = 0.0) -> set[int]:

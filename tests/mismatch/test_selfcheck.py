@@ -342,6 +342,7 @@ def test_a_decoy_is_no_parameter_and_like_nothing_that_may_be_there():
     G[0, 2] = G[2, 0] = 0.9
     sets = replace(sets_of(G), usable=np.array([True, True, True, False, True]))
     assert unlike(sets, (2, 3, 4)) == (4,)
+    assert unlike(sets_of(np.diag([1.0, 0.0, 1.0, 0.0])), (2, 3)) == (2,)
     many = sets_of(np.eye(1 + 2 * DECOYS))
     assert unlike(many, tuple(range(1, 1 + 2 * DECOYS))) == tuple(range(1, 1 + DECOYS))
 
