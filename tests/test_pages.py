@@ -24,7 +24,8 @@ SHOWN = {
     "README.md": {"paper/answer.md", "paper/tables/comparison.md"},
     "docs/reproduction.md": {
         "paper/answer.md", "paper/paper_says.md", *(f"paper/tables/{name}.md" for name in TABLES),
-        "first_seed/parts_say.md", "first_seed/steps_say.md", "first_seed/tables/ablations.md",
+        "first_seed/parts_say.md", "first_seed/steps_say.md", "first_seed/worth_say.md",
+        "first_seed/tables/ablations.md",
         "paper/parts_say.md", "paper/faults_say.md", "paper/tables/fault_kinds.md",
         *(f"coverage/tables/{name}.md" for name in ("right_pairs", "regimes_calibrated", "exact_posterior")),
     },

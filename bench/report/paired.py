@@ -19,6 +19,11 @@ from twinbench.bench.statistics.summary import LIFE, PARAMETERS
 
 ONE_FILTER = f"{PROPOSED}{ABLATION}no_modes"
 """The ablation that leaves one filter and no weighing."""
+CHANGES = (
+    (LIFE, "Health against the whole, percentage points of a life", "it errs more", "it errs less"),
+    ("coverage95_pct", "Truths within the 95 % intervals as it reports them, percentage points", "more", "fewer"),
+)
+"""A score of ablations, what is said of it, and the words for more of it and for less."""
 INTERVAL = (
     "mean over the test sequences; in brackets its 95 % interval: bootstrap over whole sequences, seeds averaged "
     "inside each first. Of errors more than 0 says that {says}; marked is what differs from 0 for sure."
@@ -79,6 +84,37 @@ def without_steps(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str
     ]
 
 
+def parts_are_worth(scores: pd.DataFrame, failures: Mapping[str, str]) -> list[str]:
+    """Which ablations of the proposed method differ from it in health, and in how often intervals hold the truth.
+
+    Args:
+        scores: as of ``rivals_table``, ablations among them.
+        failures: likewise.
+    """
+    said = []
+    for metric, what, more, less in CHANGES:
+        table = sequence_scores(scores[scores["metric"] == metric], metric, failures)
+        if PROPOSED not in table.estimators:
+            return []
+        rows = differences(table, PROPOSED).set_index("estimator")[["difference", "low", "high"]]
+        parts = rows[rows.index.str.startswith(f"{PROPOSED}{ABLATION}")].sort_values("difference", ascending=False)
+        told = [_told(parts[parts["low"] > 0.0], more), _told(parts[parts["high"] < 0.0], less)]
+        open_ = [_part(n) for n in parts.index[(parts["low"] <= 0.0) & (parts["high"] >= 0.0)]]
+        told += [f"no difference is found with {names_of(open_)}"] if open_ else []
+        if len(parts):
+            said.append(f"{what}, each by its own 95 % interval: {'; '.join(filter(None, told))}.")
+    return said
+
+
+def _told(parts: pd.DataFrame, how: str) -> str:
+    each = [f"{_part(n)} {number(worth)} ({span(low, high, to=True)})" for n, worth, low, high in parts.itertuples()]
+    return f"{how} with {names_of(each)}" if each else ""
+
+
+def _part(name: str) -> str:
+    return name.partition(ABLATION)[2].replace("_", " ")
+
+
 def _table(
     name: str,
     title: str,
@@ -123,8 +159,7 @@ def _metrics(subject: Subject) -> dict[str, tuple[str, str]]:
 
 
 def _says(name: str) -> str:
-    whole, _, part = name.partition(ABLATION)
-    return f"{label(whole)}, {part.replace('_', ' ')}"
+    return f"{label(name.partition(ABLATION)[0])}, {_part(name)}"
 
 
 def _cell(line: Mapping[str, Any], metric: str) -> Cell:

@@ -12,7 +12,7 @@ from twinbench.bench.report.evidence import Evidence, add_scenes, gather
 from twinbench.bench.report.figures import FROM_ESTIMATES, draw
 from twinbench.bench.report.health_tables import single_table
 from twinbench.bench.report.other import write_other
-from twinbench.bench.report.paired import ablation_table, rivals_table, without_steps
+from twinbench.bench.report.paired import ablation_table, parts_are_worth, rivals_table, without_steps
 from twinbench.bench.report.paper import COMPARED, paper_says, parts_say
 from twinbench.bench.report.provenance import bullets, profile_of, write_page, write_tables
 from twinbench.bench.report.robustness_says import faults_say
@@ -31,8 +31,8 @@ from twinbench.common.page import write_bytes, write_figures
 
 def write_report(out: Path) -> Table:
     """Write ``tables/``, ``figures/``, ``report.html``, ``answer.md`` and ``paper_says.md`` from ``scores.csv`` and
-    its neighbours; ``parts_say.md``, ``steps_say.md`` and ``faults_say.md``, too, where parts were left out
-    and faults tried.
+    its neighbours; ``parts_say.md``, ``steps_say.md``, ``worth_say.md`` and ``faults_say.md``, too, where parts were
+    left out and faults tried.
 
     Returns:
         The comparison of the estimators, for a terminal.
@@ -70,13 +70,15 @@ def write_report(out: Path) -> Table:
     write_bytes(out / "paper_says.md", bullets(*of_paper).encode())
     of_faults = faults_say(results.robustness)
     of_steps = without_steps(worn, results.failures)
-    for name, texts in (("parts_say.md", of_parts), ("faults_say.md", of_faults), ("steps_say.md", of_steps)):
+    of_worth = parts_are_worth(worn, results.failures)
+    others = {"parts_say.md": of_parts, "faults_say.md": of_faults, "steps_say.md": of_steps, "worth_say.md": of_worth}
+    for name, texts in others.items():
         if texts:
             write_bytes(out / name, bullets(*texts).encode())
     write_tables(out, tables)
     earlier = dict.fromkeys(FROM_ESTIMATES, kept.lacks(gone)) if gone else {}
     figures = write_figures(out / "figures", draw(summary, evidence, results.latency, results.robustness), earlier)
-    says = headline(summary), [*said, *of_paper, *of_parts, *of_faults, *of_steps], certainty(summary)
+    says = headline(summary), [*said, *of_paper, *of_parts, *of_faults, *of_steps, *of_worth], certainty(summary)
     write_page(results, says, summary.notes, tables, figures)
     return tables[0]
 

@@ -12,7 +12,7 @@ from helpers.tiny_run import parts, run_here, twinbench, write_profile
 from twinbench.bench.cells import make_cell
 from twinbench.bench.profile import load_profile
 from twinbench.bench.registry import find
-from twinbench.bench.report.paired import ablation_table, rivals_table, without_steps
+from twinbench.bench.report.paired import ablation_table, parts_are_worth, rivals_table, without_steps
 from twinbench.bench.roster import TRUE_START
 from twinbench.bench.statistics.bootstrap import differences, sequence_scores
 from twinbench.bench.statistics.scores import DEFINITIONS
@@ -153,3 +153,25 @@ def test_a_run_with_ablations_trains_what_differs_and_reports_it_apart(tmp_path,
 
 def test_an_ablation_of_an_ablation_is_none():
     assert ablated(DeepONetKalman, "no_gate").ablations == {}
+
+
+def test_what_a_part_is_worth_is_said_by_its_interval_alone():
+    whole = np.random.default_rng(2).uniform(8.0, 12.0, 20)
+    jitter = np.tile([-1.0, 1.0], 10)
+    told = {"no_gate": whole + 2.0, "update_10_hz": whole - 0.5, "window_16": whole}
+    told["no_trust"] = whole + 0.01 + 0.1 * jitter
+    rows = [
+        (name, 0, f"test-{i:02d}", metric, value)
+        for metric in ("health_life_pct", "coverage95_pct")
+        for name, values in {"deeponet_kalman": whole, **{f"deeponet_kalman:{n}": v for n, v in told.items()}}.items()
+        for i, value in enumerate(values)
+    ]
+    scores = pd.DataFrame(rows, columns=["estimator", "seed", "sequence", "metric", "value"])
+    health, coverage = parts_are_worth(scores, {})
+    assert health.endswith(
+        "own 95 % interval: it errs more with no gate 2.00 (2.00 to 2.00); it errs less with update 10 hz "
+        "−0.500 (−0.500 to −0.500); no difference is found with no trust and window 16."
+    )
+    assert "fewer with update 10 hz" in coverage
+    assert parts_are_worth(scores[scores["estimator"] == "deeponet_kalman"], {}) == []
+    assert parts_are_worth(scores[scores["estimator"] != "deeponet_kalman"], {}) == []
