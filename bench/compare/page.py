@@ -12,7 +12,7 @@ from twinbench.bench.report.table_formats import Cell, Column, Table, number, sp
 from twinbench.bench.report.words import names_of
 from twinbench.bench.roster import UNRANKED, label
 from twinbench.bench.statistics.apart import complete, told_apart
-from twinbench.bench.statistics.bootstrap import means, sequence_scores
+from twinbench.bench.statistics.bootstrap import SequenceScores, differences, means, sequence_scores
 
 HEADS = {
     "open1_ratio": Column("1 s", "error over holding the last reading"),
@@ -27,7 +27,10 @@ NOTES = (
     "Nobody knows the truth of these recordings: forecasts are held against what was read later, noise included.",
     "Forecast intervals are those that fit the simulated calibration recordings of the machine.",
     "Beside each mean, its 95 % interval over recordings; there is none for a single recording.",
+    "More than the first: the paired difference to the first row, recording by recording.",
 )
+BEHIND = Column("60 s, more than the first", "error over holding the last reading")
+"""The paired difference, recording by recording, to who stands first."""
 LEAST_RECORDINGS = 6
 """Recordings from which on estimators are told apart: with fewer even a sign test cannot reach 5 %."""
 
@@ -41,12 +44,27 @@ def table(scores: pd.DataFrame, machine: str) -> Table:
     """
     found = {metric: means(sequence_scores(scores, metric)).set_index("estimator") for metric in HEADS}
     order = list(found[HEADLINE].sort_values("mean", kind="stable").index)
-    rows = [(Cell(label(e)), *(_cell(found[m].loc[e]) for m in HEADS)) for e in order]
-    frame = pd.concat([found[m].loc[order].assign(metric=m).reset_index() for m in HEADS], ignore_index=True)
+    found |= {"behind": _behind(sequence_scores(scores, HEADLINE), order[0])}
+    rows = [(Cell(label(e)), *(_cell(one.loc[e]) for one in found.values())) for e in order]
+    frame = pd.concat([one.loc[order].assign(metric=m).reset_index() for m, one in found.items()], ignore_index=True)
     n = scores["sequence"].nunique()
     title = f"Forecasts of {n} recording{'s' if n > 1 else ''} of {machine}"
     definitions = tuple(f"{HEADS[m].head}: {DEFINITIONS[m]}" for m in HEADS)
-    return Table("recordings", title, frame, (Column("estimator"), *HEADS.values()), tuple(rows), NOTES, definitions)
+    columns = (Column("estimator"), *HEADS.values(), BEHIND)
+    return Table("recordings", title, frame, columns, tuple(rows), NOTES, definitions)
+
+
+def _behind(by_recording: SequenceScores, first: str) -> pd.DataFrame:
+    """By estimator, how much more it errs than the first; columns as ``means`` has them."""
+    found = differences(by_recording, first).rename(columns={"difference": "mean"})
+    own = {
+        "estimator": first,
+        "mean": np.nan,
+        "low": np.nan,
+        "high": np.nan,
+        "n_sequences": len(by_recording.sequences),
+    }
+    return pd.concat([found, pd.DataFrame([own | {"reason": ""}])]).set_index("estimator")
 
 
 def _cell(row: Any) -> Cell:

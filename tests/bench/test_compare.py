@@ -12,7 +12,7 @@ from helpers.refusals import refused
 from helpers.tiny_run import twinbench, write_profile
 
 from twinbench.bench.compare.page import LEAST_RECORDINGS, says, table
-from twinbench.bench.compare.scores import DEFINITIONS, promised, score
+from twinbench.bench.compare.scores import DEFINITIONS, HEADLINE, promised, score
 from twinbench.bench.compare.watched import Watched, lead_ticks, origins, watch
 from twinbench.data.batch import Batch
 from twinbench.machines.machine import Machine
@@ -144,7 +144,14 @@ def test_a_table_has_the_best_first_and_an_interval_where_there_are_several_reco
     found = table(made_up({"nominal_ekf": 0.6, "gru_kf": 0.3}, 7), "two_tanks")
     assert [row[0].text for row in found.rows] == ["GRU + KF", "Nominal EKF"]
     assert found.rows[0][1].interval
-    assert not table(made_up({"gru_kf": 0.3}, 1), "two_tanks").rows[0][1].interval
+    assert found.rows[0][-1].text == "–"
+    behind = found.frame[(found.frame["metric"] == "behind") & (found.frame["estimator"] == "nominal_ekf")].iloc[0]
+    unpaired = found.frame[(found.frame["metric"] == HEADLINE) & (found.frame["estimator"] == "nominal_ekf")].iloc[0]
+    assert 0.0 < behind["low"] < behind["mean"] < behind["high"]
+    assert behind["high"] - behind["low"] < unpaired["high"] - unpaired["low"]  # days differ, and both saw the same
+    alone = table(made_up({"gru_kf": 0.3}, 1), "two_tanks").rows[0]
+    assert not alone[1].interval
+    assert alone[-1].text == "–"
 
 
 def test_trained_estimators_are_held_against_recordings_of_ones_own(tmp_path, capsys) -> None:
