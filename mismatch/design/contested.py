@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twinbench.mismatch.naming.answer import Found
+from twinbench.mismatch.naming.answer import SAME, Found
 from twinbench.mismatch.naming.decision import Claim
 from twinbench.mismatch.naming.name import Naming
 from twinbench.mismatch.naming.settle import Settled, settled
@@ -37,11 +37,16 @@ def rivals_at(naming: Naming, chosen: Settled, claim: Claim) -> tuple[list[Settl
 
 
 def _settled(naming: Naming, chosen: Settled, found: Found, name: str) -> Settled | None:
-    """A name in the place of the finding's own effect; None where no variant of it can stand there."""
+    """A name in the place of the finding's own effect; None where no variant of it can stand there.
+
+    Where one of its variants does the same as the effect, the verdict means that one, and not the likeliest.
+    """
     painter = naming.without(chosen, found.place)
     shown = painter.picture()
-    gains = np.where([n == name for n in shown.names], shown.sets.quick((), chosen.learnt.s), -np.inf)
-    k = int(np.argmax(gains))
+    of_name = np.array([n == name for n in shown.names])
+    alike = np.where(of_name, painter.cosines(chosen.sizes[found.place]), 0.0)
+    gains = np.where(of_name, shown.sets.quick((), chosen.learnt.s), -np.inf)
+    k = int(np.argmax(alike)) if alike.max() > SAME else int(np.argmax(gains))
     if not np.isfinite(gains[k]):
         return None
     there, sizes = painter.start(shown, [k], chosen.learnt.s)

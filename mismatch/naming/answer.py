@@ -184,7 +184,7 @@ def _found(
             logs[other] = max(h.log, logs.get(other, -np.inf))
             if h.log > chosen.log - NEAR and reads_the_same(h):
                 same.add(other)
-    for other, square in zip(shown.names, painter.cosines(), strict=True):
+    for other, square in zip(shown.names, painter.cosines(chosen.sizes[i]), strict=True):
         # The same thing under another name; but what was settled and is far less likely is not.
         if square > SAME and logs.setdefault(other, chosen.log) > chosen.log - PLAIN:
             same.add(other)

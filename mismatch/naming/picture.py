@@ -201,15 +201,23 @@ class Painter:
             excess,
         )
 
-    def cosines(self) -> Array:
+    def cosines(self, size: float) -> Array:
         """(V,) squared cosines of each listed column with the effect that was taken out, the unknowns apart.
 
-        Where a size can have one sign only, a column of the other sign is none.
+        Where a size can have one sign only, a column that would need the other is none. The effect itself, which is
+        listed first, is like itself however it is shaped.
+
+        Args:
+            size: of that effect, from its absence, in its first parameter's unit: its sign counts.
         """
         n, v = len(self._mean), len(self.listed)
         reduced = eliminated(self._without, np.zeros(len(self._without)), np.arange(n), self._mean, np.ones(n)).G
         squares = np.maximum(np.diag(reduced), 1e-150)  # so that no product of two is nothing
-        return np.asarray(reduced[:v, v] ** 2 / (squares[:v] * squares[v]))
+        ends = np.array([_range(self.view.problem.machine.candidates[one.candidate]) for one in self.listed])
+        upwards = reduced[:v, v] * np.sign(size) > 0.0
+        itself = np.array([one.candidate == self.listed[0].candidate for one in self.listed])
+        can = itself | np.where(upwards, ends[:, 1] > 0.0, ends[:, 0] < 0.0)
+        return np.where(can, reduced[:v, v] ** 2 / (squares[:v] * squares[v]), 0.0)
 
     def start(self, shown: Picture, key: Sequence[int], s: Array) -> tuple[Array, Array]:
         """Where the view's unknowns go beside some variants, and these themselves: all move together.

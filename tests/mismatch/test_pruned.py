@@ -224,4 +224,9 @@ def test_a_hypothesis_less_an_effect_is_seen_as_if_made_of_what_is_left():
         assert part == pytest.approx(other, rel=1e-6, abs=1e-6 * float(np.abs(other).max()))
     assert shown.names[0] == "quadratic_loss@current_A"
     assert names(found)[1 - out] not in shown.names
-    assert painter.cosines()[0] == pytest.approx(1.0, abs=0.01)
+    there, turned = painter.cosines(1.0), painter.cosines(-1.0)
+    assert there[0] == pytest.approx(1.0, abs=0.01)
+    cubic, lag = shown.names.index("cubic_loss@current_A"), shown.names.index("time_constant@current_A")
+    assert there[cubic] > 0.5
+    assert turned[cubic] == 0.0  # a loss gives nothing back
+    assert turned[lag] == there[lag] > 0.0
