@@ -26,13 +26,14 @@ HEADS = {
 NOTES = (
     "Nobody knows the truth of these recordings: forecasts are held against what was read later, noise included.",
     "Forecast intervals are those that fit the simulated calibration recordings of the machine.",
-    "Beside each mean, its 95 % interval over recordings; there is none for a single recording.",
+    "Beside each mean, its 95 % interval over recordings; there is none for fewer than {least}.",
     "More than the first: the paired difference to the first row, recording by recording.",
 )
 BEHIND = Column("60 s, more than the first", "error over holding the last reading")
 """The paired difference, recording by recording, to who stands first."""
 LEAST_RECORDINGS = 6
-"""Recordings from which on estimators are told apart: with fewer even a sign test cannot reach 5 %."""
+"""Recordings from which on means have intervals and estimators are told apart: with fewer even a sign test cannot reach
+5 %, and a bootstrap gives back the recordings themselves."""
 
 
 def table(scores: pd.DataFrame, machine: str) -> Table:
@@ -45,13 +46,16 @@ def table(scores: pd.DataFrame, machine: str) -> Table:
     found = {metric: means(sequence_scores(scores, metric)).set_index("estimator") for metric in HEADS}
     order = list(found[HEADLINE].sort_values("mean", kind="stable").index)
     found |= {"behind": _behind(sequence_scores(scores, HEADLINE), order[0])}
+    n = scores["sequence"].nunique()
+    if n < LEAST_RECORDINGS:
+        found = {m: one.assign(low=np.nan, high=np.nan) for m, one in found.items()}
     rows = [(Cell(label(e)), *(_cell(one.loc[e]) for one in found.values())) for e in order]
     frame = pd.concat([one.loc[order].assign(metric=m).reset_index() for m, one in found.items()], ignore_index=True)
-    n = scores["sequence"].nunique()
     title = f"Forecasts of {n} recording{'s' if n > 1 else ''} of {machine}"
     definitions = tuple(f"{HEADS[m].head}: {DEFINITIONS[m]}" for m in HEADS)
     columns = (Column("estimator"), *HEADS.values(), BEHIND)
-    return Table("recordings", title, frame, columns, tuple(rows), NOTES, definitions)
+    notes = tuple(note.format(least=LEAST_RECORDINGS) for note in NOTES)
+    return Table("recordings", title, frame, columns, tuple(rows), notes, definitions)
 
 
 def _behind(by_recording: SequenceScores, first: str) -> pd.DataFrame:
@@ -80,12 +84,12 @@ def says(scores: pd.DataFrame) -> list[str]:
         return ["No estimator has a forecast of every recording."]
     best, n = str(mean.loc[ranked, "mean"].idxmin()), len(by_recording.sequences)
     least, low, high = (float(v) for v in mean.loc[[best], ["mean", "low", "high"]].to_numpy(dtype=float)[0])
-    within = f" (95 % interval {span(low, high, to=True)})" if np.isfinite(low) else ""
+    within = f" (95 % interval {span(low, high, to=True)})" if n >= LEAST_RECORDINGS else ""
     sentences = [
         f"{label(best)} has the least error a minute ahead: {number(least)} times{within} that of holding the "
         "last reading."
     ]
-    if n > 1 and not high < 1.0:
+    if n >= LEAST_RECORDINGS and not high < 1.0:
         sentences.append("Its interval does not show it to be better than holding the last reading.")
     if n < LEAST_RECORDINGS:
         return [*sentences, f"{n} recording{'s are' if n > 1 else ' is'} too few to tell estimators apart."]
