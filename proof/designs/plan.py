@@ -12,8 +12,9 @@ from twinbench.proof.concealed.generate import Item
 from twinbench.proof.concealed.machines import machines
 
 SEVERITIES = 0.5, 2.0
-"""Range that severities in the recordings at hand are drawn from, evenly in their logarithm. More than half of all sets
-come from it: below it nothing is found, above it one name stands alone, or none."""
+"""Range that severities in the recordings at hand are drawn from, evenly in their logarithm; no unit. It decides how
+many draws a set costs: tried on other draws, sets were rare below it, where nothing is found, and above it, where one
+name stands alone, or none."""
 RANDOM_MACHINES = 8
 """Random machines, two of each domain, beside those written by hand."""
 RELATED = (
